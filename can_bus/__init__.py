@@ -1,0 +1,1 @@
+"""The wire: codec, python-can backends, faults, end-to-end protection, logs."""

@@ -1,0 +1,1 @@
+"""The loop: robot description, scenarios, effects, nodes, lockstep, real time, batch."""

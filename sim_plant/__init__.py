@@ -1,0 +1,1 @@
+"""The world and its sensors: SI floats inside, raw counts out."""
