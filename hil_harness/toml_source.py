@@ -1,0 +1,158 @@
+"""TOML files from strangers: bounded when read, and every key knows its line."""
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import Any, Final
+
+from hil_harness.errors import HarnessError
+from hil_harness.toml_lines import Path as KeyPath
+from hil_harness.toml_lines import key_lines
+
+MAX_BYTES: Final = 256 * 1024
+"""Largest configuration file that is read; the largest of ours is under 16 KiB."""
+
+_SHOWN_LENGTH: Final = 48
+_SYNTAX_POSITION: Final = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
+
+
+@dataclass(frozen=True)
+class TomlSource:
+    """One TOML document and where its keys stand.
+
+    Attributes:
+        path: the file, or None for text that came from nowhere on disk.
+        name: how messages call the file: its name without folders.
+        data: the parsed document.
+        lines: the line (from 1) of every key, table and list item.
+    """
+
+    path: Path | None
+    name: str
+    data: dict[str, Any]
+    lines: dict[KeyPath, int] = field(repr=False)
+
+    def line_of(self, key: str | KeyPath) -> int | None:
+        """Return the line of *key*, or of the nearest table above it; None for the whole file.
+
+        *key* is dotted (``"encoder.ticks_per_rev"``) or a path (``("segments", 2, "v_m_s")``).
+        """
+        path: KeyPath = tuple(key.split(".")) if isinstance(key, str) else key
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path)
+
+    def value_at(self, path: KeyPath) -> object:
+        """Return the value at *path*; raise KeyError when there is none."""
+        value: Any = self.data
+        for part in path:
+            try:
+                value = value[part]
+            except (KeyError, IndexError, TypeError) as error:
+                raise KeyError(path) from error
+        return value
+
+    def where(self, key: str | KeyPath = ()) -> str:
+        """Return ``file:line`` for *key*, or only the file where no line is known."""
+        line = self.line_of(key)
+        return self.name if line is None else f"{self.name}:{line}"
+
+    def error(self, key: str | KeyPath, message: str) -> HarnessError:
+        """Return (not raise) an error that puts *message* at the line of *key*."""
+        return HarnessError(f"{self.where(key)}: {message}")
+
+
+def load_toml(path: str | Path) -> TomlSource:
+    """Read the TOML file at *path*.
+
+    Raises HarnessError, always in one line, when the file is missing, is a folder, cannot be
+    read, is larger than MAX_BYTES, is not UTF-8, or is not TOML.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise HarnessError(f"{file}: no such file: expected a TOML file") from None
+    except IsADirectoryError:
+        raise HarnessError(f"{file}: is a folder: expected a TOML file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise HarnessError(f"{file}: cannot be read: {reason}") from None
+    if len(content) > MAX_BYTES:
+        raise HarnessError(
+            f"{file}: larger than {MAX_BYTES // 1024} KiB: expected a TOML file written by a person"
+        )
+    return parse_toml(content, name=file.name, path=file)
+
+
+def parse_toml(content: str | bytes, *, name: str, path: Path | None = None) -> TomlSource:
+    """Parse TOML *content*, which messages will call *name*; raise HarnessError as load_toml."""
+    if isinstance(content, bytes):
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = content.count(b"\n", 0, error.start) + 1
+            raise HarnessError(
+                f"{name}:{line}: byte 0x{content[error.start]:02X} is not UTF-8: "
+                "expected a TOML file saved as UTF-8"
+            ) from None
+    else:
+        text = content
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise HarnessError(_syntax_message(name, text, str(error))) from None
+    except RecursionError:
+        raise HarnessError(f"{name}: lists or tables are nested too deeply") from None
+    except ValueError as error:  # a number of more digits than Python agrees to read
+        raise HarnessError(f"{name}: not a TOML file: {error}") from None
+    return TomlSource(path=path, name=name, data=data, lines=key_lines(text))
+
+
+def _syntax_message(name: str, text: str, message: str) -> str:
+    position = _SYNTAX_POSITION.search(message)
+    line = text.rstrip().count("\n") + 1
+    if position is not None:
+        message = message[: position.start()]
+        line = int(position.group(1) or line)
+    lines = text.split("\n")
+    shown = shorten(lines[line - 1].strip()) if line <= len(lines) else ""
+    found = f" near `{shown}`" if shown else ""
+    return f"{name}:{line}: not a TOML file: {message[:1].lower()}{message[1:]}{found}"
+
+
+def shorten(text: str, length: int = _SHOWN_LENGTH) -> str:
+    """Return *text* on one printable line of at most *length* characters."""
+    printable = "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in text[: length + 1]
+    )
+    return printable if len(printable) <= length else printable[: length - 1] + "…"
+
+
+def toml_text(value: object) -> str:
+    """Return *value* as it would stand in a TOML file, shortened to fit a message."""
+    return shorten(_toml_text(value))
+
+
+def _toml_text(value: object) -> str:
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case str():
+            shown = value[: _SHOWN_LENGTH + 1].replace("\\", "\\\\").replace('"', '\\"')
+            return f'"{shown}"'
+        case dict():
+            pairs = (f"{key} = {_toml_text(item)}" for key, item in list(value.items())[:4])
+            return f"{{ {', '.join(pairs)} }}" if value else "{}"
+        case list() | tuple():
+            return f"[{', '.join(_toml_text(item) for item in value[:8])}]"
+        case datetime() | date() | time():
+            return value.isoformat()
+        case int() if abs(value) > 10**30:
+            return f"a whole number of {value.bit_length()} bits"
+        case _:
+            return str(value)
