@@ -88,7 +88,7 @@ class LessonParameters:
     def turn_rate_rad_s(self) -> FloatArray:
         """Turn rate at the start of each step, shape (steps,)."""
         phase_rad = 2 * np.pi * self.time_s[:-1] / self.turn_period_s
-        return np.asarray(self.turn_amplitude_rad_s * np.sin(phase_rad))
+        return np.asarray(self.turn_amplitude_rad_s * np.sin(phase_rad), dtype=np.float64)
 
 
 @dataclass(frozen=True)
