@@ -82,13 +82,13 @@ class LessonParameters:
     @property
     def time_s(self) -> FloatArray:
         """Sample times, shape (samples,)."""
-        return np.arange(self.sample_count) * self.tick_period_s
+        return np.arange(self.sample_count, dtype=np.float64) * self.tick_period_s
 
     @property
     def turn_rate_rad_s(self) -> FloatArray:
         """Turn rate at the start of each step, shape (steps,)."""
         phase_rad = 2 * np.pi * self.time_s[:-1] / self.turn_period_s
-        return np.asarray(self.turn_amplitude_rad_s * np.sin(phase_rad), dtype=np.float64)
+        return self.turn_amplitude_rad_s * np.sin(phase_rad)
 
 
 @dataclass(frozen=True)
