@@ -1,5 +1,7 @@
 """Options and settings shared by all tests."""
 
+import os
+
 import pytest
 from hypothesis import settings
 
@@ -22,3 +24,21 @@ def size(request: pytest.FixtureRequest) -> str:
     """Return "small" or "full": how much work a statistical or soak test does."""
     value: str = request.config.getoption("--chiplog-size")
     return value
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which tests were skipped where that counts as a failure."""
+    if _skips_count_as_failures():
+        for report in terminalreporter.getreports("skipped"):
+            terminalreporter.write_line(f"a skip is a failure here: {report.nodeid}", red=True)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail a run in continuous integration that skipped anything."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if _skips_count_as_failures() and reporter is not None and reporter.stats.get("skipped"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def _skips_count_as_failures() -> bool:
+    return os.environ.get("CI") == "true"

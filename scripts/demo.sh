@@ -1,0 +1,6 @@
+#!/bin/sh
+# The main job: set up, then run the lesson's robot over a CAN bus with no hardware in it.
+set -eu
+cd "$(dirname "$0")/.."
+scripts/setup.sh
+exec .venv/bin/chiplog run --scenario lesson --out out/lesson "$@"
