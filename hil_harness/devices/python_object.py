@@ -1,0 +1,155 @@
+"""A device under test written in Python: any object with ``step(now_us, frames) -> frames``."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import inspect
+import itertools
+import sys
+import traceback
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import can
+
+from hil_harness.devices.device import Device, DevicePose, DeviceSetup, at_time
+from hil_harness.errors import HarnessError
+
+_module_numbers = itertools.count()
+
+
+class PythonDevice(Device):
+    """Wraps an object with ``step(now_us, frames)``; what it raises becomes one clear line.
+
+    The object may also have ``close()``, and ``odometry()`` returning (x_m, y_m, heading_rad) or
+    None.
+    """
+
+    def __init__(self, node: Any, name: str | None = None) -> None:
+        """Wrap *node*. Raises HarnessError if it has no ``step``."""
+        self.name = name if name is not None else type(node).__name__
+        if not callable(getattr(node, "step", None)):
+            raise HarnessError(
+                f"device {self.name}: has no step(now_us, frames); "
+                "a device returns from it the frames that it sends"
+            )
+        self.node = node
+
+    def step(self, now_us: int, frames: Sequence[can.Message]) -> Sequence[can.Message]:
+        """Call the object's step."""
+        try:
+            answer = self.node.step(now_us, frames)
+            sent = list(answer) if isinstance(answer, Iterable) else None
+        except Exception as error:
+            raise HarnessError(
+                f"device {self.name}: raised {_what_and_where(error)} {at_time(now_us)}"
+            ) from error
+        if sent is None:
+            raise HarnessError(
+                f"device {self.name}: step returned {type(answer).__name__} {at_time(now_us)}; "
+                "expected a list of can.Message, which may be empty"
+            )
+        for message in sent:
+            if not isinstance(message, can.Message):
+                raise HarnessError(
+                    f"device {self.name}: step returned a {type(message).__name__} "
+                    f"{at_time(now_us)} where a can.Message was expected"
+                )
+        return sent
+
+    def odometry(self) -> DevicePose | None:
+        """Return what the object's ``odometry()`` says, if it has one."""
+        pose = self.node.odometry() if hasattr(self.node, "odometry") else None
+        return None if pose is None else DevicePose(*map(float, pose))
+
+    def close(self) -> None:
+        """Call the object's ``close()``, if it has one."""
+        if hasattr(self.node, "close"):
+            self.node.close()
+
+
+def load_python_device(target: str, setup: DeviceSetup) -> PythonDevice:
+    """Return the device for ``module.py:ClassName`` or ``package.module:ClassName``.
+
+    The class (or function) is called with *setup* if it takes an argument, else with nothing.
+    Raises HarnessError if the module or the name is not there, or creating the device fails.
+    """
+    module_name, separator, attribute = target.rpartition(":")
+    if not separator or not module_name or not attribute:
+        raise HarnessError(
+            f"device python:{target}: expected python:FILE.py:CLASS or python:PACKAGE.MODULE:CLASS"
+        )
+    module = _load_module(module_name)
+    factory = getattr(module, attribute, None)
+    if not callable(factory):
+        raise HarnessError(f"device python:{target}: {module_name} has no class {attribute!r}")
+    try:
+        node = factory(setup) if _takes_an_argument(factory) else factory()
+    except HarnessError:
+        raise
+    except Exception as error:
+        raise HarnessError(
+            f"device python:{target}: creating it raised {_what_and_where(error)}"
+        ) from error
+    return PythonDevice(node, name=attribute)
+
+
+def _load_module(name: str) -> ModuleType:
+    try:
+        if not name.endswith(".py"):
+            return importlib.import_module(name)
+        path = Path(name).resolve()
+        if not path.is_file():
+            raise HarnessError(f"device python:{name}: no such file")
+        # A fresh name each time: two tests' node.py are two modules.
+        module_name = f"_chiplog_device_{next(_module_numbers)}_{path.stem}"
+        spec = importlib.util.spec_from_file_location(module_name, path)
+        if spec is None or spec.loader is None:
+            raise HarnessError(f"device python:{name}: not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        with _neighbours_importable(path.parent):
+            spec.loader.exec_module(module)
+    except HarnessError:
+        raise
+    except Exception as error:
+        raise HarnessError(
+            f"device python:{name}: importing it raised {_what_and_where(error)}"
+        ) from error
+    return module
+
+
+@contextlib.contextmanager
+def _neighbours_importable(folder: Path) -> Iterator[None]:
+    """Let a file import the files next to it, as `python FILE` would."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):
+            sys.path.remove(str(folder))
+
+
+def _takes_an_argument(factory: Any) -> bool:
+    try:
+        parameters = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    positional = (
+        inspect.Parameter.POSITIONAL_ONLY,
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        inspect.Parameter.VAR_POSITIONAL,
+    )
+    return any(parameter.kind in positional for parameter in parameters)
+
+
+def _what_and_where(error: Exception) -> str:
+    """Return an exception's type, text and innermost line, in one line."""
+    text = " ".join(str(error).split())
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {text}{where}" if text else f"{type(error).__name__}{where}"
