@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 
 _POINTS = 1500  # more than a screen can show, few enough for a small page
 _LINE_HEIGHT_PX = 15.0
+_LONGEST_LABEL = 24
 _SCALES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -189,7 +190,7 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, tuple[float, float]]]
     shown = sorted((end for end in ends if np.isfinite(end[2]).all()), key=lambda end: end[2][1])
     labels = [
         axes.annotate(
-            name,
+            _short(name),
             end,
             (9, 0),
             textcoords="offset points",
@@ -252,7 +253,7 @@ def _label_curves(
     )
     labels = [
         axes.annotate(
-            f"{curve.label}\n{q.prefixed(float(curve.values[-1]), unit)}",
+            f"{_short(curve.label)}\n{q.prefixed(float(curve.values[-1]), unit)}",
             (time_s[-1], curve.values[-1] / factor),
             (6, 0),
             textcoords="offset points",
@@ -307,6 +308,10 @@ def _alt_of_ends(title: str, curves: Sequence[Curve], unit: str) -> str:
         if len(curve.values)
     )
     return f"{title} {ends} "
+
+
+def _short(label: str) -> str:
+    return label if len(label) <= _LONGEST_LABEL else label[: _LONGEST_LABEL - 1] + "…"
 
 
 def _distance(estimate: Poses, truth: Poses) -> Floats:

@@ -1,0 +1,128 @@
+"""What a run found, in words and rows: the same on the terminal and on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from chiplog.pages import quantities as q
+from hil_harness.results import RunResult
+
+ERROR_PARTS = ("arithmetic", "model", "total")
+_NEGLIGIBLE = 1e-3  # below this share of the error, firmware and float are "both" equally far off
+
+
+@dataclass(frozen=True)
+class Words:
+    """A piece of a sentence; the numbers that answer the question are `strong`."""
+
+    text: str
+    strong: bool = False
+
+
+def answer(result: RunResult) -> list[Words]:
+    """Return the sentence that says how far firmware strays from float, and both from truth."""
+    if result.ticks == 0:
+        return [Words("No tick ran, so there is nothing to compare.")]
+    error = result.summary()["error"]
+    total, arithmetic, model = (
+        error[name]["position_m"] for name in ("total", "arithmetic", "model")
+    )
+    after = Words(f"After {q.duration(result.duration_s)} and {q.length(driven_m(result), 3)}, ")
+    if total is None:
+        return [after, Words("the firmware under test had sent no odometry.", strong=True)]
+    if arithmetic is None or model is None:
+        return [
+            after,
+            Words("the firmware is "),
+            Words(q.length(total), strong=True),
+            Words(" from the truth."),
+        ]
+    words = [
+        after,
+        Words("the fixed-point firmware is "),
+        Words(q.length(arithmetic), strong=True),
+        Words(" from its float twin. "),
+    ]
+    if abs(total - model) <= _NEGLIGIBLE * total:
+        return [
+            *words,
+            Words("Both are "),
+            Words(q.length(total), strong=True),
+            Words(" from the truth."),
+        ]
+    return [
+        *words,
+        Words("The firmware is "),
+        Words(q.length(total), strong=True),
+        Words(" from the truth, its twin "),
+        Words(q.length(model), strong=True),
+        Words("."),
+    ]
+
+
+def driven_m(result: RunResult) -> float:
+    """Return the length of the true path, m."""
+    steps = np.diff(result.truth[:, :2], axis=0)
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+
+def estimator_rows(result: RunResult) -> list[list[str]]:
+    """Return a row per estimator: its name and its final errors."""
+    rows = []
+    for name, estimate in result.estimators.items():
+        if len(estimate.firmware) == 0:
+            continue
+        error = estimate.firmware[-1] - result.truth[-1]
+        arithmetic = estimate.firmware[-1] - estimate.float_twin[-1]
+        rows.append(
+            [
+                name,
+                q.length(math.hypot(error[0], error[1]), 7),
+                q.angle(float(error[2]), 6),
+                q.length(math.hypot(arithmetic[0], arithmetic[1])),
+            ]
+        )
+    return rows
+
+
+def bus_sentence(result: RunResult) -> str:
+    """Return how much crossed the bus, and what was refused."""
+    refused = sum(result.bus.rejected.values())
+    load = "" if result.bus.load is None else f", bus load {q.share(result.bus.load)}"
+    return f"{q.count(result.bus.frames)} frames{load}; {q.count(refused)} refused."
+
+
+def error_rows(error: Mapping[str, Mapping[str, float | None]]) -> list[list[str]]:
+    """Return a row per component: its name, then arithmetic, model and their sum."""
+    components = (
+        ("x", "x_m", q.length),
+        ("y", "y_m", q.length),
+        ("heading", "heading_rad", q.angle),
+    )
+    rows = [
+        [name, *(write(error[part][key]) for part in ERROR_PARTS)]
+        for name, key, write in components
+    ]
+    # Lengths do not add up as components do: no sum is claimed for this row.
+    return [*rows, ["distance", *(q.length(error[part]["position_m"]) for part in ERROR_PARTS)]]
+
+
+def pose_rows(final: Mapping[str, Mapping[str, float | None]]) -> list[list[str]]:
+    """Return a row per trajectory: its name, then x [m], y [m] and heading [°]."""
+    return [
+        [
+            name,
+            q.fixed(pose["x_m"], 6),
+            q.fixed(pose["y_m"], 6),
+            q.fixed(_degrees(pose["heading_rad"]), 6),
+        ]
+        for name, pose in final.items()
+    ]
+
+
+def _degrees(value_rad: float | None) -> float | None:
+    return None if value_rad is None else math.degrees(value_rad)

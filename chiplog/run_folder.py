@@ -1,0 +1,88 @@
+"""The folder that a run writes: which files are ours, and that nobody else's are touched."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from chiplog.errors import CommandError
+from hil_harness.results import SUMMARY_SCHEMA, RunResult
+
+BUS_LOG = "bus.log"
+REFERENCE = "reference.tum"
+STATE = "state.json"
+SUMMARY = "summary.json"
+REPORT = "report.html"
+OUR_FILES = (BUS_LOG, REFERENCE, STATE, SUMMARY, REPORT)
+
+
+class RunFolder:
+    """A folder for one run's files; an earlier run there is replaced, other files are left alone."""
+
+    def __init__(self, path: Path) -> None:
+        """Take `path`, new or of an earlier run; nothing is written yet.
+
+        Raises CommandError if it is a file, or holds files of our names that no run wrote.
+        """
+        self.path = path
+        if path.exists() and not path.is_dir():
+            raise CommandError(
+                f"{path}: is a file: --out expects a folder, new or of an earlier run"
+            )
+        present = [name for name in OUR_FILES if (path / name).exists()]
+        if present and not _is_a_run(path / SUMMARY):
+            raise CommandError(
+                f"{path / present[0]}: no run of chiplog wrote this folder (it has no {SUMMARY} of "
+                "ours), so nothing is overwritten; name another folder with --out"
+            )
+
+    def begin(self, scenario: str, seed: int) -> None:
+        """Make the folder, remove the earlier run, and mark this one as begun.
+
+        A run that is killed leaves its log and a summary that says it was not finished, never the
+        summary of the run before.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        for name in OUR_FILES:
+            (self.path / name).unlink(missing_ok=True)
+        self._write_json(
+            SUMMARY,
+            {"schema": SUMMARY_SCHEMA, "scenario": scenario, "seed": seed, "interrupted": True},
+        )
+
+    def file(self, name: str) -> Path:
+        """Return the path of one of `OUR_FILES`."""
+        return self.path / name
+
+    def write(self, result: RunResult, page: str) -> None:
+        """Write everything but the log, which was written while the run went on."""
+        self.file(REFERENCE).write_text(reference_tum(result), encoding="ascii")
+        self._write_json(STATE, dict(result.kernel_state))
+        self.file(REPORT).write_text(page, encoding="utf-8")
+        self._write_json(SUMMARY, result.summary())
+
+    def _write_json(self, name: str, content: dict[str, Any]) -> None:
+        text = json.dumps(content, indent=2, allow_nan=False)
+        self.file(name).write_text(text + "\n", encoding="utf-8")
+
+
+def reference_tum(result: RunResult) -> str:
+    """Return the truth as `t x y z qx qy qz qw`, one row per tick, 17 significant digits.
+
+    17 digits give every float64 back bit for bit. The quaternion is a turn about z by the heading.
+    """
+    return "".join(
+        f"{t:.17g} {x:.17g} {y:.17g} 0 0 0 {math.sin(h / 2):.17g} {math.cos(h / 2):.17g}\n"
+        for t, (x, y, h) in zip(result.time_s.tolist(), result.truth.tolist(), strict=True)
+    )
+
+
+def _is_a_run(summary: Path) -> bool:
+    try:
+        with summary.open(encoding="utf-8") as file:
+            content = json.loads(file.read(1 << 20))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and {"schema", "scenario", "interrupted"} <= content.keys()

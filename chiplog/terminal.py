@@ -1,0 +1,82 @@
+"""The terminal: short aligned tables, progress on long work, plain text when piped."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+_PIPED_WIDTH = 1000  # a pipe has no edge: nothing is wrapped or cut there
+
+ProgressReport = Callable[[int], None]
+
+
+def console() -> Console:
+    """Return standard output as it is now: its width on a terminal, unbroken lines in a pipe."""
+    is_terminal = sys.stdout.isatty()
+    return Console(
+        file=sys.stdout,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        soft_wrap=True,
+        width=None if is_terminal else _PIPED_WIDTH,
+    )
+
+
+def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> None:
+    """Print an aligned table; the first `words` columns are text, the others numbers."""
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    for index, name in enumerate(head):
+        is_last = index == len(head) - 1
+        table.add_column(
+            Text(name),
+            justify="left" if index < words else "right",
+            no_wrap=not (is_last and index < words),
+            overflow="fold",
+        )
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    out = console()
+    with out.capture() as capture:
+        out.print(table, soft_wrap=False)
+    # Padding to the full width would be invisible blanks in a pipe or a copied line.
+    for line in capture.get().splitlines():
+        out.out(line.rstrip(), highlight=False)
+
+
+def show_line(text: str = "") -> None:
+    """Print one line as it is."""
+    console().out(text, highlight=False)
+
+
+@contextmanager
+def progress(description: str, total: int) -> Iterator[ProgressReport | None]:
+    """Show a progress bar on standard error inside this context, if that is a terminal.
+
+    Yields a function that takes how much is done so far, or None where nobody watches.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task(description, total=total)
+        yield lambda done: bar.update(task, completed=done)

@@ -1,0 +1,45 @@
+"""The command line as a test calls it: in this process for speed, in its own where it matters."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import Chiplog, Outcome
+
+from chiplog.cli import main
+
+
+@pytest.fixture
+def chiplog(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Chiplog:
+    """Run `chiplog WORDS…` in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> Outcome:
+        capsys.readouterr()
+        status = main(words)
+        out, err = capsys.readouterr()
+        return Outcome(int(status), out, err)
+
+    return call
+
+
+@pytest.fixture
+def chiplog_process(tmp_path: Path) -> Chiplog:
+    """Run `chiplog WORDS…` as a process of its own, in an empty folder."""
+
+    def call(*words: str) -> Outcome:
+        done = subprocess.run(
+            [sys.executable, "-m", "chiplog", *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return call
