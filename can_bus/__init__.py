@@ -1,1 +1,60 @@
-"""The wire: codec, python-can backends, faults, end-to-end protection, logs."""
+"""The wire: codec, python-can backends, faults, end-to-end protection, logs.
+
+The database (a DBC file) is the one home of everything that is true of the wire. Bytes from the bus
+never raise: they are dropped and counted. Wrong local arguments raise `CanBusError`.
+"""
+
+from can_bus.backends import CONNECTING_INTERFACES, IN_PROCESS_INTERFACES, open_bus
+from can_bus.checker import REASONS, Accepted, FrameChecker, Reason
+from can_bus.database import Database, load_database, shipped_path
+from can_bus.e2e import (
+    COUNTER_MODULO,
+    CounterCheck,
+    E2EProtection,
+    E2EStatus,
+    crc8_profile1,
+    crc8_profile1_array,
+)
+from can_bus.errors import CanBusError
+from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
+from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
+from can_bus.logs.reader import read_log
+from can_bus.logs.writer import LOG_SUFFIXES, LogWriter, open_log_writer
+from can_bus.signals import Raw, SignalSpec
+from can_bus.specs import MessageSpec, protect
+
+__all__ = [
+    "CONNECTING_INTERFACES",
+    "COUNTER_MODULO",
+    "FAULT_KINDS",
+    "IN_PROCESS_INTERFACES",
+    "LOG_SUFFIXES",
+    "REASONS",
+    "Accepted",
+    "CanBusError",
+    "CounterCheck",
+    "Database",
+    "E2EProtection",
+    "E2EStatus",
+    "Fault",
+    "FaultInjector",
+    "FaultKind",
+    "Frame",
+    "FrameChecker",
+    "LogWriter",
+    "MessageSpec",
+    "QuickMessage",
+    "Raw",
+    "Reason",
+    "SignalSpec",
+    "crc8_profile1",
+    "crc8_profile1_array",
+    "load_database",
+    "make_message",
+    "open_bus",
+    "open_log_writer",
+    "protect",
+    "read_log",
+    "shipped_path",
+    "timestamp_us",
+]

@@ -1,0 +1,154 @@
+"""Buses: any python-can interface, opened with plain errors."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import queue
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import can
+from can.interfaces.virtual import VirtualBus
+from can.util import cast_from_string
+
+from can_bus.errors import CanBusError, one_line
+
+if TYPE_CHECKING:
+    _BusBase = can.BusABC
+else:
+    _BusBase = object
+
+IN_PROCESS_INTERFACES: Final = frozenset({"virtual"})
+"""Interfaces whose frames never leave the process: two processes cannot meet on them."""
+
+CONNECTING_INTERFACES: Final = ("udp_multicast", "socketcan")
+"""Interfaces without hardware that connect processes of one host."""
+
+_NO_DEVICE: Final = frozenset({errno.ENODEV, errno.ENXIO, errno.EADDRNOTAVAIL})
+_NO_FAMILY: Final = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
+
+
+class _PlainErrors(_BusBase):
+    """Mixed in front of a python-can bus: a bus that goes away says so in one sentence."""
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame. Raises CanBusError if the bus is gone."""
+        try:
+            super().send(msg, timeout)
+        except (can.CanError, OSError) as error:
+            raise _gone(self, "send", error) from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        try:
+            return super()._recv_internal(timeout)
+        except (can.CanError, OSError, ValueError) as error:
+            # select() on a closed socket's descriptor is a ValueError.
+            raise _gone(self, "receive", error) from error
+
+
+class _QuickVirtualBus(_PlainErrors, VirtualBus):
+    """python-can's virtual bus; a poll (timeout 0) does not go through the queue's clock."""
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if timeout is None or timeout > 0 or not self._open:
+            return super()._recv_internal(timeout)
+        try:
+            return self.queue.get_nowait(), False
+        except queue.Empty:
+            return None, False
+
+
+def open_bus(
+    interface: str,
+    channel: str,
+    *,
+    bitrate: int | None = None,
+    bus_args: Mapping[str, str] | None = None,
+) -> can.BusABC:
+    """Open a bus.
+
+    Args:
+        interface: `virtual` (one process; stamps are the sender's), `socketcan` (vcan0, can0),
+            `udp_multicast` (processes of this host; `interface_ip` opens it to a network), or any
+            other interface that python-can knows.
+        channel: for `virtual` any name, for `socketcan` the network interface, for `udp_multicast`
+            an IPv4 multicast group.
+        bitrate: in bit/s, for interfaces that set it.
+        bus_args: more arguments of the interface, as text (`--bus-arg K=V`).
+
+    Sending and receiving raise CanBusError when the bus goes away.
+
+    Raises CanBusError, on one line with what to do, when the bus cannot be opened.
+    """
+    arguments: dict[str, Any] = {k: cast_from_string(v) for k, v in (bus_args or {}).items()}
+    # python-can logs what it also raises: the one line is ours.
+    log = logging.getLogger("can")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        return _open(interface, channel, bitrate, arguments)
+    except CanBusError:
+        raise
+    except Exception as error:  # drivers raise whatever they like
+        raise _cannot_open(interface, channel, bitrate, error) from error
+    finally:
+        log.setLevel(level)
+
+
+def _open(
+    interface: str, channel: str, bitrate: int | None, arguments: dict[str, Any]
+) -> can.BusABC:
+    if interface == "virtual":
+        return _QuickVirtualBus(channel, **{"preserve_timestamps": True, **arguments})
+    if interface == "udp_multicast":
+        # Needs msgpack, which no other interface does.
+        from can_bus.multicast import HostMulticastBus  # noqa: PLC0415
+
+        return plain(HostMulticastBus(channel, **arguments))
+    if bitrate is not None and interface != "socketcan":
+        arguments = {"bitrate": bitrate, **arguments}
+    return plain(can.Bus(channel, interface=interface, ignore_config=True, **arguments))
+
+
+def plain(bus: can.BusABC) -> can.BusABC:
+    """Return the same bus, its errors from now on CanBusError in one sentence."""
+    kind = type(bus)
+    bus.__class__ = type(kind.__name__, (_PlainErrors, kind), {"__doc__": kind.__doc__})
+    return bus
+
+
+def _gone(bus: can.BusABC, action: str, error: BaseException) -> CanBusError:
+    cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+    return CanBusError(
+        f"the bus {bus.channel_info!r} went away: cannot {action}: {one_line(cause)}"
+    )
+
+
+def _cannot_open(
+    interface: str, channel: str, bitrate: int | None, error: Exception
+) -> CanBusError:
+    if interface == "socketcan":
+        return _cannot_open_socketcan(channel, bitrate, error)
+    known = sorted(can.VALID_INTERFACES)
+    if interface not in known:
+        return CanBusError(f"no interface {interface!r}: python-can knows {', '.join(known)}")
+    return CanBusError(f"cannot open {interface} channel {channel!r}: {one_line(error)}")
+
+
+def _cannot_open_socketcan(channel: str, bitrate: int | None, error: Exception) -> CanBusError:
+    number = error.errno if isinstance(error, OSError) else None
+    if number in _NO_FAMILY or isinstance(error, AttributeError):
+        problem = "this kernel has no SocketCAN"
+    elif number in _NO_DEVICE:
+        problem = f"there is no network interface {channel!r}"
+    else:
+        problem = f"cannot open {channel!r}: {one_line(error)}"
+    if channel.startswith("vcan"):
+        remedy = (
+            f"as root: modprobe vcan; ip link add dev {channel} type vcan; ip link set up {channel}"
+        )
+    else:
+        rate = bitrate if bitrate is not None else "BITRATE"
+        remedy = f"as root: ip link set {channel} up type can bitrate {rate}"
+    return CanBusError(f"socketcan: {problem}; {remedy}")

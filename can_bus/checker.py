@@ -1,0 +1,177 @@
+"""What a receiver checks before it believes a frame: length, CRC, counter, range, age."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable
+from typing import Final, Literal, NamedTuple, get_args
+
+import can
+
+from can_bus.database import Database, identifier_key
+from can_bus.e2e import CounterCheck, E2EStatus, crc8, unsupported_profile
+from can_bus.frames import MICROSECONDS_PER_S
+from can_bus.signals import Raw, SignalSpec
+from can_bus.specs import MessageSpec
+
+Reason = Literal["length", "crc", "counter", "range", "age", "unknown_id"]
+REASONS: Final[tuple[Reason, ...]] = get_args(Reason)
+"""Why a frame can be rejected, in the order in which the checks are made (unknown_id first)."""
+
+_log = logging.getLogger(__name__)
+
+
+class Accepted(NamedTuple):
+    """A frame whose content may be used.
+
+    Attributes:
+        spec: its message.
+        raw: raw value of each signal in it but counter and CRC, invalid ones included.
+        invalid: names of the signals that their sender marked as not available (SNA).
+        timestamp_us: its stamp.
+    """
+
+    spec: MessageSpec
+    raw: dict[str, Raw]
+    invalid: tuple[str, ...]
+    timestamp_us: int
+
+
+class _Reception:
+    """What the checker knows and remembers of one accepted message."""
+
+    __slots__ = ("counter", "crc_start", "fields", "last_us", "length_bytes", "spec")
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.spec = spec
+        self.length_bytes = spec.length_bytes
+        self.counter = None if spec.e2e is None else CounterCheck(spec.e2e)
+        self.crc_start = spec.crc_start
+        self.last_us: int | None = None
+        self.fields = (
+            tuple(_ranged(spec, signal) for signal in spec.payload) if spec.is_plain else None
+        )
+
+
+class FrameChecker:
+    """Checks each received frame and counts what it rejects.
+
+    `accepted` names the messages this receiver wants. Each frame passes, in this order: its
+    identifier (`unknown_id`: the database has no such message), its length (`length`: also remote
+    and CAN FD frames), for a protected message its CRC (`crc`) and its counter (`counter`: the rule
+    of `CounterCheck`, with one cycle without data for each GenMsgCycleTime that went by without a
+    frame), the described range of every signal (`range`; a value marked SNA is not out of range: it
+    is delivered as invalid), and its stamp (`age`: older than `max_age_us` before `now_us`, or in
+    the future). Whatever the bytes, nothing raises. Messages that the database has and this
+    receiver does not want are counted in `ignored`.
+
+    Raises CanBusError for an unknown message name or a protection that cannot be checked here.
+    """
+
+    def __init__(self, database: Database, accepted: Iterable[str], *, max_age_us: int) -> None:
+        self.rejected: dict[Reason, int] = dict.fromkeys(REASONS, 0)
+        self.ignored = 0
+        self._database = database
+        self._max_age_us = max_age_us
+        self._receptions: dict[int, _Reception] = {}
+        for name in accepted:
+            spec = database.message(name)
+            if spec.e2e is not None and not spec.is_protected:
+                raise unsupported_profile(spec.name, spec.e2e)
+            key = identifier_key(spec.frame_id, spec.is_extended)
+            self._receptions[key] = _Reception(spec)
+
+    def check(self, message: can.Message, now_us: int) -> Accepted | None:
+        """Return the frame's content if it may be used, None if not (see `rejected`)."""
+        key = message.arbitration_id
+        if message.is_extended_id:
+            key = identifier_key(key, True)
+        reception = self._receptions.get(key)
+        if reception is None or message.is_error_frame:
+            return self._refuse_stranger(message)
+        data = message.data
+        if (
+            len(data) != reception.length_bytes
+            or message.is_remote_frame
+            or (message.is_fd and not reception.spec.is_fd)
+        ):
+            return self._reject("length", message)
+        counter = reception.counter
+        if counter is not None:
+            last_us = reception.last_us
+            reception.last_us = now_us
+            cycle_us = reception.spec.cycle_time_us
+            if last_us is not None and cycle_us is not None:
+                missed_cycles = (2 * (now_us - last_us) + cycle_us) // (2 * cycle_us) - 1
+                if missed_cycles > 0:
+                    counter.pass_cycles(missed_cycles)
+            if crc8(data[1:], reception.crc_start) != data[0]:
+                counter.reject_crc()
+                return self._reject("crc", message)
+            status = counter.check(data[1] & 0x0F)
+            if status is not E2EStatus.OK and not status.is_accepted:
+                return self._reject("counter", message)
+        invalid: tuple[str, ...] = ()
+        raw: dict[str, Raw]
+        fields = reception.fields
+        if fields is None:
+            general = _check_ranges(reception.spec, data)
+            if general is None:
+                return self._reject("range", message)
+            raw, invalid = general
+        else:
+            word = int.from_bytes(data, "little")
+            raw = {}
+            for name, shift, mask, sign, low, high, sna in fields:
+                value = ((word >> shift & mask) ^ sign) - sign
+                if value == sna:
+                    invalid += (name,)
+                elif value < low or value > high:
+                    return self._reject("range", message)
+                raw[name] = value
+        stamp = message.timestamp
+        stamp_us = round(stamp * MICROSECONDS_PER_S) if math.isfinite(stamp) else -1
+        if not now_us - self._max_age_us <= stamp_us <= now_us:
+            return self._reject("age", message)
+        return Accepted(reception.spec, raw, invalid, stamp_us)
+
+    def _refuse_stranger(self, message: can.Message) -> None:
+        if message.is_error_frame or not self._knows(message):
+            self._reject("unknown_id", message)
+        else:
+            self.ignored += 1
+
+    def _knows(self, message: can.Message) -> bool:
+        return self._database.by_id(message.arbitration_id, message.is_extended_id) is not None
+
+    def _reject(self, reason: Reason, message: can.Message) -> None:
+        self.rejected[reason] += 1
+        _log.debug("rejected (%s): id %X, %d bytes", reason, message.arbitration_id, message.dlc)
+
+
+def _ranged(
+    spec: MessageSpec, signal: SignalSpec
+) -> tuple[str, int, int, int, int, int, int | None]:
+    mask = (1 << signal.length_bits) - 1
+    return (
+        signal.name,
+        signal.shift_in(spec.length_bytes),
+        mask,
+        signal.sign_bit,
+        signal.low_raw,
+        signal.high_raw,
+        signal.invalid_raw,
+    )
+
+
+def _check_ranges(
+    spec: MessageSpec, data: bytearray
+) -> tuple[dict[str, Raw], tuple[str, ...]] | None:
+    """Decode any layout; None when a signal is out of range. The slow twin of the loop in check."""
+    own = () if spec.e2e is None else (spec.e2e.crc_signal, spec.e2e.counter_signal)
+    raw = {name: value for name, value in spec.decode_raw(data).items() if name not in own}
+    invalid = tuple(n for n, value in raw.items() if value == spec.signals[n].invalid_raw)
+    if all(n in invalid or spec.signals[n].in_range(value) for n, value in raw.items()):
+        return raw, invalid
+    return None

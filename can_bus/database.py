@@ -1,0 +1,290 @@
+"""The database: everything that is true of the wire, read from a DBC file.
+
+cantools does the parsing; the result is a set of frozen specs that know nothing of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from can_bus.e2e import PROFILE_1A, E2EProtection
+from can_bus.errors import CanBusError, one_line
+from can_bus.signals import SignalSpec
+from can_bus.specs import MessageSpec
+
+if TYPE_CHECKING:
+    import cantools.database.can
+
+DBC_NAME = "chiplog.dbc"
+SNA = "SNA"
+"""Value-table entry that marks a signal as not available; the DBC format has no attribute for it."""
+
+_MICROSECONDS_PER_MS = 1000
+_NO_NODE = "Vector__XXX"
+_MAX_FILE_BYTES = 64 * 1024 * 1024
+_EXTENDED = 1 << 31
+
+
+@dataclass(frozen=True)
+class Database:
+    """The messages of one DBC file.
+
+    Attributes:
+        path: the file it was read from.
+        messages: name to message, in order of priority (identifier).
+        nodes: names of the nodes.
+        bitrate: network attribute `Baudrate` in bit/s, None where the file gives none.
+    """
+
+    path: Path
+    messages: Mapping[str, MessageSpec]
+    nodes: tuple[str, ...] = ()
+    bitrate: int | None = None
+    _by_key: Mapping[int, MessageSpec] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Index the messages by identifier."""
+        by_key = {identifier_key(m.frame_id, m.is_extended): m for m in self.messages.values()}
+        object.__setattr__(self, "_by_key", by_key)
+
+    def message(self, name: str) -> MessageSpec:
+        """Return a message by name. Raises CanBusError with the names there are."""
+        try:
+            return self.messages[name]
+        except KeyError:
+            raise CanBusError(
+                f"{self.path.name} has no message {name!r}: it has {', '.join(self.messages)}"
+            ) from None
+
+    def by_id(self, frame_id: int, is_extended: bool = False) -> MessageSpec | None:
+        """Return the message of an identifier, None where the database has none."""
+        return self._by_key.get(identifier_key(frame_id, is_extended))
+
+    def senders(self) -> tuple[str, ...]:
+        """Return the nodes that send at least one message, in alphabetical order."""
+        return tuple(sorted({s for m in self.messages.values() for s in m.senders}))
+
+    def sent_by(self, *nodes: str) -> tuple[MessageSpec, ...]:
+        """Return the messages of these nodes by priority. Raises CanBusError for an unknown node."""
+        for node in nodes:
+            if node not in self.nodes and node not in self.senders():
+                raise CanBusError(
+                    f"{self.path.name} has no node {node!r}: it has {', '.join(self.nodes)}"
+                )
+        return tuple(m for m in self.messages.values() if not set(nodes).isdisjoint(m.senders))
+
+
+def identifier_key(frame_id: int, is_extended: bool) -> int:
+    """Return one integer for an identifier: bit 31 tells 29-bit ones from 11-bit ones."""
+    return frame_id | _EXTENDED if is_extended else frame_id
+
+
+def load_database(path: str | Path | None = None) -> Database:
+    """Read a DBC file; without a path the one that Chiplog ships.
+
+    Raises CanBusError `file:line: what is wrong` for a file that is missing, truncated or corrupt.
+    """
+    return _shipped() if path is None else _load(Path(path))
+
+
+@cache
+def _shipped() -> Database:
+    return _load(shipped_path())
+
+
+def shipped_path() -> Path:
+    """Return where the shipped DBC lies: in the wheel's can_bus/dbc, or beside it in a checkout."""
+    package = Path(str(files("can_bus")))
+    candidates = (package / "dbc" / DBC_NAME, package.parent / "dbc" / DBC_NAME)
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    raise CanBusError(f"{DBC_NAME} is missing: looked at {' and '.join(map(str, candidates))}")
+
+
+def _load(path: Path) -> Database:
+    text = _read(path)
+    # cantools takes 0.2 s to import: only who reads a DBC pays for it.
+    from cantools.database import load_string  # noqa: PLC0415
+
+    try:
+        parsed = load_string(text, database_format="dbc")
+    except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
+        raise _located(path, text, one_line(error)) from error
+    try:
+        messages = [_message(message) for message in parsed.messages]
+    except CanBusError as error:
+        raise _located(path, text, str(error)) from error
+    if not messages:
+        raise CanBusError(f"{path}:1: no message (BO_) in this DBC file: is it truncated?")
+    messages.sort(key=_priority)
+    bitrate = _attribute(parsed, "Baudrate", None)
+    return Database(
+        path=path,
+        messages=MappingProxyType({m.name: m for m in messages}),
+        nodes=tuple(node.name for node in parsed.nodes),
+        bitrate=None if bitrate is None else int(bitrate),
+    )
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MAX_FILE_BYTES:
+            raise CanBusError(f"{path}: over {_MAX_FILE_BYTES >> 20} MiB: this is no DBC file")
+        data = path.read_bytes()
+    except OSError as error:
+        raise CanBusError(f"{path}: cannot read this DBC file: {error.strerror}") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")  # the encoding of CANdb++
+
+
+def _located(path: Path, text: str, problem: str) -> CanBusError:
+    """Return the error with the line it speaks of: as stated, or that of the name it quotes."""
+    problem = re.sub(r'^DBC: "(.*)"$', r"\1", problem)
+    match = re.search(r"[Ii]nvalid syntax at line (\d+), column (\d+): (.*)", problem)
+    if match:
+        line, column, excerpt = int(match[1]), match[2], match[3].strip('"')
+        return CanBusError(f"{path}:{line}: invalid DBC syntax at column {column}: {excerpt}")
+    lines = text.splitlines()
+    for name in re.findall(r"[A-Za-z_]\w{2,}", problem):
+        for number, content in enumerate(lines, start=1):
+            if re.match(rf"\s*(?:BO_\s+\d+|SG_)\s+{name}\b", content):
+                return CanBusError(f"{path}:{number}: {problem}")
+    return CanBusError(f"{path}:{max(1, len(lines))}: {problem}")
+
+
+def _message(message: cantools.database.can.Message) -> MessageSpec:
+    name = message.name
+    signals = {
+        signal.name: _signal(name, message.length, signal)
+        for signal in sorted(message.signals, key=lambda signal: signal.start)
+    }
+    cycle_ms = message.cycle_time
+    send_type = message.send_type
+    return MessageSpec(
+        name=name,
+        frame_id=message.frame_id,
+        is_extended=message.is_extended_frame,
+        length_bytes=message.length,
+        signals=MappingProxyType(signals),
+        cycle_time_us=int(cycle_ms) * _MICROSECONDS_PER_MS if cycle_ms else None,
+        start_delay_us=int(_attribute(message, "GenMsgStartDelayTime", 0)) * _MICROSECONDS_PER_MS,
+        send_type=None if send_type is None else str(send_type),
+        senders=tuple(message.senders),
+        receivers=tuple(sorted(message.receivers - {_NO_NODE})),
+        e2e=_protection(message, signals),
+        comment=message.comment or "",
+        is_fd=message.is_fd,
+    )
+
+
+def _signal(message: str, length_bytes: int, signal: cantools.database.can.Signal) -> SignalSpec:
+    choices = {int(raw): str(name) for raw, name in (signal.choices or {}).items()}
+    initial = signal.raw_initial if signal.raw_initial is not None else 0
+    is_float = bool(signal.is_float)
+    return SignalSpec(
+        message=message,
+        name=signal.name,
+        start_bit=signal.start,
+        length_bits=signal.length,
+        byte_order=signal.byte_order,
+        is_signed=signal.is_signed,
+        is_float=is_float,
+        factor=float(signal.scale),
+        offset=float(signal.offset),
+        minimum=None if signal.minimum is None else float(signal.minimum),
+        maximum=None if signal.maximum is None else float(signal.maximum),
+        unit=signal.unit or "",
+        comment=signal.comment or "",
+        initial_raw=float(initial) if is_float else int(initial),
+        invalid_raw=next((raw for raw, choice in choices.items() if choice == SNA), None),
+        choices=MappingProxyType(choices),
+        receivers=tuple(receiver for receiver in signal.receivers if receiver != _NO_NODE),
+        multiplexer=signal.multiplexer_signal,
+        multiplexer_values=frozenset(signal.multiplexer_ids or ()),
+    )
+
+
+def _protection(
+    message: cantools.database.can.Message, signals: Mapping[str, SignalSpec]
+) -> E2EProtection | None:
+    """Return the protection that the attributes describe.
+
+    Variant 1A fixes where counter and CRC lie, so they are found by position, whatever their names.
+    """
+    profile = _choice_attribute(message, "E2EProfile")
+    if profile is None or profile.lower() in ("", "none"):
+        return None
+    by_bits = {_bits(signal, message.length): signal.name for signal in signals.values()}
+    crc_signal = by_bits.get(frozenset(range(8)))
+    counter_signal = by_bits.get(frozenset(range(8, 12)))
+    if profile == PROFILE_1A and (crc_signal is None or counter_signal is None):
+        raise CanBusError(
+            f"{message.name}: E2EProfile {profile!r} wants an 8-bit CRC signal in byte 0 "
+            "and a 4-bit counter signal in the low half of byte 1"
+        )
+    data_id = int(_attribute(message, "E2EDataId", 0))
+    if not 0 <= data_id < 1 << 16:
+        raise CanBusError(f"{message.name}: E2EDataId = {data_id}: expected 0 to {(1 << 16) - 1}")
+    default = E2EProtection(profile, data_id, counter_signal or "", crc_signal or "")
+    return E2EProtection(
+        profile=profile,
+        data_id=data_id,
+        counter_signal=default.counter_signal,
+        crc_signal=default.crc_signal,
+        max_delta_counter=int(
+            _attribute(message, "E2EMaxDeltaCounterInit", default.max_delta_counter)
+        ),
+        max_no_new_or_repeated=int(
+            _attribute(message, "E2EMaxNoNewOrRepeatedData", default.max_no_new_or_repeated)
+        ),
+        sync_counter=int(_attribute(message, "E2ESyncCounterInit", default.sync_counter)),
+    )
+
+
+def _bits(signal: SignalSpec, length_bytes: int) -> frozenset[int]:
+    """Return the bit numbers (DBC numbering) that a signal covers."""
+    if signal.byte_order == "little_endian":
+        return frozenset(range(signal.start_bit, signal.start_bit + signal.length_bits))
+    shift = signal.shift_in(length_bytes)
+    return frozenset(
+        8 * (length_bytes - 1 - bit // 8) + bit % 8
+        for bit in range(shift, shift + signal.length_bits)
+    )
+
+
+def _attribute(owner: Any, name: str, fallback: Any) -> Any:
+    """Return a DBC attribute of a message or the network: its value, its default, the fallback."""
+    specifics = owner.dbc
+    if specifics is None:
+        return fallback
+    if name in specifics.attributes:
+        return specifics.attributes[name].value
+    definition = specifics.attribute_definitions.get(name)
+    default = None if definition is None else definition.default_value
+    return fallback if default is None else default
+
+
+def _choice_attribute(message: cantools.database.can.Message, name: str) -> str | None:
+    """Return the name that an ENUM attribute (or the text that a STRING attribute) has."""
+    value = _attribute(message, name, None)
+    if value is None:
+        return None
+    definition = message.dbc.attribute_definitions.get(name) if message.dbc else None
+    choices = None if definition is None else definition.choices
+    return str(choices[value]) if choices and isinstance(value, int) else str(value)
+
+
+def _priority(message: MessageSpec) -> tuple[int, bool, int]:
+    """Order as arbitration does: the leading 11 bits, standard before extended, then the rest."""
+    leading = message.frame_id >> 18 if message.is_extended else message.frame_id
+    return leading, message.is_extended, message.frame_id

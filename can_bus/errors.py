@@ -1,0 +1,14 @@
+"""The one error this package raises on purpose."""
+
+
+class CanBusError(ValueError):
+    """What was wrong on the wire's side, where, and what would be right: one line.
+
+    Raised for wrong local arguments, unreadable databases and logs, and buses that cannot be opened
+    or went away. Bytes from the bus never raise it: they are dropped and counted.
+    """
+
+
+def one_line(error: BaseException) -> str:
+    """Return a foreign exception's text on one line, its class name when it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__

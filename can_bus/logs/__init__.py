@@ -1,0 +1,1 @@
+"""Logs of bus traffic: candump, ASC and BLF, written while running and read back."""

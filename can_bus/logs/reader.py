@@ -1,0 +1,189 @@
+"""Reading logs, frame by frame: candump, ASC and BLF, ours and those of others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Literal, TextIO
+
+import can
+
+from can_bus.errors import CanBusError, one_line
+from can_bus.frames import QuickMessage
+
+LogFormat = Literal["candump", "asc", "blf"]
+
+_FORMATS: Final[dict[str, LogFormat]] = {".log": "candump", ".asc": "asc", ".blf": "blf"}
+_SNIFFED_BYTES: Final = 4096
+_MAX_LINE_CHARACTERS: Final = 1000
+_EXCERPT_CHARACTERS: Final = 60
+
+# (1436509052.249713) vcan0 044#2A366C2BBA R
+_CANDUMP_LINE: Final = re.compile(
+    r"\((\d{1,12}\.\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    r"(?:(#[0-9A-Fa-f])((?:[0-9A-Fa-f]{2}){0,64})|[Rr]([0-8]?)|((?:[0-9A-Fa-f]{2}){0,8}))"
+    r"(?: +([RrTt]))?\s*\Z"
+)
+_CANDUMP_FORM: Final = (
+    "(seconds.microseconds) channel id#data, for example (0.010000) vcan0 123#00FF"
+)
+_ERROR_FLAG: Final = 0x20000000
+_IDENTIFIER_MASK: Final = 0x1FFFFFFF
+_MAX_FD_LENGTH: Final = 64
+_FD_LENGTHS: Final = frozenset((*range(9), 12, 16, 20, 24, 32, 48, _MAX_FD_LENGTH))
+
+
+def log_format(path: Path) -> LogFormat:
+    """Return a log's format: by its suffix, else by its first bytes.
+
+    Raises CanBusError for a file that cannot be read or is none of them.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_SNIFFED_BYTES)
+    except OSError as error:
+        raise CanBusError(f"{path}: cannot read this log: {error.strerror}") from error
+    if head.startswith(b"LOGG"):
+        return "blf"
+    by_suffix = _FORMATS.get(path.suffix.lower())
+    if by_suffix is not None:
+        return by_suffix
+    text = head.decode("ascii", errors="replace")
+    if text.startswith("("):
+        return "candump"
+    if re.match(r"\s*date\s", text):
+        return "asc"
+    raise CanBusError(f"{path}: not a log that can be read here: candump .log, .asc or .blf")
+
+
+def read_log(path: str | Path) -> Iterator[can.Message]:
+    """Yield the frames of a log in its order; stamps in seconds as in the file.
+
+    Streams: memory does not grow with the log. Raises CanBusError `file:line: …` (BLF: `file: …`)
+    for a file that is missing, truncated or corrupt; the frames before that place were yielded.
+    """
+    path = Path(path)
+    kind = log_format(path)
+    if kind == "candump":
+        return _read_candump(path)
+    return _read_asc(path) if kind == "asc" else _read_blf(path)
+
+
+def _read_candump(path: Path) -> Iterator[can.Message]:
+    with path.open(encoding="ascii", errors="replace", newline="\n") as file:
+        for number, line in enumerate(_bounded_lines(path, file), start=1):
+            if line.strip():
+                yield parse_candump(line, path, number)
+
+
+def parse_candump(line: str, path: Path, number: int) -> can.Message:
+    """Return the frame of one candump line. Raises CanBusError naming file and line."""
+    match = _CANDUMP_LINE.match(line)
+    if match is None:
+        raise _bad_line(path, number, line, _CANDUMP_FORM)
+    stamp, channel, identifier, fd_flags, fd_data, remote_dlc, data, direction = match.groups()
+    frame_id = int(identifier, 16)
+    is_extended = len(identifier) > 3
+    message = QuickMessage(
+        timestamp=float(stamp),
+        arbitration_id=frame_id & _IDENTIFIER_MASK,
+        is_extended_id=is_extended,
+        channel=channel,
+        is_rx=direction is None or direction in "Rr",
+    )
+    if is_extended and frame_id & _ERROR_FLAG:
+        message.is_error_frame = True
+    elif frame_id > _IDENTIFIER_MASK:
+        raise _bad_line(path, number, line, _CANDUMP_FORM)
+    elif not is_extended and frame_id >= 1 << 11:
+        raise _bad_line(path, number, line, "a standard identifier up to 7FF")
+    if remote_dlc is not None:
+        message.is_remote_frame = True
+        message.dlc = int(remote_dlc or 0)
+        return message
+    if fd_flags is not None:
+        flags = int(fd_flags[1], 16)
+        message.is_fd = True
+        message.bitrate_switch = bool(flags & 1)
+        message.error_state_indicator = bool(flags & 2)
+    message.data = bytearray.fromhex(fd_data if fd_flags is not None else data)
+    message.dlc = len(message.data)
+    if message.dlc not in _FD_LENGTHS:
+        raise _bad_line(path, number, line, "a CAN FD length (0 to 8, 12, 16, 20, 24, 32, 48, 64)")
+    return message
+
+
+def _read_asc(path: Path) -> Iterator[can.Message]:
+    with path.open(encoding="utf-8", errors="replace", newline="\n") as file:
+        lines = _CountedLines(path, file)
+        frames = iter(can.ASCReader(lines, relative_timestamp=True))  # type: ignore[arg-type]
+        while True:
+            try:
+                message = next(frames)
+                message.check()
+            except StopIteration:
+                return
+            except CanBusError:
+                raise
+            except Exception as error:  # python-can raises what parsing happens to raise
+                raise _bad_line(path, lines.number, lines.line, "an ASC event") from error
+            yield message
+
+
+def _read_blf(path: Path) -> Iterator[can.Message]:
+    count = 0
+    try:
+        with can.BLFReader(path) as frames:
+            for message in frames:
+                yield message
+                count += 1
+            if frames.file_size and path.stat().st_size < frames.file_size:
+                raise CanBusError(
+                    f"{path}: truncated BLF file: {path.stat().st_size} of {frames.file_size} bytes"
+                )
+    except CanBusError:
+        raise
+    except Exception as error:  # zlib.error, struct.error, BLFParseError, …
+        raise CanBusError(
+            f"{path}: truncated or corrupt BLF file after {count} frames: {one_line(error)}"
+        ) from error
+
+
+def _bounded_lines(path: Path, file: TextIO) -> Iterator[str]:
+    """Yield lines; a file without line ends must not fill the memory."""
+    number = 0
+    while line := file.readline(_MAX_LINE_CHARACTERS):
+        number += 1
+        if len(line) == _MAX_LINE_CHARACTERS:
+            raise CanBusError(
+                f"{path}:{number}: a line of over {_MAX_LINE_CHARACTERS} characters: not a CAN log"
+            )
+        yield line
+
+
+class _CountedLines:
+    """A text file that python-can's reader iterates over, and that knows where it is."""
+
+    def __init__(self, path: Path, file: TextIO) -> None:
+        self.number = 0
+        self.line = ""
+        self._lines = _bounded_lines(path, file)
+
+    def __iter__(self) -> _CountedLines:
+        return self
+
+    def __next__(self) -> str:
+        self.line = next(self._lines)
+        self.number += 1
+        return self.line
+
+    def close(self) -> None:
+        """Do nothing: the file is closed where it was opened."""
+
+
+def _bad_line(path: Path, number: int, line: str, expected: str) -> CanBusError:
+    content = line.strip()
+    if len(content) > _EXCERPT_CHARACTERS:
+        content = content[:_EXCERPT_CHARACTERS] + "…"
+    return CanBusError(f"{path}:{number}: {content!r}: expected {expected}")

@@ -1,0 +1,164 @@
+"""Writing a log while the bus runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Protocol
+
+import can
+
+from can_bus.errors import CanBusError
+
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf")
+"""File-name endings of the formats that can be written: candump, Vector ASC, Vector BLF."""
+
+LOG_CHANNEL: Final = "vcan0"
+"""Channel name in candump logs: the same for every run, so that equal runs are equal bytes."""
+
+_FLUSH_PERIOD_S: Final = 1.0
+# BLF keeps a container in memory until it is full: 16 KiB are some 300 frames.
+_BLF_CONTAINER_BYTES: Final = 16 * 1024
+_ERROR_FRAME_ID: Final = "20000080"  # CAN_ERR_FLAG | CAN_ERR_BUSERROR, as candump prints it
+
+
+class LogWriter(Protocol):
+    """Takes frames in the order in which a node received and sent them."""
+
+    def write(self, message: can.Message, received: bool) -> None:
+        """Append one frame; `received` is False for a frame that the node sent."""
+
+    def close(self) -> None:
+        """Complete the file; may be called twice."""
+
+    def __enter__(self) -> LogWriter:
+        """Use as a context manager: the file is complete after it, whatever happened."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+
+
+def open_log_writer(path: str | Path) -> LogWriter:
+    """Create a log whose format is given by its suffix: `.log` (candump), `.asc` or `.blf`.
+
+    What was written is on disk after each second of the frames' own time, and all of it after
+    `close`. Raises CanBusError for another suffix or a file that cannot be created.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in LOG_SUFFIXES:
+        raise CanBusError(f"{path}: a log ends in {', '.join(LOG_SUFFIXES)}, not {suffix!r}")
+    try:
+        if suffix == ".log":
+            return CandumpWriter(path)
+        if suffix == ".asc":
+            return _LibraryWriter(can.ASCWriter(path))
+        return _LibraryWriter(can.BLFWriter(path, max_container_size=_BLF_CONTAINER_BYTES))
+    except OSError as error:
+        raise CanBusError(f"{path}: cannot create this log: {error.strerror}") from error
+
+
+class CandumpWriter:
+    """Writes `(seconds.microseconds) channel id#data R|T`, as `candump -L -x` does."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="ascii", newline="\n")
+        self._write: Callable[[str], int] = self._file.write
+        self._flush_at_s = -1.0
+
+    def write(self, message: can.Message, received: bool) -> None:
+        """Append one frame."""
+        stamp_s = message.timestamp
+        if (
+            message.is_extended_id
+            or message.is_fd
+            or message.is_remote_frame
+            or message.is_error_frame
+        ):
+            self._write_other(message, received)
+        else:
+            self._write(
+                "(%.6f) vcan0 %03X#%s %s\n"
+                % (
+                    stamp_s,
+                    message.arbitration_id,
+                    message.data.hex().upper(),
+                    "R" if received else "T",
+                )
+            )
+        if stamp_s >= self._flush_at_s:
+            self._file.flush()
+            self._flush_at_s = stamp_s + _FLUSH_PERIOD_S
+
+    def close(self) -> None:
+        """Complete the file; may be called twice."""
+        self._file.close()
+
+    def __enter__(self) -> CandumpWriter:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def _write_other(self, message: can.Message, received: bool) -> None:
+        width = 8 if message.is_extended_id else 3
+        identifier = f"{message.arbitration_id:0{width}X}"
+        content = message.data.hex().upper()
+        if message.is_error_frame:
+            identifier, content = _ERROR_FRAME_ID, "0" * 16
+        elif message.is_remote_frame:
+            content = f"R{message.dlc}" if message.dlc else "R"
+        elif message.is_fd:
+            flags = int(message.bitrate_switch) | int(message.error_state_indicator) << 1
+            content = f"#{flags:X}{content}"
+        direction = "R" if received else "T"
+        stamp = f"{message.timestamp:.6f}"
+        self._write(f"({stamp}) {LOG_CHANNEL} {identifier}#{content} {direction}\n")
+
+
+class _LibraryWriter:
+    """Writes through one of python-can's writers."""
+
+    def __init__(self, writer: can.ASCWriter | can.BLFWriter) -> None:
+        self._writer = writer
+        self._flush_at_s = -1.0
+        self._is_open = True
+
+    def write(self, message: can.Message, received: bool) -> None:
+        twin = copy(message)
+        twin.is_rx = received
+        twin.channel = None
+        self._writer.on_message_received(twin)
+        if message.timestamp >= self._flush_at_s:
+            self._writer.file.flush()
+            self._flush_at_s = message.timestamp + _FLUSH_PERIOD_S
+
+    def close(self) -> None:
+        if self._is_open:
+            self._is_open = False
+            self._writer.stop()
+
+    def __enter__(self) -> _LibraryWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
