@@ -15,7 +15,7 @@ from can.util import cast_from_string
 from can_bus.errors import CanBusError, one_line
 
 if TYPE_CHECKING:
-    _BusBase = can.BusABC
+    _BusBase = VirtualBus  # any concrete bus: send and _recv_internal exist
 else:
     _BusBase = object
 

@@ -70,6 +70,7 @@ class FrameChecker:
     """
 
     def __init__(self, database: Database, accepted: Iterable[str], *, max_age_us: int) -> None:
+        """Start with no frame seen; `rejected` counts by reason from here on."""
         self.rejected: dict[Reason, int] = dict.fromkeys(REASONS, 0)
         self.ignored = 0
         self._database = database
@@ -89,14 +90,16 @@ class FrameChecker:
             key = identifier_key(key, True)
         reception = self._receptions.get(key)
         if reception is None or message.is_error_frame:
-            return self._refuse_stranger(message)
+            self._refuse_stranger(message)
+            return None
         data = message.data
         if (
             len(data) != reception.length_bytes
             or message.is_remote_frame
             or (message.is_fd and not reception.spec.is_fd)
         ):
-            return self._reject("length", message)
+            self._reject("length", message)
+            return None
         counter = reception.counter
         if counter is not None:
             last_us = reception.last_us
@@ -108,17 +111,20 @@ class FrameChecker:
                     counter.pass_cycles(missed_cycles)
             if crc8(data[1:], reception.crc_start) != data[0]:
                 counter.reject_crc()
-                return self._reject("crc", message)
+                self._reject("crc", message)
+                return None
             status = counter.check(data[1] & 0x0F)
             if status is not E2EStatus.OK and not status.is_accepted:
-                return self._reject("counter", message)
+                self._reject("counter", message)
+                return None
         invalid: tuple[str, ...] = ()
         raw: dict[str, Raw]
         fields = reception.fields
         if fields is None:
             general = _check_ranges(reception.spec, data)
             if general is None:
-                return self._reject("range", message)
+                self._reject("range", message)
+                return None
             raw, invalid = general
         else:
             word = int.from_bytes(data, "little")
@@ -128,22 +134,22 @@ class FrameChecker:
                 if value == sna:
                     invalid += (name,)
                 elif value < low or value > high:
-                    return self._reject("range", message)
+                    self._reject("range", message)
+                    return None
                 raw[name] = value
         stamp = message.timestamp
         stamp_us = round(stamp * MICROSECONDS_PER_S) if math.isfinite(stamp) else -1
         if not now_us - self._max_age_us <= stamp_us <= now_us:
-            return self._reject("age", message)
+            self._reject("age", message)
+            return None
         return Accepted(reception.spec, raw, invalid, stamp_us)
 
     def _refuse_stranger(self, message: can.Message) -> None:
-        if message.is_error_frame or not self._knows(message):
+        known = self._database.by_id(message.arbitration_id, message.is_extended_id)
+        if known is None or message.is_error_frame:
             self._reject("unknown_id", message)
         else:
             self.ignored += 1
-
-    def _knows(self, message: can.Message) -> bool:
-        return self._database.by_id(message.arbitration_id, message.is_extended_id) is not None
 
     def _reject(self, reason: Reason, message: can.Message) -> None:
         self.rejected[reason] += 1

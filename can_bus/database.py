@@ -12,7 +12,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from can_bus.e2e import PROFILE_1A, E2EProtection
 from can_bus.errors import CanBusError, one_line
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DBC_NAME = "chiplog.dbc"
 SNA = "SNA"
-"""Value-table entry that marks a signal as not available; the DBC format has no attribute for it."""
+"""Value-table entry that marks a signal as not available: DBC has no attribute for it."""
 
 _MICROSECONDS_PER_MS = 1000
 _NO_NODE = "Vector__XXX"
@@ -72,7 +72,10 @@ class Database:
         return tuple(sorted({s for m in self.messages.values() for s in m.senders}))
 
     def sent_by(self, *nodes: str) -> tuple[MessageSpec, ...]:
-        """Return the messages of these nodes by priority. Raises CanBusError for an unknown node."""
+        """Return the messages of these nodes by priority.
+
+        Raises CanBusError for an unknown node.
+        """
         for node in nodes:
             if node not in self.nodes and node not in self.senders():
                 raise CanBusError(
@@ -115,7 +118,7 @@ def _load(path: Path) -> Database:
     from cantools.database import load_string  # noqa: PLC0415
 
     try:
-        parsed = load_string(text, database_format="dbc")
+        parsed = cast("cantools.database.can.Database", load_string(text, database_format="dbc"))
     except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
         raise _located(path, text, one_line(error)) from error
     try:

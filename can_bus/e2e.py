@@ -1,11 +1,11 @@
 """End-to-end protection: AUTOSAR E2E Profile 1, variant 1A.
 
-Layout: CRC in byte 0, alive counter (0 to 14; 15 is never sent) in the low nibble of byte 1. The CRC
-has the SAE J1850 polynomial x⁸+x⁴+x³+x²+1, effective start value 0 and no final inversion, and runs
-over both bytes of the data ID, low byte first, then over all bytes of the frame but its own.
+Layout: CRC in byte 0, alive counter (0 to 14; 15 is never sent) in the low nibble of byte 1. The
+CRC has the SAE J1850 polynomial x⁸+x⁴+x³+x²+1, effective start value 0 and no final inversion, and
+runs over both bytes of the data ID, low byte first, then over all bytes of the frame but its own.
 
-Source: AUTOSAR, *Specification of SW-C End-to-End Communication Protection Library* (E2E Library),
-chapter "E2E Profile 1"; PRS_E2EProtocol. Checked in the tests against an independent implementation.
+Source: AUTOSAR, *Specification of SW-C End-to-End Communication Protection Library* (E2E Library)
+and PRS_E2EProtocol, "E2E Profile 1". Checked in the tests against an independent implementation.
 """
 
 from __future__ import annotations
@@ -71,11 +71,10 @@ def crc8_profile1(data_id: int, data: bytes | bytearray) -> int:
 
 
 def _build_table() -> NDArray[np.uint8]:
-    table = np.arange(256, dtype=np.uint16)
+    table = np.arange(256, dtype=np.uint8)
     for _ in range(8):
-        carry = table >> 7 & 1
-        table = (table << 1 & 0xFF) ^ carry * _POLYNOMIAL
-    return table.astype(np.uint8)
+        table = np.where(table & 0x80, table << 1 ^ _POLYNOMIAL, table << 1).astype(np.uint8)
+    return table
 
 
 _TABLE: Final = _build_table()
@@ -132,14 +131,15 @@ class CounterCheck:
     - 1 ≤ Δ ≤ tolerance: accepted (OK for Δ = 1, else OKSOMELOST), tolerance starts anew;
     - Δ > tolerance, or a counter of 15: WRONGSEQUENCE, rejected.
 
-    So after n lost frames the next one is accepted (n up to 13; after more, every Δ but 0 is). After
-    a jump of the sender's counter the tolerance catches up at the latest when the counter has gone
-    once round (with `sync_counter` = 0), or after `sync_counter` + 1 frames in the new sequence.
+    So after n lost frames the next one is accepted, n up to 13; after more, every Δ but 0 is. After
+    a jump of the sender's counter the tolerance has caught up at the latest when the counter has
+    gone once round (`sync_counter` = 0), or after `sync_counter` + 1 frames in the new sequence.
     """
 
     __slots__ = ("_last_valid", "_max_delta", "_no_new_or_repeated", "_protection", "_sync")
 
     def __init__(self, protection: E2EProtection) -> None:
+        """Start before the first frame."""
         self._protection = protection
         self._last_valid: int | None = None
         self._max_delta = protection.max_delta_counter

@@ -97,6 +97,7 @@ class FaultInjector:
     """
 
     def __init__(self, database: Database, seed: int = 0) -> None:
+        """Start without faults; `struck` counts, by kind, the frames that faults have struck."""
         self.struck = dict.fromkeys(FAULT_KINDS, 0)
         self._database = database
         self._seed = seed

@@ -26,7 +26,7 @@ class QuickMessage(can.Message):
 
     __slots__ = ()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> can.Message:
+    def __deepcopy__(self, memo: dict[int, Any] | None) -> can.Message:
         """Return an equal can.Message with its own data."""
         twin = _new_message(can.Message)
         twin.timestamp = self.timestamp

@@ -104,6 +104,7 @@ class HostMulticastBus(UdpMulticastBus):
         hop_limit: int | None = None,
         **kwargs: Any,
     ) -> None:
+        """Join the group on the interface that has `interface_ip`."""
         self._is_shutdown = True  # for python-can's destructor, should opening fail
         if not _is_ipv4_group(channel):
             raise CanBusError(
@@ -114,7 +115,7 @@ class HostMulticastBus(UdpMulticastBus):
         can.BusABC.__init__(self, channel, **kwargs)
         hops = (0 if is_confined else 1) if hop_limit is None else hop_limit
         try:
-            self._multicast = _ConfinedSocket(channel, port, hops, interface_ip)
+            multicast = _ConfinedSocket(channel, port, hops, interface_ip)
         except (OSError, can.CanError) as error:
             self._is_shutdown = True
             cause = error if isinstance(error, OSError) else error.__context__ or error
@@ -122,6 +123,8 @@ class HostMulticastBus(UdpMulticastBus):
                 f"udp_multicast {channel}:{port} on {interface_ip}: {cause}; interface_ip must be "
                 "an address of this host with multicast"
             ) from error
+        self._multicast = multicast
+        self._own_address = multicast.own_address
         self._can_protocol = can.CanProtocol.CAN_20
         self.channel_info = f"udp_multicast {channel}:{port} on {interface_ip}"
         self.malformed = 0
@@ -134,7 +137,7 @@ class HostMulticastBus(UdpMulticastBus):
             if received is None:
                 return None, False
             datagram, sender, stamp = received
-            if sender == self._multicast.own_address:
+            if sender == self._own_address:
                 continue
             message = _parse(datagram, stamp)
             if message is not None:

@@ -1,4 +1,4 @@
-"""One message of the database: its layout, its timing, and the codec between raw values and bytes."""
+"""One message of the database: its layout, its timing, and the codec of its frames."""
 
 from __future__ import annotations
 

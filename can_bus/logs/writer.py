@@ -69,6 +69,7 @@ class CandumpWriter:
     """Writes `(seconds.microseconds) channel id#data R|T`, as `candump -L -x` does."""
 
     def __init__(self, path: Path) -> None:
+        """Create the file. Raises OSError when it cannot be."""
         self._file = path.open("w", encoding="ascii", newline="\n")
         self._write: Callable[[str], int] = self._file.write
         self._flush_at_s = -1.0
@@ -84,14 +85,10 @@ class CandumpWriter:
         ):
             self._write_other(message, received)
         else:
+            direction = "R" if received else "T"
             self._write(
-                "(%.6f) vcan0 %03X#%s %s\n"
-                % (
-                    stamp_s,
-                    message.arbitration_id,
-                    message.data.hex().upper(),
-                    "R" if received else "T",
-                )
+                f"({stamp_s:.6f}) {LOG_CHANNEL} {message.arbitration_id:03X}#"
+                f"{message.data.hex().upper()} {direction}\n"
             )
         if stamp_s >= self._flush_at_s:
             self._file.flush()
