@@ -184,8 +184,14 @@ def _wanted(field: FieldInfo | None) -> str:
 
 
 def expected(field: FieldInfo) -> str:
-    """Return what *field* takes, in words: ``a whole number from 1 to 65535``."""
-    return _words(field.annotation, _bounds(field))
+    """Return what *field* takes, in words: ``a whole number from 1 to 65535``.
+
+    A text field with a pattern says in its ``description`` what the pattern means.
+    """
+    bounds = _bounds(field)
+    if "pattern" in bounds:
+        return field.description or f"text that matches {bounds['pattern']}"
+    return _words(field.annotation, bounds)
 
 
 def _plain(value: object) -> object:
@@ -211,8 +217,9 @@ def _bounds(field: FieldInfo) -> dict[str, Any]:
             case MultipleOf():
                 bounds["multiple_of"] = item.multiple_of
             case _:
-                finite = getattr(item, "allow_inf_nan", None)
-                bounds |= {} if finite is None else {"allow_inf_nan": finite}
+                for name in ("allow_inf_nan", "pattern"):
+                    if getattr(item, name, None) is not None:
+                        bounds[name] = getattr(item, name)
     return bounds
 
 

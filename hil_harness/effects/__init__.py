@@ -1,0 +1,42 @@
+"""The effect catalogue: every cause by which a real robot differs from the simulated one.
+
+An effect is declared once, in the file of its stage; its mechanism lives where it acts.
+"""
+
+from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.model import (
+    Effect,
+    EffectParameter,
+    EffectSetting,
+    Settings,
+    Stage,
+    Twins,
+    Typical,
+    Value,
+    Values,
+)
+from hil_harness.effects.settings import (
+    apply_effects,
+    combine_effects,
+    effects_from_toml,
+    load_effects,
+    parse_effect,
+)
+
+__all__ = [
+    "Effect",
+    "EffectParameter",
+    "EffectSetting",
+    "Settings",
+    "Stage",
+    "Twins",
+    "Typical",
+    "Value",
+    "Values",
+    "apply_effects",
+    "catalogue",
+    "combine_effects",
+    "effects_from_toml",
+    "load_effects",
+    "parse_effect",
+]

@@ -1,0 +1,32 @@
+"""Stage encoder: from the wheel's rotation to counts. The ground does not see it."""
+
+from typing import Final
+
+from hil_harness.effects.model import Effect, Twins, Typical
+from hil_harness.effects.plant_effect import moves, plant_effect
+from hil_harness.effects.sources import COURSE_NOTES
+
+EFFECTS: Final[tuple[Effect, ...]] = (
+    plant_effect(
+        "ticks_per_rev",
+        "encoder",
+        "Distance and encoder heading read high by one ratio, as with a smaller wheel.",
+        moves("scale", "ticks_scale"),
+        twins=(Twins(("radius_scale",)),),
+    ),
+    plant_effect(
+        "encoder_eccentricity",
+        "encoder",
+        "Measured speed wobbles once per wheel turn while neither gyro nor ground does; the "
+        "position error stays bounded.",
+        moves("amplitude", "encoder_eccentricity_{side}_rad", Typical(0.003, 0.052, COURSE_NOTES)),
+        moves("phase", "encoder_eccentricity_phase_{side}_rad"),
+        twins=(Twins(("wheel_eccentricity",), "there is no gyro and no reference"),),
+    ),
+    plant_effect(
+        "encoder_dead",
+        "encoder",
+        "A count stops for good while the robot goes on.",
+        moves("start_s", "encoder_dead_{side}_s"),
+    ),
+)

@@ -1,0 +1,156 @@
+"""The words of the effect catalogue: effect, parameter, setting, and what settings add up to."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias
+
+from sim_plant import Mechanisms
+
+Stage: TypeAlias = Literal[
+    "actuation", "wheel", "encoder", "gyro", "bus", "firmware", "reference", "setup"
+]
+"""Where an effect acts, in the order in which data flows."""
+
+Value: TypeAlias = float | int | str
+"""A parameter's value: a number, a whole number, or the name of a choice."""
+
+
+@dataclass(frozen=True)
+class Typical:
+    """How large a parameter is in real robots, and who says so.
+
+    Attributes:
+        low: smaller end of its size (without sign), in the parameter's unit.
+        high: larger end.
+        source: a paper, data sheet or measurement.
+    """
+
+    low: float
+    high: float
+    source: str
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number (or choice) of an effect.
+
+    Attributes:
+        name: as in ``effect.name=value``.
+        unit: SI; "1" for a ratio or a plain count, "" for a choice.
+        neutral: the value at which the effect changes nothing; for a choice, its default.
+        meaning: what the value says and which way its sign goes.
+        kind: "real", "whole" or "choice".
+        minimum: smallest value that makes sense.
+        maximum: largest value that makes sense.
+        choices: what a choice can be.
+        typical: size in real robots; None where no source is known, or none applies.
+    """
+
+    name: str
+    unit: str
+    neutral: Value
+    meaning: str
+    kind: Literal["real", "whole", "choice"] = "real"
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    choices: tuple[str, ...] = ()
+    typical: Typical | None = None
+
+    def expected(self) -> str:
+        """Return in words what the parameter takes: ``a number from -1 to 1 [rad/s]``."""
+        if self.kind == "choice":
+            return f"one of {', '.join(self.choices)}"
+        noun = "a whole number" if self.kind == "whole" else "a number"
+        low, high = self.minimum, self.maximum
+        if math.isfinite(low) and math.isfinite(high):
+            noun += f" from {low:g} to {high:g}"
+        elif math.isfinite(low):
+            noun += f" of at least {low:g}"
+        elif math.isfinite(high):
+            noun += f" of at most {high:g}"
+        return noun if self.unit in {"", "1"} else f"{noun} [{self.unit}]"
+
+
+@dataclass(frozen=True)
+class Twins:
+    """Effects that leave the same data as this one, and the condition under which they do.
+
+    Attributes:
+        effects: their names.
+        condition: "" for always, otherwise what must hold: ``there is no reference``.
+    """
+
+    effects: tuple[str, ...]
+    condition: str = ""
+
+
+@dataclass(frozen=True)
+class EffectSetting:
+    """An effect switched on with some values; parameters that are not named stay neutral.
+
+    Attributes:
+        effect: a name from the catalogue.
+        values: (parameter, value) pairs in the order of the effect's parameters.
+    """
+
+    effect: str
+    values: tuple[tuple[str, Value], ...]
+
+    def __str__(self) -> str:
+        """Return the setting as the command line takes it: ``gyro_bias.bias=0.005``."""
+        return " ".join(f"{self.effect}.{name}={value}" for name, value in self.values)
+
+
+Values: TypeAlias = Mapping[str, Value]
+"""All parameters of one effect by name, those not set standing at neutral."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What switched-on effects add up to: the parameters of every mechanism they move.
+
+    Attributes:
+        plant: the physical deviations of the simulated robot.
+    """
+
+    plant: Mechanisms = field(default_factory=Mechanisms)
+
+    def with_plant(self, **changes: Any) -> "Settings":
+        """Return settings whose plant mechanisms have *changes*, by their field names."""
+        return replace(self, plant=replace(self.plant, **changes))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical or numerical cause by which a real robot differs from the simulated one.
+
+    Attributes:
+        name: as in ``name.parameter=value``.
+        stage: where it acts.
+        parameters: what can be set; never empty but for effects that are either on or off.
+        signature: one sentence: what it leaves in recorded data.
+        apply: maps values to the mechanisms it moves; at neutral values the settings come back
+            unchanged, bit for bit.
+        twins: effects that leave the same data.
+        is_noise: the parameters are levels of noise that the description states too.
+    """
+
+    name: str
+    stage: Stage
+    parameters: tuple[EffectParameter, ...]
+    signature: str
+    apply: Callable[[Settings, Values], Settings]
+    twins: tuple[Twins, ...] = ()
+    is_noise: bool = False
+
+    def parameter(self, name: str) -> EffectParameter:
+        """Return the parameter called *name*; raise KeyError when there is none."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(name)
+
+    def neutral(self) -> dict[str, Value]:
+        """Return the values at which the effect changes nothing."""
+        return {parameter.name: parameter.neutral for parameter in self.parameters}

@@ -1,0 +1,172 @@
+"""From what a person writes to settings: the command line, TOML files, and their sum."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.model import Effect, EffectParameter, EffectSetting, Settings, Value
+from hil_harness.errors import HarnessError
+from hil_harness.nearest import did_you_mean
+from hil_harness.toml_lines import Path as KeyPath
+from hil_harness.toml_model import dotted
+from hil_harness.toml_source import TomlSource, load_toml, shorten, toml_text
+
+_FORM: Final = "expected NAME.PARAMETER=VALUE, for example gyro_bias.bias=0.005"
+_TABLES: Final = "a table per effect, for example [gyro_bias] with bias = 0.005"
+_LARGEST: Final = 1e12
+
+
+def parse_effect(text: str) -> EffectSetting:
+    """Return the setting that ``NAME.PARAMETER=VALUE`` means, as ``--effect`` takes it.
+
+    Raises HarnessError naming the nearest effect or parameter, or what the value should be.
+    """
+    name, equals, written = text.partition("=")
+    effect_name, dot, parameter_name = name.strip().partition(".")
+    if not (equals and dot and parameter_name and written.strip()):
+        raise HarnessError(f"effect {shorten(text)}: {_FORM}")
+    try:
+        effect = _effect(effect_name)
+        parameter = _parameter(effect, parameter_name)
+        value = _checked(parameter, _number_or_text(written.strip()))
+    except HarnessError as error:
+        raise HarnessError(f"effect {shorten(text)}: {error}") from None
+    return EffectSetting(effect.name, ((parameter.name, value),))
+
+
+def load_effects(path: str | Path) -> tuple[EffectSetting, ...]:
+    """Return the settings in a TOML file with one table per effect: ``[gyro_bias] bias = 0.005``.
+
+    Raises HarnessError with file, line and what would be right.
+    """
+    return effects_from_toml(load_toml(path))
+
+
+def effects_from_toml(source: TomlSource, table: KeyPath = ()) -> tuple[EffectSetting, ...]:
+    """Return the settings in the *table* of *source*, which holds one table per effect."""
+    tables = source.value_at(table)
+    if not isinstance(tables, dict):
+        raise source.error(table, f"{dotted(table)} = {toml_text(tables)}: expected {_TABLES}")
+    found = []
+    for name, values in tables.items():
+        path = (*table, name)
+        try:
+            effect = _effect(name)
+        except HarnessError as error:
+            raise source.error(path, f"{dotted(path)}: {error}") from None
+        if not isinstance(values, dict):
+            raise source.error(path, f"{dotted(path)} = {toml_text(values)}: expected {_TABLES}")
+        found.append(EffectSetting(effect.name, _checked_table(source, path, effect, values)))
+    return tuple(found)
+
+
+def _checked_table(
+    source: TomlSource, path: KeyPath, effect: Effect, values: Mapping[str, object]
+) -> tuple[tuple[str, Value], ...]:
+    checked = {}
+    for key, value in values.items():
+        at = (*path, key)
+        try:
+            parameter = _parameter(effect, key)
+        except HarnessError as error:
+            raise source.error(at, f"{dotted(at)}: {error}") from None
+        try:
+            checked[key] = _checked(parameter, value)
+        except HarnessError as error:
+            raise source.error(at, f"{dotted(at)} = {toml_text(value)}: {error}") from None
+    return tuple((p.name, checked[p.name]) for p in effect.parameters if p.name in checked)
+
+
+def combine_effects(*sources: Iterable[EffectSetting]) -> tuple[EffectSetting, ...]:
+    """Return one setting per effect, in the catalogue's order.
+
+    A later source overrides an earlier one, parameter by parameter (the command line overrides
+    the scenario). Within one source a parameter may be given only once: HarnessError otherwise.
+    """
+    values: dict[str, dict[str, Value]] = {}
+    for source in sources:
+        given: set[tuple[str, str]] = set()
+        for setting in source:
+            for name, value in setting.values:
+                if (setting.effect, name) in given:
+                    raise HarnessError(f"effect {setting.effect}.{name} is given twice")
+                given.add((setting.effect, name))
+                values.setdefault(setting.effect, {})[name] = value
+            values.setdefault(setting.effect, {})
+    return tuple(
+        EffectSetting(
+            name,
+            tuple(
+                (p.name, values[name][p.name]) for p in effect.parameters if p.name in values[name]
+            ),
+        )
+        for name, effect in catalogue().items()
+        if name in values
+    )
+
+
+def apply_effects(settings: Iterable[EffectSetting]) -> Settings:
+    """Return what *settings* add up to, applied in the catalogue's order whatever theirs is.
+
+    Raises HarnessError for an unknown effect or parameter, and for one given twice.
+    """
+    checked = [_checked_setting(setting) for setting in settings]
+    result = Settings()
+    for setting in combine_effects(checked):
+        effect = catalogue()[setting.effect]
+        result = effect.apply(result, effect.neutral() | dict(setting.values))
+    return result
+
+
+def _checked_setting(setting: EffectSetting) -> EffectSetting:
+    effect = _effect(setting.effect)
+    values = []
+    for name, value in setting.values:
+        parameter = _parameter(effect, name)
+        try:
+            values.append((name, _checked(parameter, value)))
+        except HarnessError as error:
+            raise HarnessError(f"effect {effect.name}.{name}={value}: {error}") from None
+    return EffectSetting(effect.name, tuple(values))
+
+
+def _effect(name: str) -> Effect:
+    known = catalogue()
+    if name not in known:
+        raise HarnessError(f"no such effect: {did_you_mean(name, known)}")
+    return known[name]
+
+
+def _parameter(effect: Effect, name: str) -> EffectParameter:
+    try:
+        return effect.parameter(name)
+    except KeyError:
+        names = [parameter.name for parameter in effect.parameters]
+        raise HarnessError(
+            f"{effect.name} has no such parameter: {did_you_mean(name, names)}"
+        ) from None
+
+
+def _number_or_text(written: str) -> Value:
+    for read in (int, float):
+        try:
+            return read(written)
+        except ValueError:
+            continue
+    return written
+
+
+def _checked(parameter: EffectParameter, value: object) -> Value:
+    """Return *value* as the parameter's type; raise HarnessError with what was expected."""
+    if parameter.kind == "choice":
+        if isinstance(value, str) and value in parameter.choices:
+            return value
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        in_range = parameter.minimum <= value <= parameter.maximum
+        if in_range and (abs(value) <= _LARGEST or value == parameter.neutral):
+            if parameter.kind == "real":
+                return float(value)
+            if isinstance(value, int):
+                return value
+    raise HarnessError(f"expected {parameter.expected()}")
