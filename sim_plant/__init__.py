@@ -1,1 +1,21 @@
 """The world and its sensors: SI floats inside, raw counts out."""
+
+from sim_plant.batch import PlantRuns, simulate
+from sim_plant.description import PlantDescription
+from sim_plant.errors import PlantError
+from sim_plant.kernel import DriveModel, EncoderModel
+from sim_plant.mechanisms import Mechanisms
+from sim_plant.plant import NoiseModel, Plant, SensorCounts
+
+__all__ = [
+    "DriveModel",
+    "EncoderModel",
+    "Mechanisms",
+    "NoiseModel",
+    "Plant",
+    "PlantDescription",
+    "PlantError",
+    "PlantRuns",
+    "SensorCounts",
+    "simulate",
+]

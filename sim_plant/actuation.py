@@ -1,0 +1,101 @@
+"""Stage actuation: commanded body velocity to wheel rotation.
+
+(v, w) → wheel-rate set points by the *described* geometry → pure delay → deadband → gain →
+saturation → first-order lag with limited acceleration, solved exactly within each tick.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from sim_plant.description import PlantDescription
+from sim_plant.mechanisms import Mechanisms
+
+PARAMETERS = [
+    ("described_radius_m", "f8"),
+    ("described_wheelbase_m", "f8"),
+    ("delay_ticks", "i8"),
+    ("delay_rest_s", "f8"),
+    ("deadband_rad_s", "f8"),
+    ("gain_left", "f8"),
+    ("gain_right", "f8"),
+    ("max_rate_rad_s", "f8"),
+    ("max_acceleration_rad_s2", "f8"),
+    ("time_constant_s", "f8"),
+]
+
+STATE = [("rate_left_rad_s", "f8"), ("rate_right_rad_s", "f8")]
+
+
+def parameters(
+    description: PlantDescription, mechanisms: Mechanisms, tick_s: float
+) -> dict[str, float]:
+    """Return the values of `PARAMETERS`: described and deviation merged."""
+    drive = description.drive
+    delay_s = drive.delay_s + mechanisms.drive_delay_s
+    delay_ticks = math.floor(delay_s / tick_s)
+    return {
+        "described_radius_m": description.wheels.radius_m,
+        "described_wheelbase_m": description.wheels.wheelbase_m,
+        "delay_ticks": delay_ticks,
+        "delay_rest_s": min(max(delay_s - delay_ticks * tick_s, 0.0), tick_s),
+        "deadband_rad_s": mechanisms.drive_deadband_rad_s,
+        "gain_left": 1.0 + mechanisms.drive_gain_left,
+        "gain_right": 1.0 + mechanisms.drive_gain_right,
+        "max_rate_rad_s": min(drive.max_wheel_rate_rad_s, mechanisms.drive_saturation_rad_s),
+        "max_acceleration_rad_s2": min(
+            drive.max_wheel_acceleration_rad_s2, mechanisms.drive_acceleration_limit_rad_s2
+        ),
+        "time_constant_s": drive.time_constant_s + mechanisms.drive_lag_s,
+    }
+
+
+@njit()
+def set_point_rad_s(p: Any, commanded_rad_s: float, gain: float) -> float:
+    """Return the rate a wheel settles at: deadband, then gain, then saturation."""
+    if abs(commanded_rad_s) < p.deadband_rad_s:
+        return 0.0
+    limit: float = p.max_rate_rad_s
+    return min(max(commanded_rad_s * gain, -limit), limit)
+
+
+@njit()
+def turn_wheel(p: Any, rate_rad_s: float, target_rad_s: float, dt_s: float) -> tuple[float, float]:
+    """Return the wheel's rate after `dt_s` and the angle it turned meanwhile [rad].
+
+    Exact for a constant target: while the lag asks for more than the largest acceleration the rate
+    is a ramp, afterwards it is an exponential with the time constant (0: it stays on the target).
+    """
+    limit = p.max_acceleration_rad_s2
+    lag_s = p.time_constant_s
+    gap = target_rad_s - rate_rad_s
+    angle_rad = 0.0
+    if abs(gap) > limit * lag_s:
+        ramp_s = min((abs(gap) - limit * lag_s) / limit, dt_s)
+        slope = limit if gap > 0.0 else -limit
+        angle_rad = (rate_rad_s + 0.5 * slope * ramp_s) * ramp_s
+        rate_rad_s += slope * ramp_s
+        dt_s -= ramp_s
+        gap = target_rad_s - rate_rad_s
+        if lag_s == 0.0 and dt_s > 0.0:
+            rate_rad_s = target_rad_s
+            gap = 0.0
+    if dt_s > 0.0:
+        closed = -math.expm1(-dt_s / lag_s) if lag_s > 0.0 else 1.0
+        angle_rad += target_rad_s * dt_s - gap * lag_s * closed
+        rate_rad_s += gap * closed
+    return rate_rad_s, angle_rad
+
+
+@njit()
+def drive(p: Any, s: Any, v_m_s: float, w_rad_s: float, dt_s: float) -> tuple[float, float]:
+    """Turn both wheels towards one command for `dt_s`; return their steps (left, right) [rad]."""
+    turn_m_s = 0.5 * w_rad_s * p.described_wheelbase_m
+    left = set_point_rad_s(p, (v_m_s - turn_m_s) / p.described_radius_m, p.gain_left)
+    right = set_point_rad_s(p, (v_m_s + turn_m_s) / p.described_radius_m, p.gain_right)
+    s.rate_left_rad_s, step_left_rad = turn_wheel(p, s.rate_left_rad_s, left, dt_s)
+    s.rate_right_rad_s, step_right_rad = turn_wheel(p, s.rate_right_rad_s, right, dt_s)
+    return step_left_rad, step_right_rad

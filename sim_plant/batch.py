@@ -1,0 +1,242 @@
+"""Many runs at once: the same compiled ticks as `Plant.step`, bit for bit, without the calls."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_plant import kernel
+from sim_plant.description import PlantDescription
+from sim_plant.errors import PlantError
+from sim_plant.kernel import DriveModel, EncoderModel
+from sim_plant.mechanisms import Mechanisms
+from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed, noise_source
+from sim_plant.streams import BLOCK_TICKS, Stream
+
+Outputs = Literal["all", "odometry"]
+
+# Blocks worked on at once: long enough to make a call cheap, short enough for the cache.
+_CHUNK_BLOCKS = 8
+
+
+@dataclass(frozen=True)
+class PlantRuns:
+    """What a batch of runs leaves; run i was seeded with seeds[i], column k is tick k at t_k.
+
+    Attributes:
+        truth: float64[runs, ticks, 3], (x_m, y_m, heading_rad); float64[1, ticks, 3] where all runs
+            share one motion. The heading is not wrapped.
+        left_count, right_count: int32[runs, ticks], wrapping counters [ticks].
+        gyro_code: int32[runs, ticks] [LSB].
+        gyro_rate_rad_s: float64[runs, ticks], the analogue rate before the ADC; None where only
+            "odometry" was asked for, like the codes that follow.
+        accel_x_code, accel_y_code, temperature_code, supply_code: int32[runs, ticks] [LSB].
+    """
+
+    truth: NDArray[np.float64]
+    left_count: NDArray[np.int32]
+    right_count: NDArray[np.int32]
+    gyro_code: NDArray[np.int32]
+    gyro_rate_rad_s: NDArray[np.float64] | None
+    accel_x_code: NDArray[np.int32] | None
+    accel_y_code: NDArray[np.int32] | None
+    temperature_code: NDArray[np.int32] | None
+    supply_code: NDArray[np.int32] | None
+
+
+def simulate(
+    description: PlantDescription,
+    mechanisms: Mechanisms | Sequence[Mechanisms],
+    commands: ArrayLike,
+    seeds: Sequence[int] | NDArray[np.integer[Any]],
+    *,
+    tick_period_us: int,
+    encoder_model: EncoderModel = "counter",
+    noise: NoiseModel = "streams",
+    drive: DriveModel = "motor",
+    outputs: Outputs = "all",
+    workers: int | None = None,
+) -> PlantRuns:
+    """Run the plant once per seed over the same commands.
+
+    Args:
+        description: the robot as described.
+        mechanisms: how the real one differs; one for all runs, or one per run.
+        commands: float64[ticks, 2], rows (v_m_s, w_rad_s); row k drives (t_k, t_{k+1}], so the last
+            one is not used.
+        seeds: one whole number from 0 to 2^64 − 1 per run.
+        tick_period_us, encoder_model, noise, drive: as for `Plant`.
+        outputs: "odometry" leaves out all but truth, both counters and the gyro's code.
+        workers: threads over runs; default: as many as this process has processors.
+
+    Raises:
+        PlantError: an argument out of its range.
+    """
+    check_choices(tick_period_us, encoder_model, noise, drive)
+    if outputs not in ("all", "odometry"):
+        raise PlantError(f"outputs = {outputs!r}: expected 'all' or 'odometry'")
+    rows = _check_commands(commands)
+    run_seeds = [check_seed(seed) for seed in seeds]
+    if isinstance(mechanisms, Mechanisms):
+        per_run = [mechanisms] * len(run_seeds)
+    else:
+        per_run = list(mechanisms)
+        if len(per_run) != len(run_seeds):
+            raise PlantError(
+                f"mechanisms: expected one for all or one for each of the {len(run_seeds)} seeds, "
+                f"got {len(per_run)}"
+            )
+    records: dict[Mechanisms, NDArray[Any]] = {}
+    for item in per_run:
+        if item not in records:
+            records[item] = kernel.build_parameters(
+                description,
+                item,
+                tick_s=tick_period_us / 1e6,
+                drive_model=drive,
+                encoder_model=encoder_model,
+            )
+    batch = _Batch(
+        [records[item] for item in per_run], run_seeds, rows, noise, everything=outputs == "all"
+    )
+    threads = workers or len(os.sched_getaffinity(0))
+    shares = np.array_split(np.arange(len(run_seeds)), max(1, min(threads, len(run_seeds))))
+    if len(shares) == 1:
+        batch.work(shares[0])
+    else:
+        with ThreadPoolExecutor(len(shares)) as pool:
+            list(pool.map(batch.work, shares))
+    return batch.runs()
+
+
+def _check_commands(commands: ArrayLike) -> NDArray[np.float64]:
+    rows = np.ascontiguousarray(commands, np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 2 or rows.shape[0] < 1:
+        raise PlantError(f"commands of shape {rows.shape}: expected (ticks, 2), at least one tick")
+    wrong = np.flatnonzero(~(np.abs(rows) <= MAX_COMMAND).all(axis=1))
+    if wrong.size:
+        k = int(wrong[0])
+        raise PlantError(
+            f"command ({rows[k, 0]!r} m/s, {rows[k, 1]!r} rad/s) at tick {k}: expected two numbers "
+            f"from {-MAX_COMMAND:g} to {MAX_COMMAND:g}"
+        )
+    return rows
+
+
+class _Batch:
+    """The arrays of one `simulate` call; `work` fills the rows of some runs."""
+
+    def __init__(
+        self,
+        parameters: list[NDArray[Any]],
+        seeds: list[int],
+        commands: NDArray[np.float64],
+        noise: NoiseModel,
+        *,
+        everything: bool,
+    ) -> None:
+        self._parameters = parameters
+        self._seeds = seeds
+        self._commands = commands
+        self._noise: NoiseModel = noise
+        runs, ticks = len(seeds), commands.shape[0]
+        shape = (runs, ticks)
+        self._left = np.empty(shape, np.int32)
+        self._right = np.empty(shape, np.int32)
+        self._gyro = np.empty(shape, np.int32)
+        extra = shape if everything else (0, 0)
+        self._rates = np.empty(extra, np.float64)
+        self._others = [np.empty(extra, np.int32) for _ in range(4)]
+        blocks = -(-ticks // BLOCK_TICKS)
+        self._chunk = min(blocks, _CHUNK_BLOCKS) * BLOCK_TICKS
+        distinct = {id(record): record for record in parameters}.values()
+        self._shared: NDArray[Any] | None = None
+        if not any(map(kernel.has_motion_noise, distinct)) and (
+            len({kernel.motion_key(record) for record in distinct}) == 1
+        ):
+            self._shared = self._move_once(parameters[0])
+            self._truth = self._shared.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
+        else:
+            self._truth = np.empty((runs, ticks, 3))
+
+    def _move_once(self, parameters: NDArray[Any]) -> NDArray[Any]:
+        samples = np.zeros(self._commands.shape[0], kernel.SAMPLE)
+        state = np.zeros(1, kernel.MOTION_STATE)
+        still = np.zeros((len(Stream), self._chunk))
+        for first in range(0, samples.size, self._chunk):
+            part = samples[first : first + self._chunk]
+            kernel.run_motion(parameters, state, part, still, self._commands)
+        return samples
+
+    def work(self, runs: NDArray[np.int64]) -> None:
+        """Fill the rows of these runs."""
+        normals = np.zeros((len(Stream), self._chunk))
+        scratch = np.zeros(0 if self._shared is not None else self._chunk, kernel.SAMPLE)
+        before: NDArray[Any] | None = None
+        for run in runs.tolist():
+            if self._parameters[run] is not before:
+                normals[:] = 0.0  # other streams may be on
+                before = self._parameters[run]
+            self._run(run, normals, scratch)
+
+    def _run(self, run: int, normals: NDArray[np.float64], scratch: NDArray[Any]) -> None:
+        parameters = self._parameters[run]
+        noise = noise_source(
+            self._noise,
+            self._seeds[run],
+            parameters,
+            without=_UNUSED if not self._rates.size else (),
+        )
+        motion_state = np.zeros(1, kernel.MOTION_STATE)
+        sensor_state = np.zeros(1, kernel.SENSOR_STATE)
+        ticks = self._commands.shape[0]
+        for first in range(0, ticks, self._chunk):
+            stop = min(first + self._chunk, ticks)
+            for start in range(first, stop, BLOCK_TICKS):
+                part = normals[:, start - first : start - first + BLOCK_TICKS]
+                noise.fill(start // BLOCK_TICKS, part)
+            if self._shared is None:
+                samples = scratch[: stop - first]
+                if first == 0:
+                    samples[:1] = 0
+                kernel.run_motion(parameters, motion_state, samples, normals, self._commands)
+                pose = samples.view(np.float64).reshape(samples.size, -1)[:, :3]
+                self._truth[run, first:stop] = pose
+            else:
+                samples = self._shared[first:stop]
+            kernel.run_sensors(
+                parameters,
+                sensor_state,
+                samples,
+                normals,
+                self._left,
+                self._right,
+                self._gyro,
+                self._rates,
+                *self._others,
+                run,
+                first,
+            )
+
+    def runs(self) -> PlantRuns:
+        """Return what has been filled."""
+        complete = self._rates.size > 0
+        others = self._others if complete else [None] * 4
+        return PlantRuns(
+            self._truth,
+            self._left,
+            self._right,
+            self._gyro,
+            self._rates if complete else None,
+            *others,
+        )
+
+
+# The streams of sensors that "odometry" leaves out.
+_UNUSED = (Stream.ACCEL_X, Stream.ACCEL_Y, Stream.TEMPERATURE, Stream.SUPPLY)

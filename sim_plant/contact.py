@@ -1,0 +1,264 @@
+"""Stage wheel: rotation of the wheels to motion of the body, through the *true* geometry.
+
+A wheel rolls r·Δφ; slip, offsets and noise make of it a ground step; both ground steps make
+the body's step (Δs, Δθ), and the pose follows by the midpoint rule with exact Δs and Δθ.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from sim_plant.description import PlantDescription
+from sim_plant.mechanisms import Mechanisms
+from sim_plant.streams import Stream
+
+PARAMETERS = [
+    ("radius_left_m", "f8"),
+    ("radius_right_m", "f8"),
+    ("radius_drift_per_s", "f8"),
+    ("wheelbase_m", "f8"),
+    ("turn_scrub", "f8"),
+    ("slip_left", "f8"),
+    ("slip_right", "f8"),
+    ("slip_start_s", "f8"),
+    ("slip_stop_s", "f8"),
+    ("offset_left_m", "f8"),
+    ("offset_right_m", "f8"),
+    ("step_noise_left_m", "f8"),
+    ("step_noise_right_m", "f8"),
+    ("noise_left_m_per_sqrt_m", "f8"),
+    ("noise_right_m_per_sqrt_m", "f8"),
+    ("longitudinal_slip_s2_per_m", "f8"),
+    ("lateral_slip_s", "f8"),
+    ("cross_slope_ratio", "f8"),
+    ("cross_slope_direction_rad", "f8"),
+    ("grade_slip_ratio", "f8"),
+    ("grade_slip_direction_rad", "f8"),
+    ("toe_slope", "f8"),
+    ("eccentricity_left", "f8"),
+    ("eccentricity_right", "f8"),
+    ("eccentricity_phase_left_rad", "f8"),
+    ("eccentricity_phase_right_rad", "f8"),
+    ("bump_s", "f8"),
+    ("bump_yaw_rad", "f8"),
+    ("bump_forward_m", "f8"),
+]
+
+STATE = [
+    ("x_m", "f8"),
+    ("y_m", "f8"),
+    ("heading_rad", "f8"),
+    ("angle_left_rad", "f8"),
+    ("angle_right_rad", "f8"),
+]
+
+# What one tick of motion leaves for the sensors: the pose and angles at its end, the steps and
+# means over it.
+SAMPLE = [
+    ("x_m", "f8"),
+    ("y_m", "f8"),
+    ("heading_rad", "f8"),
+    ("angle_left_rad", "f8"),
+    ("angle_right_rad", "f8"),
+    ("step_left_rad", "f8"),
+    ("step_right_rad", "f8"),
+    ("yaw_rate_rad_s", "f8"),
+    ("accel_x_m_s2", "f8"),
+    ("accel_y_m_s2", "f8"),
+]
+
+
+def parameters(
+    description: PlantDescription, mechanisms: Mechanisms, tick_s: float
+) -> dict[str, float]:
+    """Return the values of `PARAMETERS`: described and deviation merged."""
+    del tick_s
+    m = mechanisms
+    radius_m = description.wheels.radius_m * (1.0 + m.radius_scale)
+    described_noise = description.contact.noise_m_per_sqrt_m
+    return {
+        "radius_left_m": radius_m * (1.0 - 0.5 * m.radius_mismatch) * (1.0 - m.payload_left),
+        "radius_right_m": radius_m * (1.0 + 0.5 * m.radius_mismatch) * (1.0 - m.payload_right),
+        "radius_drift_per_s": m.tyre_drift_per_s,
+        "wheelbase_m": description.wheels.wheelbase_m * (1.0 + m.wheelbase_scale),
+        "turn_scrub": m.turn_scrub,
+        "slip_left": m.slip_ratio_left,
+        "slip_right": m.slip_ratio_right,
+        "slip_start_s": m.slip_start_s,
+        "slip_stop_s": m.slip_stop_s,
+        "offset_left_m": m.contact_offset_left_m,
+        "offset_right_m": m.contact_offset_right_m,
+        "step_noise_left_m": m.micro_slip_step_left_m,
+        "step_noise_right_m": m.micro_slip_step_right_m,
+        "noise_left_m_per_sqrt_m": max(described_noise, m.micro_slip_left_m_per_sqrt_m),
+        "noise_right_m_per_sqrt_m": max(described_noise, m.micro_slip_right_m_per_sqrt_m),
+        "longitudinal_slip_s2_per_m": m.longitudinal_slip_s2_per_m,
+        "lateral_slip_s": m.lateral_slip_s,
+        "cross_slope_ratio": m.cross_slope_ratio,
+        "cross_slope_direction_rad": m.cross_slope_direction_rad,
+        "grade_slip_ratio": m.grade_slip_ratio,
+        "grade_slip_direction_rad": m.grade_slip_direction_rad,
+        "toe_slope": math.tan(m.wheel_toe_rad),
+        "eccentricity_left": m.wheel_eccentricity_left,
+        "eccentricity_right": m.wheel_eccentricity_right,
+        "eccentricity_phase_left_rad": m.wheel_eccentricity_phase_left_rad,
+        "eccentricity_phase_right_rad": m.wheel_eccentricity_phase_right_rad,
+        "bump_s": m.floor_bump_s,
+        "bump_yaw_rad": m.floor_bump_yaw_rad,
+        "bump_forward_m": m.floor_bump_forward_m,
+    }
+
+
+@njit()
+def radii_m(p: Any, time_s: float) -> tuple[float, float]:
+    """Return the true rolling radii (left, right) at a time."""
+    growth = 1.0 + p.radius_drift_per_s * time_s
+    return p.radius_left_m * growth, p.radius_right_m * growth
+
+
+@njit()
+def ground_step_m(
+    rolled_m: float,
+    slip: float,
+    offset_m: float,
+    step_noise_m: float,
+    noise_m_per_sqrt_m: float,
+    step_normal: float,
+    distance_normal: float,
+) -> float:
+    """Return the step over ground of a wheel that rolled so far: law 7, Δs_eff = Δs + w."""
+    if rolled_m == 0.0:
+        return 0.0  # a wheel at rest does not creep
+    walk_m = noise_m_per_sqrt_m * math.sqrt(abs(rolled_m)) * distance_normal
+    return rolled_m * (1.0 - slip) + offset_m + step_noise_m * step_normal + walk_m
+
+
+@njit()
+def eccentric_roll_m(
+    radius_m: float, amplitude: float, phase_rad: float, angle_rad: float, step_rad: float
+) -> float:
+    """Return what r·(1 + A·cos(φ + phase)) rolls beyond r, integrated over a step ending at φ."""
+    if amplitude == 0.0:
+        return 0.0
+    after = math.sin(angle_rad + phase_rad)
+    before = math.sin(angle_rad - step_rad + phase_rad)
+    return radius_m * amplitude * (after - before)
+
+
+@njit()
+def pressed_slip(
+    p: Any, slip: float, rolled_m: float, acceleration_m_s2: float, heading_rad: float
+) -> float:
+    """Return the slip ratio with what acceleration and grade add to it."""
+    direction = math.copysign(1.0, rolled_m)
+    slip += p.longitudinal_slip_s2_per_m * acceleration_m_s2 * direction
+    if p.grade_slip_ratio != 0.0:
+        downhill = math.cos(p.grade_slip_direction_rad - heading_rad)
+        slip -= p.grade_slip_ratio * direction * downhill
+    return slip
+
+
+@njit()
+def move(
+    p: Any,
+    s: Any,
+    out: Any,
+    normals: Any,
+    k: int,
+    time_s: float,
+    tick_s: float,
+    rolled: tuple[float, float],
+    step: tuple[float, float],
+    rate_before: tuple[float, float],
+    rate: tuple[float, float],
+) -> None:
+    """Move the body by one tick that ends at `time_s`; pairs are (left, right).
+
+    `rolled` is r·Δφ without slip [m], `step` the wheels' steps Δφ [rad], `rate_before` and `rate`
+    the wheel rates at both ends of the tick [rad/s].
+    """
+    middle_s = time_s - 0.5 * tick_s
+    radius_left_m, radius_right_m = radii_m(p, middle_s)
+    s.angle_left_rad += step[0]
+    s.angle_right_rad += step[1]
+
+    slipping = p.slip_start_s <= middle_s < p.slip_stop_s
+    accel_left_m_s2 = radius_left_m * (rate[0] - rate_before[0]) / tick_s
+    accel_right_m_s2 = radius_right_m * (rate[1] - rate_before[1]) / tick_s
+    slip_left = pressed_slip(
+        p, p.slip_left if slipping else 0.0, rolled[0], accel_left_m_s2, s.heading_rad
+    )
+    slip_right = pressed_slip(
+        p, p.slip_right if slipping else 0.0, rolled[1], accel_right_m_s2, s.heading_rad
+    )
+    left_m = ground_step_m(
+        rolled[0]
+        + eccentric_roll_m(
+            radius_left_m,
+            p.eccentricity_left,
+            p.eccentricity_phase_left_rad,
+            s.angle_left_rad,
+            step[0],
+        ),
+        slip_left,
+        p.offset_left_m,
+        p.step_noise_left_m,
+        p.noise_left_m_per_sqrt_m,
+        normals[Stream.MICRO_SLIP_STEP_LEFT, k],
+        normals[Stream.MICRO_SLIP_LEFT, k],
+    )
+    right_m = ground_step_m(
+        rolled[1]
+        + eccentric_roll_m(
+            radius_right_m,
+            p.eccentricity_right,
+            p.eccentricity_phase_right_rad,
+            s.angle_right_rad,
+            step[1],
+        ),
+        slip_right,
+        p.offset_right_m,
+        p.step_noise_right_m,
+        p.noise_right_m_per_sqrt_m,
+        normals[Stream.MICRO_SLIP_STEP_RIGHT, k],
+        normals[Stream.MICRO_SLIP_RIGHT, k],
+    )
+
+    forward_m = 0.5 * (left_m + right_m)
+    difference_m = right_m - left_m
+    wheelbase_m = p.wheelbase_m
+    if p.turn_scrub != 0.0 and difference_m != 0.0:
+        spin = abs(difference_m) / (abs(difference_m) + 2.0 * abs(forward_m))
+        wheelbase_m *= 1.0 + p.turn_scrub * spin
+    turn_rad = difference_m / wheelbase_m
+    bumped = time_s - tick_s < p.bump_s <= time_s
+    if bumped:
+        turn_rad += p.bump_yaw_rad
+
+    yaw_rate_rad_s = turn_rad / tick_s
+    middle_rad = s.heading_rad + 0.5 * turn_rad
+    lateral_m = forward_m * p.toe_slope - p.lateral_slip_s * forward_m * yaw_rate_rad_s
+    if p.cross_slope_ratio != 0.0:
+        downhill = math.sin(p.cross_slope_direction_rad - middle_rad)
+        lateral_m += p.cross_slope_ratio * abs(forward_m) * downhill
+    if bumped:
+        forward_m += p.bump_forward_m
+    cosine = math.cos(middle_rad)
+    sine = math.sin(middle_rad)
+    s.x_m += forward_m * cosine - lateral_m * sine
+    s.y_m += forward_m * sine + lateral_m * cosine
+    s.heading_rad += turn_rad
+
+    out.x_m = s.x_m
+    out.y_m = s.y_m
+    out.heading_rad = s.heading_rad
+    out.angle_left_rad = s.angle_left_rad
+    out.angle_right_rad = s.angle_right_rad
+    out.step_left_rad = step[0]
+    out.step_right_rad = step[1]
+    out.yaw_rate_rad_s = yaw_rate_rad_s
+    out.accel_x_m_s2 = 0.5 * (accel_left_m_s2 + accel_right_m_s2)
+    out.accel_y_m_s2 = forward_m / tick_s * yaw_rate_rad_s
