@@ -120,6 +120,10 @@ class FaultInjector:
         self._added += 1
         self._active.append(_ActiveFault(fault, None if keys is None else frozenset(keys), stream))
 
+    def remove(self, fault: Fault) -> None:
+        """Switch this one fault off; frames it holds back still come out when they are due."""
+        self._active = [active for active in self._active if active.fault is not fault]
+
     def clear(self) -> None:
         """Switch all faults off; frames held back still come out when they are due."""
         self._active.clear()
