@@ -48,15 +48,26 @@ class _PlainErrors(_BusBase):
 
 
 class _QuickVirtualBus(_PlainErrors, VirtualBus):
-    """python-can's virtual bus; a poll (timeout 0) does not go through the queue's clock."""
+    """python-can's virtual bus with a lighter receive queue; other handles see no difference.
 
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if timeout is None or timeout > 0 or not self._open:
-            return super()._recv_internal(timeout)
+    An unbounded `SimpleQueue` in place of `Queue`, and polls (timeout 0) that read it directly,
+    more than halve the cost of a frame.
+    """
+
+    def __init__(self, channel: str, **arguments: Any) -> None:
+        super().__init__(channel, **arguments)
+        if self.queue.maxsize == 0:
+            light: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
+            self.channel[self.channel.index(self.queue)] = light  # type: ignore[call-overload]
+            self.queue = light  # type: ignore[assignment]
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if timeout != 0 or self._filters is not None or not self._open:
+            return super().recv(timeout)
         try:
-            return self.queue.get_nowait(), False
+            return self.queue.get_nowait()
         except queue.Empty:
-            return None, False
+            return None
 
 
 def open_bus(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterable
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -18,6 +17,10 @@ from can_bus.specs import MessageSpec
 Reason = Literal["length", "crc", "counter", "range", "age", "unknown_id"]
 REASONS: Final[tuple[Reason, ...]] = get_args(Reason)
 """Why a frame can be rejected, in the order in which the checks are made (unknown_id first)."""
+
+# Stamps are whole microseconds kept in a float: they are that exact after rounding.
+_ROUNDING_US: Final = 0.5
+_OK: Final = E2EStatus.OK
 
 _log = logging.getLogger(__name__)
 
@@ -114,7 +117,7 @@ class FrameChecker:
                 self._reject("crc", message)
                 return None
             status = counter.check(data[1] & 0x0F)
-            if status is not E2EStatus.OK and not status.is_accepted:
+            if status is not _OK and not status.is_accepted:
                 self._reject("counter", message)
                 return None
         invalid: tuple[str, ...] = ()
@@ -137,12 +140,12 @@ class FrameChecker:
                     self._reject("range", message)
                     return None
                 raw[name] = value
-        stamp = message.timestamp
-        stamp_us = round(stamp * MICROSECONDS_PER_S) if math.isfinite(stamp) else -1
-        if not now_us - self._max_age_us <= stamp_us <= now_us:
+        stamp = message.timestamp * MICROSECONDS_PER_S
+        # Compared as floats: a stamp that is no number cannot be rounded.
+        if not -_ROUNDING_US <= now_us - stamp <= self._max_age_us + _ROUNDING_US:
             self._reject("age", message)
             return None
-        return Accepted(reception.spec, raw, invalid, stamp_us)
+        return Accepted(reception.spec, raw, invalid, round(stamp))
 
     def _refuse_stranger(self, message: can.Message) -> None:
         known = self._database.by_id(message.arbitration_id, message.is_extended_id)

@@ -116,6 +116,7 @@ class E2EStatus(Enum):
         return self in _ACCEPTED
 
 
+_OK: Final = E2EStatus.OK
 _ACCEPTED: Final = frozenset((E2EStatus.OK, E2EStatus.INITIAL, E2EStatus.OKSOMELOST))
 
 
@@ -190,7 +191,7 @@ class CounterCheck:
         if self._sync > 0:
             self._sync -= 1
             return E2EStatus.SYNC
-        return E2EStatus.OK if delta == 1 else E2EStatus.OKSOMELOST
+        return _OK if delta == 1 else E2EStatus.OKSOMELOST
 
     def _accept(self, counter: int) -> None:
         self._last_valid = counter

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import index
-from typing import NamedTuple
 
 from can_bus.e2e import (
     COUNTER_MODULO,
@@ -18,16 +17,11 @@ from can_bus.e2e import (
 from can_bus.errors import CanBusError
 from can_bus.signals import Raw, SignalSpec
 
+PackField = tuple[int, int, int, int]
+"""Shift, mask, lowest and highest code of a signal in the frame read as one integer."""
 
-class Field(NamedTuple):
-    """A little-endian integer signal as the fast codec sees it: the frame is one integer."""
-
-    name: str
-    shift: int
-    mask: int
-    sign: int
-    low: int
-    high: int
+UnpackField = tuple[int, int, int]
+"""Shift, mask and sign bit of a signal in the frame read as one integer."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +57,8 @@ class MessageSpec:
     payload: tuple[SignalSpec, ...] = field(init=False, repr=False, compare=False)
     is_plain: bool = field(init=False, repr=False, compare=False)
     """All signals are little-endian integers that are always present."""
-    fields: tuple[Field, ...] = field(init=False, repr=False, compare=False)
+    pack_fields: tuple[PackField, ...] = field(init=False, repr=False, compare=False)
+    unpack_fields: tuple[UnpackField, ...] = field(init=False, repr=False, compare=False)
     """Of a plain message: the payload for the fast codec; otherwise empty."""
     is_protected: bool = field(init=False, repr=False, compare=False)
     """Its end-to-end protection is one that can be computed and checked here."""
@@ -82,7 +77,9 @@ class MessageSpec:
         derive = object.__setattr__
         derive(self, "payload", payload)
         derive(self, "is_plain", is_plain)
-        derive(self, "fields", tuple(map(_field, payload)) if is_plain else ())
+        fast = payload if is_plain else ()
+        derive(self, "pack_fields", tuple(map(_pack_field, fast)))
+        derive(self, "unpack_fields", tuple(map(_unpack_field, fast)))
         derive(self, "is_protected", e2e is not None and e2e.profile == PROFILE_1A)
         derive(self, "crc_start", 0 if e2e is None else crc8_start(e2e.data_id))
 
@@ -106,14 +103,14 @@ class MessageSpec:
             raise CanBusError(
                 f"{self.name} is multiplexed, big endian or float: use encode_raw with names"
             )
-        fields = self.fields
+        fields = self.pack_fields
         if len(values) != len(fields):
             raise CanBusError(
                 f"{self.name}: {len(values)} values for {len(fields)} signals "
-                f"({', '.join(f.name for f in fields)})"
+                f"({', '.join(signal.name for signal in self.payload)})"
             )
         word = 0
-        for value, (_, shift, mask, _, low, high) in zip(values, fields, strict=True):
+        for value, (shift, mask, low, high) in zip(values, fields, strict=False):
             code = index(value)
             if not low <= code <= high:
                 raise self._does_not_fit(values)
@@ -139,7 +136,7 @@ class MessageSpec:
             raise self._wrong_length(data)
         word = int.from_bytes(data, "little")
         return tuple(
-            [((word >> shift & mask) ^ sign) - sign for _, shift, mask, sign, _, _ in self.fields]
+            [((word >> shift & mask) ^ sign) - sign for shift, mask, sign in self.unpack_fields]
         )
 
     def encode_raw(self, raw: Mapping[str, Raw]) -> bytearray:
@@ -259,12 +256,10 @@ def protect(spec: MessageSpec, data: bytearray, counter: int) -> None:
     data[0] = crc8(data[1:], spec.crc_start)
 
 
-def _field(signal: SignalSpec) -> Field:
-    return Field(
-        signal.name,
-        signal.start_bit,
-        (1 << signal.length_bits) - 1,
-        signal.sign_bit,
-        signal.low_code,
-        signal.high_code,
-    )
+def _pack_field(signal: SignalSpec) -> PackField:
+    mask = (1 << signal.length_bits) - 1
+    return signal.start_bit, mask, signal.low_code, signal.high_code
+
+
+def _unpack_field(signal: SignalSpec) -> UnpackField:
+    return signal.start_bit, (1 << signal.length_bits) - 1, signal.sign_bit
