@@ -6,7 +6,8 @@ never raise: they are dropped and counted. Wrong local arguments raise `CanBusEr
 
 from can_bus.backends import CONNECTING_INTERFACES, IN_PROCESS_INTERFACES, open_bus
 from can_bus.checker import REASONS, Accepted, FrameChecker, Reason
-from can_bus.database import Database, load_database, shipped_path
+from can_bus.columns import decode_columns, decode_columns_scaled, present_columns
+from can_bus.database import Database, load_database, parse_database, shipped_path
 from can_bus.e2e import (
     COUNTER_MODULO,
     CounterCheck,
@@ -18,15 +19,18 @@ from can_bus.e2e import (
 from can_bus.errors import CanBusError
 from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
 from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
+from can_bus.logs.columns import LogColumns, read_log_columns
 from can_bus.logs.reader import read_log
 from can_bus.logs.writer import LOG_SUFFIXES, LogWriter, open_log_writer
 from can_bus.signals import Raw, SignalSpec
 from can_bus.specs import MessageSpec, protect
+from can_bus.timing import INTERFRAME_BITS, frame_length_bits, frame_length_bits_array
 
 __all__ = [
     "CONNECTING_INTERFACES",
     "COUNTER_MODULO",
     "FAULT_KINDS",
+    "INTERFRAME_BITS",
     "IN_PROCESS_INTERFACES",
     "LOG_SUFFIXES",
     "REASONS",
@@ -41,6 +45,7 @@ __all__ = [
     "FaultKind",
     "Frame",
     "FrameChecker",
+    "LogColumns",
     "LogWriter",
     "MessageSpec",
     "QuickMessage",
@@ -49,12 +54,19 @@ __all__ = [
     "SignalSpec",
     "crc8_profile1",
     "crc8_profile1_array",
+    "decode_columns",
+    "decode_columns_scaled",
+    "frame_length_bits",
+    "frame_length_bits_array",
     "load_database",
     "make_message",
     "open_bus",
     "open_log_writer",
+    "parse_database",
+    "present_columns",
     "protect",
     "read_log",
+    "read_log_columns",
     "shipped_path",
     "timestamp_us",
 ]

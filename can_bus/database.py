@@ -113,7 +113,14 @@ def shipped_path() -> Path:
 
 
 def _load(path: Path) -> Database:
-    text = _read(path)
+    return parse_database(_read(path), path)
+
+
+def parse_database(text: str, path: Path) -> Database:
+    """Return the database in the text of a DBC file; `path` is named in errors.
+
+    Raises CanBusError as `load_database` does.
+    """
     # cantools takes 0.2 s to import: only who reads a DBC pays for it.
     from cantools.database import load_string  # noqa: PLC0415
 
