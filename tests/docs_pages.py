@@ -11,7 +11,7 @@ What the language of a fence means:
   ``--help``, and ``ip link`` lines must be the ones that the tool itself gives.
 - ``sh``: commands of a checkout, as scripts/demo.sh.
 - ``yaml``: its ``run:`` lines are looked at as ``console hardware``.
-- ``text``: drawings and formulas.
+- ``text`` or nothing: drawings and formulas.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-LANGUAGES = ("console", "console hardware", "python", "toml", "c", "sh", "yaml", "text")
+LANGUAGES = ("console", "console hardware", "python", "toml", "c", "sh", "yaml", "text", "")
 _FENCE = re.compile(r"^```(.*)$")
 _FILE_NAME = re.compile(r"^(?:#|//|/\*) ?([\w./-]+\.(?:py|toml|c|h))\b")
 _COMMAND_TIMEOUT_S = 300
@@ -123,7 +123,9 @@ def matches(expected: tuple[str, ...], printed: list[str]) -> bool:
 
 def _line_matches(expected: str, printed: str) -> bool:
     # Columns move with the widths of numbers: any run of blanks equals any other.
-    parts = (r"\s+".join(map(re.escape, part.split(" "))) for part in _squeezed(expected).split("…"))
+    parts = [
+        r"\s+".join(map(re.escape, part.split(" "))) for part in _squeezed(expected).split("…")
+    ]
     return re.fullmatch(".*".join(parts), _squeezed(printed)) is not None
 
 
