@@ -132,6 +132,10 @@ def _field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:
             field = None if annotation is None else FieldInfo.from_annotation(annotation)
             continue
         owner = next((one for one in _models(annotation) if part in _keys(one)), None)
+        if owner is None and get_origin(annotation) is dict:
+            annotation = get_args(annotation)[1]
+            field = FieldInfo.from_annotation(annotation)
+            continue
         if owner is None:
             return None
         field = _keys(owner)[part]
@@ -227,6 +231,8 @@ def _words(annotation: Any, bounds: Mapping[str, Any]) -> str:
     origin = get_origin(annotation)
     if origin is Annotated:
         inner = FieldInfo.from_annotation(annotation)
+        if "pattern" in _bounds(inner):
+            return expected(inner)
         return _words(inner.annotation, {**_bounds(inner), **bounds})
     if origin in {Union, UnionType}:
         members = [member for member in get_args(annotation) if member is not NoneType]

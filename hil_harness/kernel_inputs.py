@@ -1,0 +1,129 @@
+"""From frames of any DBC to the whole numbers that the firmware's kernel takes."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from can_bus import MessageSpec
+from can_bus.signals import Raw
+from hil_harness.errors import HarnessError
+from hil_harness.sensor_frames import code_scale
+from hil_harness.signal_map import MappedSignal, SignalMap
+from hil_harness.signal_roles import Role
+from hil_harness.wheel_counter import CountConverter, raw_to_count
+from sim_plant import PlantDescription
+
+KERNEL_ROLES: Final[tuple[Role, ...]] = ("left_count", "right_count", "gyro")
+"""What the kernel dead-reckons from."""
+
+_WHOLE: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class GyroCodes:
+    """What the gyro codes that the kernel receives mean.
+
+    Attributes:
+        sensitivity_rad_s_per_lsb: turn rate per code.
+        zero_rate_code: code at rest.
+        min_code: at this code and below the sensor is at its limit.
+        max_code: at this code and above the sensor is at its limit.
+    """
+
+    sensitivity_rad_s_per_lsb: float
+    zero_rate_code: int
+    min_code: int
+    max_code: int
+
+
+def described_gyro(plant: PlantDescription) -> GyroCodes:
+    """Return the codes of the described gyro on the described ADC."""
+    low, high = plant.gyro_code_limits
+    return GyroCodes(
+        sensitivity_rad_s_per_lsb=1 / plant.gyro.sensitivity_lsb_per_rad_s,
+        zero_rate_code=plant.gyro.zero_rate_code,
+        min_code=low,
+        max_code=high,
+    )
+
+
+class KernelInputs:
+    """Reads raw values of wheel and gyro signals as the kernel's counts and codes.
+
+    Attributes:
+        messages: the messages that carry them.
+        gyro: what the gyro codes mean: the described sensor's where the signal is a converter
+            code, the DBC's factor, offset and range where it is a turn rate.
+
+    Raises HarnessError for a map without wheels, and for a turn rate the kernel cannot take.
+    """
+
+    def __init__(self, signal_map: SignalMap, plant: PlantDescription) -> None:
+        """Prepare one conversion per input."""
+        self.messages: tuple[MessageSpec, ...] = signal_map.messages(KERNEL_ROLES)
+        self._left = raw_to_count(signal_map["left_count"], plant)
+        self._right = raw_to_count(signal_map["right_count"], plant)
+        gyro = signal_map.get("gyro")
+        self.gyro = described_gyro(plant)
+        self._gyro: Callable[[Raw], int] = int
+        if gyro is not None and gyro.kind == "physical":
+            if gyro.signal.is_float:
+                self._gyro = _requantised(gyro, plant)
+            else:
+                self.gyro, self._gyro = _rate_codes(gyro, plant)
+
+    def left_count(self, raw: Raw) -> int:
+        """Return the left wheel's wrapping count; to be called with every accepted reading."""
+        return _count(self._left, raw)
+
+    def right_count(self, raw: Raw) -> int:
+        """Return the right wheel's wrapping count; to be called with every accepted reading."""
+        return _count(self._right, raw)
+
+    def gyro_code(self, raw: Raw) -> int:
+        """Return the gyro's code, in the codes of ``gyro``."""
+        return self._gyro(raw)
+
+
+def _count(convert: CountConverter | None, raw: Raw) -> int:
+    return int(raw) if convert is None else convert(int(raw))
+
+
+def _rate_codes(
+    gyro: MappedSignal, plant: PlantDescription
+) -> tuple[GyroCodes, Callable[[Raw], int]]:
+    """Return the codes of a turn rate: its raw value, moved up where it can be negative."""
+    signal = gyro.signal
+    sensitivity = gyro.si_per_lsb
+    if sensitivity < 0:
+        raise HarnessError(
+            f"{signal.path} has factor {signal.factor:g}: a turn rate needs a positive one"
+        )
+    shift = min(signal.low_raw, 0)
+    at_rest = -signal.offset / signal.factor
+    if abs(at_rest - round(at_rest)) > _WHOLE:
+        raise HarnessError(
+            f"{signal.path}: rate 0 is raw value {at_rest:g}: expected an offset that is a whole "
+            f"multiple of the factor {signal.factor:g}"
+        )
+    zero_rate_code = round(at_rest) - shift
+    swing = plant.gyro.range_rad_s / sensitivity
+    codes = GyroCodes(
+        sensitivity_rad_s_per_lsb=sensitivity,
+        zero_rate_code=zero_rate_code,
+        min_code=max(math.ceil(zero_rate_code - swing), signal.low_raw - shift),
+        max_code=min(math.floor(zero_rate_code + swing), signal.high_raw - shift),
+    )
+    return codes, lambda raw: int(raw) - shift
+
+
+def _requantised(gyro: MappedSignal, plant: PlantDescription) -> Callable[[Raw], int]:
+    """Return the way from a rate sent as a float to the nearest code of the described gyro."""
+    si_per_code, si_at_zero = code_scale("gyro", plant)
+
+    def code(raw: Raw) -> int:
+        nearest = round((gyro.to_si(raw) - si_at_zero) / si_per_code)
+        return min(max(nearest, 0), plant.adc.max_code)
+
+    return code
