@@ -19,7 +19,7 @@ OUR_FILES = (BUS_LOG, REFERENCE, STATE, SUMMARY, REPORT)
 
 
 class RunFolder:
-    """A folder for one run's files; an earlier run there is replaced, other files are left alone."""
+    """A folder for one run's files: an earlier run is replaced, other files are left alone."""
 
     def __init__(self, path: Path) -> None:
         """Take `path`, new or of an earlier run; nothing is written yet.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     Progress,
@@ -22,7 +23,7 @@ _PIPED_WIDTH = 1000  # a pipe has no edge: nothing is wrapped or cut there
 ProgressReport = Callable[[int], None]
 
 
-def console() -> Console:
+def _console() -> Console:
     """Return standard output as it is now: its width on a terminal, unbroken lines in a pipe."""
     is_terminal = sys.stdout.isatty()
     return Console(
@@ -30,14 +31,15 @@ def console() -> Console:
         highlight=False,
         markup=False,
         emoji=False,
-        soft_wrap=True,
         width=None if is_terminal else _PIPED_WIDTH,
     )
 
 
 def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> None:
     """Print an aligned table; the first `words` columns are text, the others numbers."""
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    table = Table(
+        box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim", show_header=any(head)
+    )
     for index, name in enumerate(head):
         is_last = index == len(head) - 1
         table.add_column(
@@ -48,17 +50,19 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int
         )
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
-    out = console()
+    out = _console()
+    # A table wider than the terminal is wrapped by the terminal: nothing is cut off.
+    out.width = max(out.width, Measurement.get(out, out.options, table).minimum)
     with out.capture() as capture:
-        out.print(table, soft_wrap=False)
+        out.print(table)
     # Padding to the full width would be invisible blanks in a pipe or a copied line.
     for line in capture.get().splitlines():
-        out.out(line.rstrip(), highlight=False)
+        print(line.rstrip())
 
 
 def show_line(text: str = "") -> None:
     """Print one line as it is."""
-    console().out(text, highlight=False)
+    print(text)
 
 
 @contextmanager

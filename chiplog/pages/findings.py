@@ -89,11 +89,17 @@ def estimator_rows(result: RunResult) -> list[list[str]]:
     return rows
 
 
-def bus_sentence(result: RunResult) -> str:
-    """Return how much crossed the bus, and what was refused."""
-    refused = sum(result.bus.rejected.values())
-    load = "" if result.bus.load is None else f", bus load {q.share(result.bus.load)}"
-    return f"{q.count(result.bus.frames)} frames{load}; {q.count(refused)} refused."
+def bus_clause(result: RunResult) -> str:
+    """Return how much crossed the bus, and what was refused and why."""
+    bus = result.bus
+    load = "" if bus.load is None else f", load {q.share(bus.load)}"
+    reasons = [
+        f"{q.count(frames)} {name.replace('_', ' ')}"
+        for name, frames in bus.rejected.items()
+        if frames
+    ]
+    refused = f"{', '.join(reasons)} refused" if reasons else "none refused"
+    return f"{q.count(bus.frames)} frames{load}, {refused}"
 
 
 def error_rows(error: Mapping[str, Mapping[str, float | None]]) -> list[list[str]]:

@@ -11,7 +11,7 @@ from chiplog.pages.drawing import Picture
 from chiplog.pages.findings import (
     ERROR_PARTS,
     answer,
-    bus_sentence,
+    bus_clause,
     error_rows,
     estimator_rows,
     pose_rows,
@@ -43,7 +43,7 @@ def report_page(
             "error_rows": error_rows(summary["error"]),
             "pose_rows": pose_rows(summary["final"]),
             "estimator_rows": estimator_rows(result),
-            "bus_sentence": bus_sentence(result),
+            "bus_sentence": f"{bus_clause(result)}.",
             "message_rows": _message_rows(result),
             "rejected_rows": [
                 (name.replace("_", " "), q.count(frames))
