@@ -20,13 +20,13 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         "Measured speed wobbles once per wheel turn while neither gyro nor ground does; the "
         "position error stays bounded.",
         moves("amplitude", "encoder_eccentricity_{side}_rad", Typical(0.003, 0.052, COURSE_NOTES)),
-        moves("phase", "encoder_eccentricity_phase_{side}_rad"),
+        moves("phase", "encoder_eccentricity_phase_{side}_rad", meaning="its phase"),
         twins=(Twins(("wheel_eccentricity",), "there is no gyro and no reference"),),
     ),
     plant_effect(
         "encoder_dead",
         "encoder",
         "A count stops for good while the robot goes on.",
-        moves("start_s", "encoder_dead_{side}_s"),
+        moves("start_s", "encoder_dead_{side}_s", meaning="the count is frozen from here on"),
     ),
 )

@@ -38,15 +38,24 @@ class Moved:
     mechanism: str
 
 
-def moves(name: str, mechanism: str, typical: Typical | None = None) -> Moved:
-    """Return parameter *name* of an effect, moving the field *mechanism* of Mechanisms."""
+def moves(
+    name: str, mechanism: str, typical: Typical | None = None, *, meaning: str | None = None
+) -> Moved:
+    """Return parameter *name* of an effect, moving the field *mechanism* of Mechanisms.
+
+    What it means is what the field's own description says, unless *meaning* is given.
+    """
     item = _MECHANISMS[mechanism.format(side=SIDES[0])]
+    if meaning is None:
+        meaning = str(item.metadata["meaning"])
+        if "{side}" in mechanism:
+            meaning = meaning.removeprefix("left ")
     neutral: Value = _NEUTRAL[item.name]
     parameter = EffectParameter(
         name=name,
         unit=item.metadata["unit"],
         neutral=neutral,
-        meaning=item.metadata["meaning"].replace("left ", ""),
+        meaning=meaning,
         kind="whole" if isinstance(neutral, int) else "real",
         minimum=item.metadata["low"],
         maximum=item.metadata["high"],

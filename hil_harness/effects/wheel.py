@@ -62,7 +62,7 @@ _GEOMETRY: Final[tuple[Effect, ...]] = (
         "wheel",
         "True speed and heading wobble once per wheel turn about a mean of zero; the gyro sees it.",
         moves("amplitude", "wheel_eccentricity_{side}"),
-        moves("phase", "wheel_eccentricity_phase_{side}_rad"),
+        moves("phase", "wheel_eccentricity_phase_{side}_rad", meaning="its phase"),
         twins=(Twins(("encoder_eccentricity",), "there is no gyro and no reference"),),
     ),
     plant_effect(
@@ -81,8 +81,8 @@ _CONTACT: Final[tuple[Effect, ...]] = (
         "Within a window the wheel counts more than the ground sees: encoder and gyro heading part "
         "towards the side that slips.",
         moves("ratio", "slip_ratio_{side}", Typical(0.033, 0.046, HUSKY)),
-        moves("start_s", "slip_start_s"),
-        moves("stop_s", "slip_stop_s"),
+        moves("start_s", "slip_start_s", meaning="the wheel slips from here"),
+        moves("stop_s", "slip_stop_s", meaning="until here"),
     ),
     plant_effect(
         "longitudinal_slip",
