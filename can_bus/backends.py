@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import logging
 import queue
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -12,7 +11,7 @@ import can
 from can.interfaces.virtual import VirtualBus
 from can.util import cast_from_string
 
-from can_bus.errors import CanBusError, one_line
+from can_bus.errors import CanBusError, one_line, quiet
 
 if TYPE_CHECKING:
     _BusBase = VirtualBus  # any concrete bus: send and _recv_internal exist
@@ -93,18 +92,13 @@ def open_bus(
     Raises CanBusError, on one line with what to do, when the bus cannot be opened.
     """
     arguments: dict[str, Any] = {k: cast_from_string(v) for k, v in (bus_args or {}).items()}
-    # python-can logs what it also raises: the one line is ours.
-    log = logging.getLogger("can")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
     try:
-        return _open(interface, channel, bitrate, arguments)
+        with quiet("can"):
+            return _open(interface, channel, bitrate, arguments)
     except CanBusError:
         raise
     except Exception as error:  # drivers raise whatever they like
         raise _cannot_open(interface, channel, bitrate, error) from error
-    finally:
-        log.setLevel(level)
 
 
 def _open(

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
 from can_bus.e2e import PROFILE_1A, E2EProtection
-from can_bus.errors import CanBusError, one_line
+from can_bus.errors import CanBusError, one_line, quiet
 from can_bus.signals import SignalSpec
 from can_bus.specs import MessageSpec
 
@@ -28,8 +28,12 @@ SNA = "SNA"
 
 _MICROSECONDS_PER_MS = 1000
 _NO_NODE = "Vector__XXX"
+# cantools accepts a file that breaks off within its last statement, and drops that statement. An
+# empty bit-timing section after it makes the break an error.
+_END = "\nBS_:\n"
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 _EXTENDED = 1 << 31
+_EXCERPT_CHARACTERS = 80
 
 
 @dataclass(frozen=True)
@@ -125,11 +129,16 @@ def parse_database(text: str, path: Path) -> Database:
     from cantools.database import load_string  # noqa: PLC0415
 
     try:
-        parsed = cast("cantools.database.can.Database", load_string(text, database_format="dbc"))
+        with quiet("cantools"):
+            parsed = cast(
+                "cantools.database.can.Database",
+                load_string(text + _END, database_format="dbc"),
+            )
     except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
         raise _located(path, text, one_line(error)) from error
     try:
         messages = [_message(message) for message in parsed.messages]
+        _require_distinct(messages)
     except CanBusError as error:
         raise _located(path, text, str(error)) from error
     if not messages:
@@ -161,15 +170,40 @@ def _located(path: Path, text: str, problem: str) -> CanBusError:
     """Return the error with the line it speaks of: as stated, or that of the name it quotes."""
     problem = re.sub(r'^DBC: "(.*)"$', r"\1", problem)
     match = re.search(r"[Ii]nvalid syntax at line (\d+), column (\d+): (.*)", problem)
+    lines = text.splitlines()
     if match:
         line, column, excerpt = int(match[1]), match[2], match[3].strip('"')
+        if line > len(lines):
+            return CanBusError(
+                f"{path}:{max(1, len(lines))}: this DBC file breaks off within a statement"
+            )
+        if len(excerpt) > _EXCERPT_CHARACTERS:
+            excerpt = excerpt[:_EXCERPT_CHARACTERS] + "…"
         return CanBusError(f"{path}:{line}: invalid DBC syntax at column {column}: {excerpt}")
-    lines = text.splitlines()
-    for name in re.findall(r"[A-Za-z_]\w{2,}", problem):
-        for number, content in enumerate(lines, start=1):
-            if re.match(rf"\s*(?:BO_\s+\d+|SG_)\s+{name}\b", content):
-                return CanBusError(f"{path}:{number}: {problem}")
+    named_at: dict[str, int] = {}
+    for number, content in enumerate(lines, start=1):
+        declared = re.match(r"\s*(?:BO_\s+\d+|SG_)\s+(\w+)", content)
+        if declared:
+            named_at.setdefault(declared[1], number)
+    for name in re.findall(r"\w+", problem):
+        if name in named_at:
+            return CanBusError(f"{path}:{named_at[name]}: {problem}")
     return CanBusError(f"{path}:{max(1, len(lines))}: {problem}")
+
+
+def _require_distinct(messages: list[MessageSpec]) -> None:
+    names: set[str] = set()
+    identifiers: dict[int, str] = {}
+    for message in messages:
+        if message.name in names:
+            raise CanBusError(f"{message.name} stands twice in this file: each message once")
+        names.add(message.name)
+        key = identifier_key(message.frame_id, message.is_extended)
+        if key in identifiers:
+            raise CanBusError(
+                f"{message.name} has the identifier of {identifiers[key]}: each needs its own"
+            )
+        identifiers[key] = message.name
 
 
 def _message(message: cantools.database.can.Message) -> MessageSpec:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from random_messages import parsed_messages, spec_of
 
 from can_bus import CanBusError, MessageSpec, SignalSpec, load_database, parse_database, protect
 from can_bus.signals import Raw
-from random_messages import parsed_messages, spec_of
 
 DATABASE = load_database()
 SPECS = list(DATABASE.messages.values())
@@ -152,7 +152,7 @@ def test_names_of_the_value_table_are_values_too() -> None:
     assert status.decode_raw(frame)["mode"] == status.signal("mode").raw_of_choice("gyro")
     assert status.decode_scaled(frame)["gyro_offset_raw"] is None
     with pytest.raises(
-        CanBusError, match="STATUS.mode = 'sonar': its named values are wheel, gyro"
+        CanBusError, match=r"STATUS.mode = 'sonar': its named values are wheel, gyro"
     ):
         status.encode_scaled({"mode": "sonar"})
 
