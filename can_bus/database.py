@@ -181,11 +181,18 @@ def _located(path: Path, text: str, problem: str) -> CanBusError:
             excerpt = excerpt[:_EXCERPT_CHARACTERS] + "…"
         return CanBusError(f"{path}:{line}: invalid DBC syntax at column {column}: {excerpt}")
     named_at: dict[str, int] = {}
+    message = ""
     for number, content in enumerate(lines, start=1):
-        declared = re.match(r"\s*(?:BO_\s+\d+|SG_)\s+(\w+)", content)
-        if declared:
-            named_at.setdefault(declared[1], number)
-    for name in re.findall(r"\w+", problem):
+        declared = re.match(r"\s*(BO_\s+\d+|SG_)\s+(\w+)", content)
+        if declared is None:
+            continue
+        name = declared[2]
+        if declared[1] == "SG_":
+            named_at.setdefault(f"{message}.{name}", number)
+        else:
+            message = name
+        named_at.setdefault(name, number)
+    for name in re.findall(r"\w+\.\w+|\w+", problem):
         if name in named_at:
             return CanBusError(f"{path}:{named_at[name]}: {problem}")
     return CanBusError(f"{path}:{max(1, len(lines))}: {problem}")
