@@ -17,7 +17,8 @@ from sim_plant import PlantDescription
 KERNEL_ROLES: Final[tuple[Role, ...]] = ("left_count", "right_count", "gyro")
 """What the kernel dead-reckons from."""
 
-_WHOLE: Final = 1e-6
+_MAX_CODE: Final = 65535
+"""Largest code that the kernel takes."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,13 @@ class GyroCodes:
 
     Attributes:
         sensitivity_rad_s_per_lsb: turn rate per code.
-        zero_rate_code: code at rest.
+        zero_rate_code: code at rest; need not be whole.
         min_code: at this code and below the sensor is at its limit.
         max_code: at this code and above the sensor is at its limit.
     """
 
     sensitivity_rad_s_per_lsb: float
-    zero_rate_code: int
+    zero_rate_code: float
     min_code: int
     max_code: int
 
@@ -93,29 +94,34 @@ def _count(convert: CountConverter | None, raw: Raw) -> int:
 def _rate_codes(
     gyro: MappedSignal, plant: PlantDescription
 ) -> tuple[GyroCodes, Callable[[Raw], int]]:
-    """Return the codes of a turn rate: its raw value, moved up where it can be negative."""
+    """Return the codes of a turn rate: its raw value, moved so that none is below 0.
+
+    A signal with more than 16 bits keeps the 65536 codes about rest; rates beyond them read as the
+    outermost code, which the kernel takes for a saturated sensor.
+    """
     signal = gyro.signal
     sensitivity = gyro.si_per_lsb
     if sensitivity < 0:
         raise HarnessError(
             f"{signal.path} has factor {signal.factor:g}: a turn rate needs a positive one"
         )
-    shift = min(signal.low_raw, 0)
     at_rest = -signal.offset / signal.factor
-    if abs(at_rest - round(at_rest)) > _WHOLE:
-        raise HarnessError(
-            f"{signal.path}: rate 0 is raw value {at_rest:g}: expected an offset that is a whole "
-            f"multiple of the factor {signal.factor:g}"
-        )
-    zero_rate_code = round(at_rest) - shift
+    shift = min(signal.low_raw, 0)
+    if signal.high_raw - shift > _MAX_CODE:
+        shift = round(at_rest) - _MAX_CODE // 2
     swing = plant.gyro.range_rad_s / sensitivity
     codes = GyroCodes(
         sensitivity_rad_s_per_lsb=sensitivity,
-        zero_rate_code=zero_rate_code,
-        min_code=max(math.ceil(zero_rate_code - swing), signal.low_raw - shift),
-        max_code=min(math.floor(zero_rate_code + swing), signal.high_raw - shift),
+        zero_rate_code=at_rest - shift,
+        min_code=max(math.ceil(at_rest - swing), signal.low_raw, shift) - shift,
+        max_code=min(math.floor(at_rest + swing), signal.high_raw, shift + _MAX_CODE) - shift,
     )
-    return codes, lambda raw: int(raw) - shift
+    if not codes.min_code < codes.zero_rate_code < codes.max_code:
+        raise HarnessError(
+            f"{signal.path}: no turn at raw value {at_rest:g}: expected it inside the signal's "
+            f"range, {signal.low_raw} to {signal.high_raw}"
+        )
+    return codes, lambda raw: min(max(int(raw) - shift, 0), _MAX_CODE)
 
 
 def _requantised(gyro: MappedSignal, plant: PlantDescription) -> Callable[[Raw], int]:

@@ -182,9 +182,10 @@ def _wanted(field: FieldInfo | None) -> str:
         examples = [field.default]
     if not examples or isinstance(examples[0], BaseModel | tuple | list | dict):
         return f"expected {words}"
-    if words.startswith("one of"):
+    example = toml_text(_plain(examples[0]))
+    if words.startswith("one of") or words == example:
         return f"expected {words}"
-    return f"expected {words}, for example {toml_text(_plain(examples[0]))}"
+    return f"expected {words}, for example {example}"
 
 
 def expected(field: FieldInfo) -> str:

@@ -1,0 +1,159 @@
+"""The robot description: one file, each part validated by the package that answers for it."""
+
+import math
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from firmware_model.constants import FirmwareConstants
+from firmware_model.description import FirmwareDescription
+from hil_harness.errors import HarnessError
+from hil_harness.kernel_inputs import GyroCodes, described_gyro
+from hil_harness.toml_model import validate
+from hil_harness.toml_source import TomlSource, load_toml
+from sim_plant import PlantDescription
+
+DEFAULT_NAME: Final = "robot.toml"
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def _tolerance(meaning: str, default: float) -> Any:
+    return Field(default=default, gt=0, le=1, description=meaning, examples=[default])
+
+
+class RobotTable(_Table):
+    """Table [robot]: what people call it."""
+
+    name: str = Field(
+        default="lesson", min_length=1, max_length=60, description="in reports", examples=["lesson"]
+    )
+
+
+class Tolerance(_Table):
+    """Table [tolerance]: how far a described value may be from the real one before it is news.
+
+    The defaults are those of docs/design.md, section 5.
+    """
+
+    radius_scale: float = _tolerance("both radii, real over described − 1", 0.002)
+    radius_mismatch: float = _tolerance("difference of the radii over their mean", 0.0005)
+    wheelbase_scale: float = _tolerance("real over described − 1", 0.003)
+    gyro_scale: float = _tolerance("real over described − 1", 0.003)
+    gyro_bias_rad_s: float = _tolerance("bias [rad/s]; the default is 0.02 °/s", 0.00034907)
+    time_offset_s: float = _tolerance("between clocks of log, ECU and reference [s]", 0.002)
+
+
+class RobotFile(PlantDescription):
+    """A whole robot.toml: the plant's tables, the firmware's, tolerances and a name."""
+
+    schema_: Literal[1] = Field(default=1, alias="schema", description="version of this format")
+    robot: RobotTable = RobotTable()
+    firmware: FirmwareDescription = FirmwareDescription()
+    tolerance: Tolerance = Tolerance()
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A described robot.
+
+    Attributes:
+        name: what people call it.
+        plant: its body and sensors.
+        firmware: its dead reckoning.
+        tolerance: how far the real robot may differ before it is news.
+        path: the file it was read from; None for the shipped one.
+    """
+
+    name: str
+    plant: PlantDescription
+    firmware: FirmwareDescription
+    tolerance: Tolerance
+    path: Path | None = None
+
+    def firmware_constants(
+        self, tick_period_us: int, gyro: GyroCodes | None = None
+    ) -> FirmwareConstants:
+        """Return what the firmware is told about this robot.
+
+        *tick_period_us* is the tick period of the DBC in use. *gyro* says what the gyro's codes
+        mean on its bus (``KernelInputs.gyro``); None means the described sensor on its ADC.
+
+        Raises HarnessError for a wheel so fast that its counter wraps half way within a tick, and
+        FirmwareError for a value the firmware cannot work with.
+        """
+        encoder, drive = self.plant.encoder, self.plant.drive
+        codes = gyro or described_gyro(self.plant)
+        tick_s = tick_period_us / 1e6
+        ticks_per_tick = drive.max_wheel_rate_rad_s * tick_s * encoder.ticks_per_rev / math.tau
+        half_counter = 1 << (encoder.counter_bits - 1)
+        if ticks_per_tick >= half_counter:
+            raise HarnessError(
+                f"{self._name_of_file()}: at drive.max_wheel_rate_rad_s = "
+                f"{drive.max_wheel_rate_rad_s:g} a wheel makes {ticks_per_tick:.0f} ticks in "
+                f"{tick_period_us} µs, and {encoder.counter_bits} bits tell directions apart "
+                f"below {half_counter}: expected more encoder.counter_bits, fewer "
+                "encoder.ticks_per_rev or a slower drive"
+            )
+        return FirmwareConstants(
+            wheel_radius_m=self.plant.wheels.radius_m,
+            wheelbase_m=self.plant.wheels.wheelbase_m,
+            ticks_per_rev=encoder.ticks_per_rev,
+            counter_bits=encoder.counter_bits,
+            tick_period_s=tick_s,
+            gyro_sensitivity_rad_s_per_lsb=codes.sensitivity_rad_s_per_lsb,
+            gyro_zero_rate_code=codes.zero_rate_code,
+            gyro_min_code=codes.min_code,
+            gyro_max_code=codes.max_code,
+            max_wheel_rate_rad_s=drive.max_wheel_rate_rad_s,
+        )
+
+    def _name_of_file(self) -> str:
+        return DEFAULT_NAME if self.path is None else self.path.name
+
+
+def load_robot(path: str | Path | None = None) -> Robot:
+    """Read a robot.toml; None reads the shipped one, the lesson's robot.
+
+    Tables and values left out are those of the shipped robot. Raises HarnessError with file, line,
+    value and what would be right, for every problem in the file.
+    """
+    if path is not None:
+        return _robot(load_toml(path), Path(path))
+    with as_file(files("hil_harness") / "data" / DEFAULT_NAME) as shipped:
+        return _robot(load_toml(shipped), None)
+
+
+def default_robot_text() -> str:
+    """Return the shipped robot.toml, comments and all, for a user to copy."""
+    return (files("hil_harness") / "data" / DEFAULT_NAME).read_text(encoding="utf-8")
+
+
+def robot_schema() -> dict[str, Any]:
+    """Return the JSON schema of robot.toml."""
+    schema = RobotFile.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _robot(source: TomlSource, path: Path | None) -> Robot:
+    whole = validate(source, RobotFile)
+    plant = {name: getattr(whole, name) for name in PlantDescription.model_fields}
+    gyro_span = whole.gyro.range_rad_s * whole.gyro.sensitivity_lsb_per_rad_s
+    if gyro_span < 1:
+        raise source.error(
+            "gyro.range_rad_s",
+            f"gyro.range_rad_s = {whole.gyro.range_rad_s:g}: {gyro_span:.2g} LSB: expected a range "
+            "of at least one code of gyro.sensitivity_lsb_per_rad_s",
+        )
+    return Robot(
+        name=whole.robot.name,
+        plant=PlantDescription(**plant),
+        firmware=whole.firmware,
+        tolerance=whole.tolerance,
+        path=path,
+    )
