@@ -56,12 +56,16 @@ class RunFolder:
         """Return the path of one of `OUR_FILES`."""
         return self.path / name
 
-    def write(self, result: RunResult, page: str) -> None:
-        """Write everything but the log, which was written while the run went on."""
+    def write(self, result: RunResult) -> None:
+        """Write the data; the log was written while the run went on."""
         self.file(REFERENCE).write_text(reference_tum(result), encoding="ascii")
         self._write_json(STATE, dict(result.kernel_state))
-        self.file(REPORT).write_text(page, encoding="utf-8")
         self._write_json(SUMMARY, result.summary())
+
+    def write_report(self, page: str) -> Path:
+        """Write the page, last: drawing it takes longest, and all it shows is safe by then."""
+        self.file(REPORT).write_text(page, encoding="utf-8")
+        return self.file(REPORT)
 
     def _write_json(self, name: str, content: dict[str, Any]) -> None:
         text = json.dumps(content, indent=2, allow_nan=False)

@@ -10,17 +10,19 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
-    Progress,
     TaskProgressColumn,
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.progress import Progress as RichProgress
 from rich.table import Table
 from rich.text import Text
 
+from chiplog.errors import one_line
+
 _PIPED_WIDTH = 1000  # a pipe has no edge: nothing is wrapped or cut there
 
-ProgressReport = Callable[[int], None]
+Progress = Callable[[int, int], None]
 
 
 def _console() -> Console:
@@ -65,16 +67,21 @@ def show_line(text: str = "") -> None:
     print(text)
 
 
+def show_error(text: str) -> None:
+    """Print `chiplog: text` on standard error, as one line whatever `text` holds."""
+    print(f"chiplog: {one_line(text)}", file=sys.stderr)
+
+
 @contextmanager
-def progress(description: str, total: int) -> Iterator[ProgressReport | None]:
+def progress(description: str) -> Iterator[Progress | None]:
     """Show a progress bar on standard error inside this context, if that is a terminal.
 
-    Yields a function that takes how much is done so far, or None where nobody watches.
+    Yields a function that takes how much is done and of how much, or None where nobody watches.
     """
     if not sys.stderr.isatty():
         yield None
         return
-    with Progress(
+    with RichProgress(
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
@@ -82,5 +89,5 @@ def progress(description: str, total: int) -> Iterator[ProgressReport | None]:
         console=Console(stderr=True),
         transient=True,
     ) as bar:
-        task = bar.add_task(description, total=total)
-        yield lambda done: bar.update(task, completed=done)
+        task = bar.add_task(description, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -17,7 +17,8 @@ def finished(path: Path) -> RunFolder:
     folder = RunFolder(path)
     folder.begin("lesson", 7)
     folder.file("bus.log").write_text("")
-    folder.write(run_result(ticks=10), "<html>")
+    folder.write(run_result(ticks=10))
+    folder.write_report("<html>")
     return folder
 
 

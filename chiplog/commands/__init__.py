@@ -1,0 +1,1 @@
+"""One module per subcommand: `command` is its parser, what it does stands apart and loads late."""

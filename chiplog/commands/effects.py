@@ -1,0 +1,134 @@
+"""`chiplog effects`: the catalogue of what makes a real robot differ from the simulated one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from chiplog.commands.output import STANDARD_OUTPUT, write_json
+from chiplog.errors import CommandError, suggestion
+
+if TYPE_CHECKING:
+    from hil_harness.effects import Effect, EffectParameter
+
+_NESTED = ("apply", "parameters", "twins")
+
+
+class Stage(StrEnum):
+    """Where in the data flow an effect acts."""
+
+    ACTUATION = "actuation"
+    WHEEL = "wheel"
+    ENCODER = "encoder"
+    GYRO = "gyro"
+    BUS = "bus"
+    FIRMWARE = "firmware"
+    REFERENCE = "reference"
+    SETUP = "setup"
+
+
+def command(
+    name: Annotated[
+        str | None, typer.Argument(help="One effect, with all that is known of it.")
+    ] = None,
+    stage: Annotated[Stage | None, typer.Option("--stage", help="Only those of one stage.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the list to this file; - prints it.")
+    ] = None,
+) -> None:
+    """List the effects that `chiplog run --effect NAME.PARAM=VALUE` can switch on."""
+    from hil_harness.effects import catalogue
+
+    known = catalogue()
+    chosen = _chosen(known, name, stage)
+    if json_file is not None:
+        write_json(json_file, [_as_json(effect) for effect in chosen])
+    if json_file == STANDARD_OUTPUT:
+        return
+    if name is not None:
+        _show_one(chosen[0])
+    else:
+        _show_all(chosen)
+
+
+def _chosen(known: Mapping[str, Effect], name: str | None, stage: Stage | None) -> list[Effect]:
+    if name is not None and name not in known:
+        near = suggestion(name, list(known)) or "; `chiplog effects` lists them"
+        raise CommandError(f"no such effect {name!r}{near}")
+    return [
+        effect
+        for effect in known.values()
+        if name in (None, effect.name) and stage in (None, effect.stage)
+    ]
+
+
+def _show_all(effects: Iterable[Effect]) -> None:
+    from chiplog.terminal import show_line, show_table
+
+    rows = []
+    stage = ""
+    for effect in effects:
+        heads = [effect.stage if effect.stage != stage else "", effect.name]
+        stage = effect.stage
+        for parameter in effect.parameters:
+            rows.append([*heads, parameter.name, *_facts(parameter)])
+            heads = ["", ""]
+        if not effect.parameters:
+            rows.append([*heads, "", "", "", ""])
+    show_table(["stage", "effect", "parameter", "unit", "neutral", "typical"], rows, words=4)
+    show_line()
+    show_line("A ratio is real over described, minus 1. `chiplog effects NAME` tells more of one.")
+
+
+def _show_one(effect: Effect) -> None:
+    from chiplog.terminal import show_line, show_table
+
+    show_line(f"{effect.name}, stage {effect.stage}")
+    show_line(effect.signature)
+    for twins in effect.twins:
+        condition = f" if {twins.condition}" if twins.condition else ""
+        show_line(f"Leaves the same data as {' + '.join(twins.effects)}{condition}.")
+    show_line()
+    show_table(
+        ["parameter", "unit", "neutral", "typical", "meaning"],
+        [[p.name, *_facts(p), p.meaning] for p in effect.parameters],
+        words=5,
+    )
+
+
+def _facts(parameter: EffectParameter) -> list[str]:
+    """Return unit (or choices), neutral value and typical range."""
+    unit = "|".join(parameter.choices) if parameter.choices else parameter.unit
+    typical = parameter.typical
+    span = "" if typical is None else f"{_text(typical.low)} to {_text(typical.high)}"
+    return [unit, _text(parameter.neutral), span]
+
+
+def _text(value: float | int | str) -> str:
+    """Return a value as `--effect` takes it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _as_json(effect: Effect) -> Any:
+    """Return what the catalogue declares, without the function that applies it."""
+    content = {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in _NESTED}
+    content["parameters"] = [asdict(parameter) for parameter in effect.parameters]
+    content["twins"] = [asdict(twins) for twins in effect.twins]
+    return _finite(content)
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity: a bound that is none is null."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
