@@ -1,0 +1,182 @@
+"""The loop on simulated time: plant, bus and firmware take turns, and the wall clock is never read.
+
+One tick: the plant advances to t_k and puts its frames on the bus; the firmware node receives them
+(after faults), steps once and answers; the answer reaches the plant side before the next tick. The
+same nodes and seed give the same bytes on the bus, run after run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Protocol
+
+import can
+
+from can_bus import CanBusError, FaultInjector, LogWriter, open_bus
+from hil_harness.errors import HarnessError
+from hil_harness.meter import BusMeter
+from hil_harness.nodes import Node
+
+LOCKSTEP_INTERFACES = ("virtual",)
+
+_channel_numbers = itertools.count()
+
+
+class Observer(Protocol):
+    """Sees each frame as it leaves a node: simulated time, the frame, and who sent it."""
+
+    def __call__(self, now_us: int, message: can.Message, from_firmware: bool, /) -> None:
+        """Take note of one frame."""
+
+
+def unique_channel() -> str:
+    """Return a channel name that no other rig, worker or process uses."""
+    return f"chiplog-{os.getpid()}-{next(_channel_numbers)}"
+
+
+class Lockstep:
+    """A plant node and a firmware node on two handles of one bus, stepped in turn.
+
+    `log` receives what the firmware node received and sent, in its order, after faults.
+    `faults` act on frames on their way to the firmware, `outgoing_faults` on those it sends.
+    Raises HarnessError for an interface whose clock cannot be simulated, CanBusError if the bus
+    goes away.
+    """
+
+    def __init__(
+        self,
+        plant: Node,
+        firmware: Node,
+        *,
+        tick_period_us: int,
+        interface: str = "virtual",
+        channel: str | None = None,
+        bus_args: Mapping[str, str] | None = None,
+        log: LogWriter | None = None,
+        faults: FaultInjector | None = None,
+        outgoing_faults: FaultInjector | None = None,
+        meter: BusMeter | None = None,
+    ) -> None:
+        if interface not in LOCKSTEP_INTERFACES:
+            raise HarnessError(
+                f"interface {interface!r} has no simulated clock: lockstep runs on "
+                f"{', '.join(LOCKSTEP_INTERFACES)}; use real time here"
+            )
+        self.plant = plant
+        self.firmware = firmware
+        self.tick_period_us = tick_period_us
+        self.channel = channel if channel is not None else unique_channel()
+        self.faults = faults
+        self.outgoing_faults = outgoing_faults
+        self.observers: list[Observer] = []
+        self.ticks = 0
+        self._log = log
+        self._meter = meter
+        self._injected: list[can.Message] = []
+        self._to_plant: list[can.Message] = []
+        self._plant_bus = open_bus(interface, self.channel, bus_args=bus_args or {})
+        try:
+            self._firmware_bus = open_bus(interface, self.channel, bus_args=bus_args or {})
+        except BaseException:
+            self._plant_bus.shutdown()
+            raise
+
+    @property
+    def now_us(self) -> int:
+        """Simulated time of the tick that comes next."""
+        return self.ticks * self.tick_period_us
+
+    def inject(self, message: can.Message) -> None:
+        """Send a frame from the tester's side at the next tick, before the plant's own."""
+        self._injected.append(message)
+
+    def step(self) -> None:
+        """Run one tick. Raises CanBusError if the bus goes away."""
+        try:
+            self._step()
+        except (can.CanError, OSError) as error:
+            raise bus_went_away(self.channel, error) from error
+
+    def _step(self) -> None:
+        now_us = self.now_us
+        log = self._log
+        injected, self._injected = self._injected, []
+        for message in injected:
+            message.timestamp = now_us * 1e-6
+            self._send(self._plant_bus, message, now_us, from_firmware=False)
+        received_by_plant = self._to_plant + injected if injected else self._to_plant
+        for message in self.plant.step(now_us, received_by_plant):
+            self._send(self._plant_bus, message, now_us, from_firmware=False)
+
+        arrived: Sequence[can.Message] = _drain(self._firmware_bus, now_us)
+        if self.faults is not None:
+            arrived = self.faults.transfer(now_us, arrived)
+        if log is not None:
+            for message in arrived:
+                log.write(message, True)
+        answered: Sequence[can.Message] = self.firmware.step(now_us, arrived)
+        if log is not None:
+            for message in answered:
+                log.write(message, False)
+        if self.outgoing_faults is not None:
+            answered = self.outgoing_faults.transfer(now_us, answered)
+        for message in answered:
+            self._send(self._firmware_bus, message, now_us, from_firmware=True)
+        self._to_plant = _drain(self._plant_bus, now_us)
+        self.ticks += 1
+
+    def _send(
+        self, bus: can.BusABC, message: can.Message, now_us: int, *, from_firmware: bool
+    ) -> None:
+        for observer in self.observers:
+            observer(now_us, message, from_firmware)
+        if self._meter is not None:
+            self._meter.note(message)
+        bus.send(message)
+
+    def run(self, ticks: int, progress: Callable[[int], None] | None = None) -> None:
+        """Run so many ticks; `progress` hears the number done, about a hundred times."""
+        every = max(1, ticks // 100)
+        for done in range(1, ticks + 1):
+            self.step()
+            if progress is not None and (done % every == 0 or done == ticks):
+                progress(done)
+
+    def close(self) -> None:
+        """Shut both handles down; may be called twice."""
+        self._plant_bus.shutdown()
+        self._firmware_bus.shutdown()
+
+    def __enter__(self) -> Lockstep:
+        """Use as a context manager: the handles are shut down at its end."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Shut the handles down."""
+        self.close()
+
+
+def _drain(bus: can.BusABC, now_us: int) -> list[can.Message]:
+    """Take all that has arrived. A frame of a stranger's handle without a stamp arrived now."""
+    arrived: list[can.Message] = []
+    while (message := bus.recv(0)) is not None:
+        if message.timestamp == 0.0:
+            message.timestamp = now_us * 1e-6
+        arrived.append(message)
+    return arrived
+
+
+def bus_went_away(where: str, error: Exception) -> CanBusError:
+    """Say in one line that a bus stopped working in mid-run, and why."""
+    reason = " ".join(str(error).split())
+    return CanBusError(
+        f"the bus {where} went away in mid-run ({reason}); what was recorded so far is kept"
+    )

@@ -1,0 +1,60 @@
+"""What the firmware reports besides the pose: velocity and status, in the shipped DBC's words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+
+from can_bus import MessageSpec, Raw, SignalSpec
+from firmware_model import Kernel, StatusBit
+
+Source = Callable[[], Raw]
+
+
+def velocity_values(spec: MessageSpec, kernel: Kernel) -> Mapping[str, Source]:
+    """Return the source of each signal of ODOMETRY_VELOCITY."""
+    unit = Fraction(1, 1 << kernel.config.velocity_frac_bits)
+    return {
+        "v_m_s": _rescaled(
+            spec.signal("v_m_s"), lambda: kernel.v_m_s_q if kernel.v_is_valid else None, unit
+        ),
+        "w_rad_s": _rescaled(
+            spec.signal("w_rad_s"), lambda: kernel.w_rad_s_q if kernel.w_is_valid else None, unit
+        ),
+    }
+
+
+def status_values(spec: MessageSpec, kernel: Kernel) -> Mapping[str, Source]:
+    """Return the source of each signal of STATUS: one per status bit, mode, source, gyro offset."""
+    values: dict[str, Source] = {
+        str(bit.name).lower(): _status_bit(kernel, bit) for bit in StatusBit
+    }
+    values["mode"] = lambda: kernel.config.mode
+    values["heading_source"] = lambda: kernel.heading_source
+    values["gyro_offset_raw"] = _rescaled(
+        spec.signal("gyro_offset_raw"),
+        lambda: kernel.gyro_offset_q,
+        Fraction(1, 1 << kernel.config.offset_frac_bits),
+    )
+    return values
+
+
+def _status_bit(kernel: Kernel, bit: StatusBit) -> Source:
+    return lambda: int(kernel.status & bit != 0)
+
+
+def _rescaled(signal: SignalSpec, value: Callable[[], int | None], unit: Fraction) -> Source:
+    """Return the value in the signal's steps, rounded half up; out of range it is not available."""
+    ratio = unit / Fraction(signal.factor)
+    numerator, denominator = ratio.numerator, ratio.denominator
+    low, high = signal.low_raw, signal.high_raw
+    invalid = signal.initial_raw if signal.invalid_raw is None else signal.invalid_raw
+
+    def raw() -> Raw:
+        now = value()
+        if now is None:
+            return invalid
+        scaled = (now * numerator + denominator // 2) // denominator
+        return scaled if low <= scaled <= high else invalid
+
+    return raw

@@ -1,0 +1,226 @@
+"""The same nodes in real time: paced on the monotonic clock, overruns counted.
+
+Stamps are the wall clock of reception in whole microseconds, taken once from the system and carried
+on by the monotonic clock, so that a stepped system clock neither reorders frames nor ages them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import can
+import numpy as np
+
+from can_bus import FaultInjector, LogWriter
+from hil_harness.lockstep import bus_went_away
+from hil_harness.meter import BusMeter
+from hil_harness.nodes import Node, TriggeredNode
+from hil_harness.results import Timing
+
+_SPIN_NS = 200_000  # sleep() oversleeps by about this much on a stock kernel: spin for the rest
+
+
+class WallClock:
+    """Microseconds since the epoch that never step back."""
+
+    def __init__(self) -> None:
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_us(self) -> int:
+        """Return the wall clock, whole microseconds."""
+        return (time.monotonic_ns() + self._offset_ns) // 1000
+
+
+class Pacer:
+    """Releases ticks at multiples of the period, and remembers how late each one started."""
+
+    def __init__(self, tick_period_us: int) -> None:
+        self._period_ns = tick_period_us * 1000
+        self._start_ns = time.monotonic_ns()
+        self._lateness_us: list[float] = []
+        self.missed_deadlines = 0
+
+    def wait_for(self, tick: int) -> None:
+        """Sleep until the tick is due; a tick that is due already has missed its deadline."""
+        due_ns = self._start_ns + tick * self._period_ns
+        while (left_ns := due_ns - time.monotonic_ns()) > 0:
+            if left_ns > _SPIN_NS:
+                time.sleep((left_ns - _SPIN_NS) * 1e-9)
+        lateness_ns = time.monotonic_ns() - due_ns
+        if lateness_ns > self._period_ns:
+            self.missed_deadlines += 1
+        self._lateness_us.append(lateness_ns * 1e-3)
+
+    def timing(self) -> Timing:
+        """Return lateness percentiles and the number of missed deadlines."""
+        return Timing.of_lateness(np.asarray(self._lateness_us), self.missed_deadlines)
+
+
+class Link:
+    """One node's handle: stamps what arrives by our clock, logs it, applies faults."""
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        clock: WallClock,
+        log: LogWriter | None = None,
+        faults: FaultInjector | None = None,
+        meter: BusMeter | None = None,
+    ) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._log = log
+        self._faults = faults
+        self._meter = meter
+
+    def receive(
+        self, deadline_ns: int, until: frozenset[tuple[int, bool]] = frozenset()
+    ) -> list[can.Message]:
+        """Collect frames until one of each of `until` is there, or the deadline has passed.
+
+        With an empty `until`, whatever is waiting is taken and nothing is waited for.
+        Raises CanBusError if the bus goes away.
+        """
+        missing = set(until)
+        arrived: list[can.Message] = []
+        while True:
+            left_ns = deadline_ns - time.monotonic_ns()
+            waiting = bool(missing) and left_ns > 0
+            try:
+                message = self._bus.recv(left_ns * 1e-9 if waiting else 0)
+            except (can.CanError, OSError) as error:
+                raise bus_went_away(str(self._bus.channel_info), error) from error
+            if message is not None:
+                message.timestamp = self._clock.now_us() * 1e-6
+                missing.discard((message.arbitration_id, message.is_extended_id))
+                arrived.append(message)
+            elif not waiting:
+                break
+        if self._faults is not None:
+            arrived = list(self._faults.transfer(self._clock.now_us(), arrived))
+        self._write(arrived, received=True)
+        return arrived
+
+    def send(self, messages: Sequence[can.Message]) -> None:
+        """Put the frames on the bus. Raises CanBusError if it goes away."""
+        for message in messages:
+            try:
+                self._bus.send(message)
+            except (can.CanError, OSError) as error:
+                raise bus_went_away(str(self._bus.channel_info), error) from error
+            if self._meter is not None:
+                self._meter.note(message)
+        self._write(messages, received=False)
+
+    def _write(self, messages: Sequence[can.Message], *, received: bool) -> None:
+        if self._log is not None:
+            for message in messages:
+                self._log.write(message, received)
+
+
+def run_paced(
+    plant: Node,
+    firmware: TriggeredNode | None,
+    *,
+    plant_bus: can.BusABC,
+    firmware_bus: can.BusABC | None,
+    tick_period_us: int,
+    ticks: int,
+    log: LogWriter | None = None,
+    faults: FaultInjector | None = None,
+    meter: BusMeter | None = None,
+    pacer: Pacer | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Timing:
+    """Run plant and firmware in one process, paced; return the timing.
+
+    With `firmware=None` the ECU is somebody else's (hardware, another process): `firmware_bus` is
+    not used, its frames are taken from the plant's handle, and `log` holds what passed there.
+    A `pacer` handed in can still be asked for its timing after an interruption.
+    """
+    clock = WallClock()
+    plant_link = Link(plant_bus, clock, log if firmware is None else None, meter=meter)
+    firmware_link = (
+        None
+        if firmware is None or firmware_bus is None
+        else Link(firmware_bus, clock, log, faults, meter)
+    )
+    pacer = pacer or Pacer(tick_period_us)
+    answers: list[can.Message] = []
+    every = max(1, ticks // 100)
+    for tick in range(ticks):
+        pacer.wait_for(tick)
+        started_ns = time.monotonic_ns()
+        plant_link.send(_stamped(plant.step(tick * tick_period_us, answers), clock))
+        if firmware is not None and firmware_link is not None:
+            half_period_ns = tick_period_us * 500
+            frames = firmware_link.receive(started_ns + half_period_ns, firmware.trigger_ids)
+            firmware_link.send(firmware.step(clock.now_us(), frames))
+        answers = plant_link.receive(0)
+        if progress is not None and ((tick + 1) % every == 0 or tick + 1 == ticks):
+            progress(tick + 1)
+    return pacer.timing()
+
+
+def run_plant_node(
+    plant: Node,
+    bus: can.BusABC,
+    *,
+    tick_period_us: int,
+    ticks: int | None,
+    log: LogWriter | None = None,
+) -> Timing:
+    """Run the plant alone on a real-time bus, for so many ticks or until interrupted."""
+    clock = WallClock()
+    link = Link(bus, clock, log)
+    pacer = Pacer(tick_period_us)
+    tick = 0
+    arrived: list[can.Message] = []
+    while ticks is None or tick < ticks:
+        pacer.wait_for(tick)
+        link.send(_stamped(plant.step(tick * tick_period_us, arrived), clock))
+        arrived = link.receive(0)
+        tick += 1
+    return pacer.timing()
+
+
+def run_firmware_node(
+    firmware: TriggeredNode,
+    bus: can.BusABC,
+    *,
+    tick_period_us: int,
+    ticks: int | None,
+    log: LogWriter | None = None,
+) -> int:
+    """Run the firmware alone on a real-time bus; return how many ticks had to go without input.
+
+    It steps as soon as the tick's sensor frames are complete, or one and a half periods after the
+    last step: then with what there is, which the kernel treats as stale. Before the first sensor
+    frame it waits.
+    """
+    clock = WallClock()
+    link = Link(bus, clock, log)
+    one_and_a_half_ns = tick_period_us * 1500
+    starved = 0
+    done = 0
+    started = False
+    while ticks is None or done < ticks:
+        frames = link.receive(time.monotonic_ns() + one_and_a_half_ns, firmware.trigger_ids)
+        identifiers = {(frame.arbitration_id, frame.is_extended_id) for frame in frames}
+        started = started or bool(identifiers & firmware.trigger_ids)
+        if not started:
+            continue
+        if not firmware.trigger_ids <= identifiers:
+            starved += 1
+        link.send(firmware.step(clock.now_us(), frames))
+        done += 1
+    return starved
+
+
+def _stamped(messages: Sequence[can.Message], clock: WallClock) -> Sequence[can.Message]:
+    """Give frames that python-can's virtual bus hands on as they are a wall-clock stamp."""
+    now_s = clock.now_us() * 1e-6
+    for message in messages:
+        message.timestamp = now_s
+    return messages

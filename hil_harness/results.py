@@ -1,0 +1,176 @@
+"""What a run leaves behind: three trajectories, the exact split of every error, and how it went."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Poses = NDArray[np.float64]
+
+SUMMARY_SCHEMA = 1
+_POSE_FIELDS = ("x_m", "y_m", "heading_rad")
+_NAMED_LIBRARIES = ("chiplog", "numpy", "numba", "python-can", "cantools")
+
+
+@dataclass(frozen=True)
+class ErrorSplit:
+    """`total = arithmetic + model`, component by component; each float64[n, 3] (m, m, rad).
+
+    `arithmetic` is firmware − float: what fixed point costs. `model` is float − truth: what any
+    firmware would get wrong on the same counts. Headings are unwrapped, so that the parts add up.
+    """
+
+    total: Poses
+    arithmetic: Poses
+    model: Poses
+
+    @classmethod
+    def of(cls, truth: Poses, float_twin: Poses, firmware: Poses) -> ErrorSplit:
+        """Split the error of `firmware` against `truth`; all float64[n, 3]."""
+        return cls(firmware - truth, firmware - float_twin, float_twin - truth)
+
+    def parts(self) -> Mapping[str, Poses]:
+        """Return the three parts by name."""
+        return {"total": self.total, "arithmetic": self.arithmetic, "model": self.model}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimator on the accepted counts of a run: fixed point and float64 twin, float64[n, 3]."""
+
+    firmware: Poses
+    float_twin: Poses
+
+
+@dataclass(frozen=True)
+class BusStatistics:
+    """What crossed the bus. `load` is the share of bit times in use, stuff bits included."""
+
+    frames: int
+    load: float | None
+    rejected: Mapping[str, int]
+    frames_by_message: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Real time only: lateness of each tick's start against its due time, and overruns."""
+
+    missed_deadlines: int = 0
+    jitter_p50_us: float = 0.0
+    jitter_p99_us: float = 0.0
+    jitter_max_us: float = 0.0
+
+    @classmethod
+    def of_lateness(cls, lateness_us: NDArray[np.float64], missed_deadlines: int) -> Timing:
+        """Summarise how late each tick started."""
+        if lateness_us.size == 0:
+            return cls(missed_deadlines=missed_deadlines)
+        p50, p99 = np.percentile(lateness_us, [50, 99])
+        return cls(missed_deadlines, float(p50), float(p99), float(lateness_us.max()))
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished (or interrupted) run.
+
+    `time_s` is float64[n], from 0; the poses are float64[n, 3]: x_m, y_m, heading_rad (unwrapped),
+    one row per tick. `estimators` holds the lesson's two, wheel only and gyro heading, on the same
+    accepted counts. `kernel_state` is the integer firmware's full final state.
+    """
+
+    scenario: str
+    seed: int
+    time: str
+    tick_period_us: int
+    time_s: NDArray[np.float64]
+    truth: Poses
+    float_twin: Poses
+    firmware: Poses
+    estimators: Mapping[str, Estimate]
+    status: NDArray[np.int64]
+    kernel_state: Mapping[str, int]
+    bus: BusStatistics
+    timing: Timing
+    wall_s: float
+    interrupted: bool = False
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that ran."""
+        return int(self.time_s.size)
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time covered, one tick period per tick."""
+        return self.ticks * self.tick_period_us * 1e-6
+
+    @property
+    def errors(self) -> ErrorSplit:
+        """The error of the firmware, split."""
+        return ErrorSplit.of(self.truth, self.float_twin, self.firmware)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the content of `summary.json` (design, section 7)."""
+        poses = {"truth": self.truth, "float": self.float_twin, "firmware": self.firmware}
+        return {
+            "schema": SUMMARY_SCHEMA,
+            "scenario": self.scenario,
+            "seed": self.seed,
+            "time": self.time,
+            "ticks": self.ticks,
+            "duration_s": self.duration_s,
+            "interrupted": self.interrupted,
+            "realtime_factor": self.duration_s / self.wall_s if self.wall_s > 0 else None,
+            "versions": library_versions(),
+            "final": {name: _final_pose(pose) for name, pose in poses.items()},
+            "error": {name: _final_error(part) for name, part in self.errors.parts().items()},
+            "bus": {
+                "frames": self.bus.frames,
+                "load": self.bus.load,
+                "rejected": dict(self.bus.rejected),
+            },
+            "timing": {
+                "missed_deadlines": self.timing.missed_deadlines,
+                "jitter_us": {
+                    "p50": self.timing.jitter_p50_us,
+                    "p99": self.timing.jitter_p99_us,
+                    "max": self.timing.jitter_max_us,
+                },
+            },
+            "configuration": dict(self.configuration),
+        }
+
+
+def library_versions() -> dict[str, str]:
+    """Return the versions that the plant's floats are equal for, and the architecture."""
+    versions = {name: version(name) for name in _NAMED_LIBRARIES}
+    versions["python"] = ".".join(map(str, sys.version_info[:3]))
+    versions["machine"] = platform.machine()
+    return versions
+
+
+def _final_pose(poses: Poses) -> dict[str, float | None]:
+    if len(poses) == 0:
+        return dict.fromkeys(_POSE_FIELDS)
+    return {name: _finite(value) for name, value in zip(_POSE_FIELDS, poses[-1], strict=True)}
+
+
+def _final_error(part: Poses) -> dict[str, float | None]:
+    error = _final_pose(part)
+    x_m, y_m = error["x_m"], error["y_m"]
+    position_m = None if x_m is None or y_m is None else float(np.hypot(x_m, y_m))
+    return {**error, "position_m": position_m}
+
+
+def _finite(value: np.float64) -> float | None:
+    """JSON has no NaN: a pose that never arrived (a foreign node that kept silent) is null."""
+    return float(value) if np.isfinite(value) else None

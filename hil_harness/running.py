@@ -1,0 +1,275 @@
+"""One run, start to finish: the loop in lockstep or real time, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+import numpy as np
+
+from can_bus import LogWriter, open_bus, open_log_writer
+from hil_harness.assembly import RunConfig, Wire, build_plant_node, load_wire
+from hil_harness.devices import Device, DeviceSetup, open_device
+from hil_harness.errors import HarnessError
+from hil_harness.lockstep import Lockstep, unique_channel
+from hil_harness.meter import BusMeter
+from hil_harness.nodes import FirmwareNode, Node, PlantNode
+from hil_harness.realtime import Pacer, run_paced
+from hil_harness.results import BusStatistics, Poses, RunResult, Timing
+from hil_harness.traces import lesson_estimates, odometry_poses, trace
+
+Progress = Callable[[int, int], None]
+"""Hears ticks done and ticks in all."""
+
+
+class _Witness:
+    """Stands between the bus and a device that is not ours, and remembers what passed."""
+
+    def __init__(self, device: Node, trigger_ids: frozenset[tuple[int, bool]]) -> None:
+        self._device = device
+        self.trigger_ids = trigger_ids
+        self.received: list[tuple[int, Sequence[can.Message]]] = []
+        self.answered: list[tuple[int, Sequence[can.Message]]] = []
+
+    def step(self, now_us: int, frames: Sequence[can.Message], /) -> Sequence[can.Message]:
+        self.received.append((now_us, frames))
+        answer = self._device.step(now_us, frames)
+        self.answered.append((now_us, answer))
+        return answer
+
+
+class _PlantWitness(_Witness):
+    """The same around the plant, for an ECU outside: what the plant sent is what the ECU heard."""
+
+    def step(self, now_us: int, frames: Sequence[can.Message], /) -> Sequence[can.Message]:
+        answer = self._device.step(now_us, frames)
+        self.received.append((now_us, answer))
+        self.answered.append((now_us, frames))
+        return answer
+
+
+@dataclass
+class _Outcome:
+    """How the loop ended."""
+
+    ticks: int
+    wall_s: float
+    timing: Timing = field(default_factory=Timing)
+    interrupted: bool = False
+
+
+def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
+    """Run a scenario through plant, bus and firmware, and return what came of it.
+
+    The log is written while running. Ctrl-C ends the run early: the result then covers what ran,
+    and says `interrupted`. Raises HarnessError, CanBusError and their relatives with one line.
+    """
+    wire = load_wire(config.dbc, config.signals)
+    period_us = wire.tick_period_us
+    ticks = config.tick_count(period_us)
+    plant = build_plant_node(config, wire, ticks)
+    shadow = FirmwareNode(
+        config.robot,
+        database=wire.database,
+        signal_map=wire.signal_map,
+        tick_period_us=period_us,
+    )
+    meter = BusMeter(wire.database)
+    channel = config.channel or _default_channel(config)
+    with ExitStack() as stack:
+        device = _open_device(config, wire, channel)
+        if device is not None:
+            stack.callback(device.close)
+        log = None if config.log is None else stack.enter_context(open_log_writer(config.log))
+        parts = _Parts.of(plant, shadow, device)
+        report = None if progress is None else _reporter(progress, ticks)
+        if config.time_base == "lockstep":
+            outcome = _run_lockstep(config, parts, ticks, period_us, channel, log, meter, report)
+        else:
+            outcome = _run_real(config, parts, ticks, period_us, channel, log, meter, report)
+    return _result(config, wire, parts, outcome, meter)
+
+
+@dataclass
+class _Parts:
+    """The nodes of a run, with a witness where the firmware is not ours."""
+
+    plant: PlantNode
+    shadow: FirmwareNode
+    plant_side: Node
+    firmware: FirmwareNode | _Witness | None
+    witness: _Witness | None
+
+    @classmethod
+    def of(cls, plant: PlantNode, shadow: FirmwareNode, device: Device | None) -> _Parts:
+        if device is None:
+            return cls(plant, shadow, plant, shadow, None)
+        if device.in_loop:
+            witness = _Witness(device, shadow.trigger_ids)
+            return cls(plant, shadow, plant, witness, witness)
+        outside = _PlantWitness(plant, frozenset())
+        return cls(plant, shadow, outside, None, outside)
+
+
+def _open_device(config: RunConfig, wire: Wire, channel: str) -> Device | None:
+    if config.device is None:
+        return None
+    setup = DeviceSetup(
+        tick_period_us=wire.tick_period_us,
+        database=wire.database,
+        signal_map=wire.signal_map,
+        robot=config.robot,
+        in_lockstep=config.time_base == "lockstep",
+        interface=config.interface,
+        channel=channel,
+        bitrate=config.bitrate,
+    )
+    return open_device(config.device, setup)
+
+
+def _default_channel(config: RunConfig) -> str:
+    if config.interface == "virtual":
+        return unique_channel()
+    if config.interface == "udp_multicast":
+        return can.interfaces.udp_multicast.UdpMulticastBus.DEFAULT_GROUP_IPv4
+    raise HarnessError(
+        f"--interface {config.interface} needs a channel: expected --channel, for example "
+        f"{'vcan0' if config.interface == 'socketcan' else 'the name of your adapter'}"
+    )
+
+
+def _run_lockstep(
+    config: RunConfig,
+    parts: _Parts,
+    ticks: int,
+    period_us: int,
+    channel: str,
+    log: LogWriter | None,
+    meter: BusMeter,
+    report: Callable[[int], None] | None,
+) -> _Outcome:
+    if parts.firmware is None:
+        raise HarnessError(
+            "an ECU outside cannot run in lockstep: expected --time real and an interface that "
+            "connects processes or hardware"
+        )
+    with Lockstep(
+        parts.plant_side,
+        parts.firmware,
+        tick_period_us=period_us,
+        interface=config.interface,
+        channel=channel,
+        bus_args=config.bus_args,
+        log=log,
+        meter=meter,
+    ) as loop:
+        started = time.perf_counter()
+        interrupted = False
+        try:
+            loop.run(ticks, report)
+        except KeyboardInterrupt:
+            interrupted = True
+        return _Outcome(loop.ticks, time.perf_counter() - started, interrupted=interrupted)
+
+
+def _run_real(
+    config: RunConfig,
+    parts: _Parts,
+    ticks: int,
+    period_us: int,
+    channel: str,
+    log: LogWriter | None,
+    meter: BusMeter,
+    report: Callable[[int], None] | None,
+) -> _Outcome:
+    arguments: dict[str, Any] = {"bitrate": config.bitrate, "bus_args": config.bus_args}
+    with ExitStack() as stack:
+        plant_bus = stack.enter_context(open_bus(config.interface, channel, **arguments))
+        firmware_bus = None
+        if parts.firmware is not None:
+            firmware_bus = stack.enter_context(open_bus(config.interface, channel, **arguments))
+        pacer = Pacer(period_us)
+        started = time.perf_counter()
+        interrupted = False
+        try:
+            run_paced(
+                parts.plant_side,
+                parts.firmware,
+                plant_bus=plant_bus,
+                firmware_bus=firmware_bus,
+                tick_period_us=period_us,
+                ticks=ticks,
+                log=log,
+                meter=meter,
+                pacer=pacer,
+                progress=report,
+            )
+        except KeyboardInterrupt:
+            interrupted = True
+        wall_s = time.perf_counter() - started
+        return _Outcome(len(parts.plant.truth), wall_s, pacer.timing(), interrupted)
+
+
+def _reporter(progress: Progress, ticks: int) -> Callable[[int], None]:
+    return lambda done: progress(done, ticks)
+
+
+def _result(
+    config: RunConfig, wire: Wire, parts: _Parts, outcome: _Outcome, meter: BusMeter
+) -> RunResult:
+    """Lay the trajectories side by side; a run cut short ends with its last whole tick."""
+    shadow = parts.shadow
+    if parts.witness is not None:
+        for now_us, frames in parts.witness.received:
+            shadow.step(now_us, frames)
+    inputs = shadow.inputs
+    ticks = min(len(parts.plant.truth), len(inputs.left_count))
+    ours = trace(shadow.config, inputs)
+    firmware: Poses = ours.firmware[:ticks]
+    if parts.witness is not None:
+        # An ECU outside answers into the next tick: its frames are the plant's next input.
+        answers = parts.witness.answered[1:] if parts.firmware is None else parts.witness.answered
+        firmware = odometry_poses(answers, ticks, wire.database, wire.signal_map)
+    period_us = wire.tick_period_us
+    return RunResult(
+        scenario=config.scenario.name,
+        seed=config.seed_in_use,
+        time=config.time_base,
+        tick_period_us=period_us,
+        time_s=np.arange(ticks) * period_us / 1e6,
+        truth=parts.plant.truth[:ticks],
+        float_twin=ours.float_twin[:ticks],
+        firmware=firmware,
+        estimators=lesson_estimates(shadow.config, inputs),
+        status=ours.status[:ticks],
+        kernel_state=shadow.kernel.state(),
+        bus=BusStatistics(
+            frames=meter.frames,
+            load=meter.load(ticks * period_us, config.bitrate or wire.database.bitrate),
+            rejected=shadow.checker.rejected,
+            frames_by_message=meter.frames_by_message(),
+        ),
+        timing=outcome.timing,
+        wall_s=outcome.wall_s,
+        interrupted=outcome.interrupted,
+        configuration=_configuration(config, wire),
+    )
+
+
+def _configuration(config: RunConfig, wire: Wire) -> dict[str, Any]:
+    robot = config.robot
+    return {
+        "robot": robot.name,
+        "dbc": wire.database.path.name,
+        "interface": config.interface,
+        "device": config.device or "chiplog firmware",
+        "effects": [str(setting) for setting in config.effects_in_use],
+        "wheel_radius_m": robot.plant.wheels.radius_m,
+        "wheelbase_m": robot.plant.wheels.wheelbase_m,
+        "ticks_per_rev": robot.plant.encoder.ticks_per_rev,
+        "firmware": robot.firmware.model_dump(),
+    }

@@ -1,0 +1,102 @@
+"""Trajectories after the fact: the kernel and its twin run again over what the firmware was handed.
+
+The kernel is deterministic, so a second run over the same inputs gives the bits of the first, and the
+float twin and other estimators can be laid beside it without slowing the loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from can_bus import Database, FrameChecker
+from firmware_model import BatchRuns, KernelConfig, build_config, run_batch
+from hil_harness.nodes import Inputs
+from hil_harness.odometry_frames import ODOMETRY_ROLES
+from hil_harness.results import Estimate, Poses
+from hil_harness.signal_map import SignalMap
+
+LESSON_ESTIMATORS: Mapping[str, Mapping[str, str]] = {
+    "wheel only": {"mode": "wheel", "integration": "midpoint"},
+    "gyro heading": {"mode": "gyro", "integration": "euler_before"},
+}
+"""The two estimators that the lesson sets side by side."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Kernel and twin over one run: poses float64[n, 3], status int64[n], final integer state."""
+
+    firmware: Poses
+    float_twin: Poses
+    status: NDArray[np.int64]
+    state: Mapping[str, int]
+
+
+def run_again(config: KernelConfig, inputs: Inputs) -> BatchRuns:
+    """Run kernel and twin over the inputs of one run, as a batch of one."""
+    return run_batch(
+        config,
+        inputs.left_count[np.newaxis],
+        inputs.right_count[np.newaxis],
+        inputs.gyro_code[np.newaxis],
+        encoder_validity=inputs.encoder_validity[np.newaxis],
+        gyro_validity=inputs.gyro_validity[np.newaxis],
+        twin=True,
+        history=True,
+    )
+
+
+def trace(config: KernelConfig, inputs: Inputs) -> Trace:
+    """Return the trajectories of the configured firmware."""
+    runs = run_again(config, inputs)
+    return Trace(runs.pose_m_rad()[0], runs.twin_pose[0], runs.status[0], runs.final_state(0))
+
+
+def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate]:
+    """Return the lesson's two estimators on the same counts, in the configured formats."""
+    estimates = {}
+    for name, choice in LESSON_ESTIMATORS.items():
+        description = config.description.model_copy(update=dict(choice))
+        runs = run_again(build_config(description, config.constants), inputs)
+        estimates[name] = Estimate(runs.pose_m_rad()[0], runs.twin_pose[0])
+    return estimates
+
+
+def odometry_poses(
+    answers: Iterable[tuple[int, Iterable[object]]],
+    ticks: int,
+    database: Database,
+    signal_map: SignalMap,
+) -> Poses:
+    """Return the pose that a foreign firmware's frames state at each tick: float64[ticks, 3].
+
+    `answers` are (time in µs, frames) per tick. A pose holds until the next frame and is NaN before
+    the first and where the sender says that it has none. The heading is unwrapped.
+    """
+    roles = [role for role in ODOMETRY_ROLES if signal_map.get(role) is not None]
+    messages = signal_map.messages(roles)
+    # Odometry is judged, not obeyed: a frame of any age counts.
+    checker = FrameChecker(database, [spec.name for spec in messages], max_age_us=2**62)
+    poses = np.full((ticks, 3), math.nan)
+    now = [math.nan] * 3
+    for tick, (now_us, frames) in zip(range(ticks), answers, strict=False):
+        for frame in frames:
+            accepted = checker.check(frame, now_us)  # type: ignore[arg-type]
+            if accepted is None:
+                continue
+            for role in roles:
+                mapped = signal_map[role]
+                name = mapped.signal.name
+                if mapped.message.name == accepted.spec.name:
+                    is_invalid = name in accepted.invalid
+                    value = math.nan if is_invalid else mapped.to_si(accepted.raw[name])
+                    now[ODOMETRY_ROLES.index(role)] = value
+        poses[tick] = now
+    known = np.isfinite(poses[:, 2])
+    poses[known, 2] = np.unwrap(poses[known, 2])
+    return poses
