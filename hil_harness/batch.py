@@ -1,7 +1,7 @@
 """The batch path: the same plant and kernel over arrays of runs, with no bus in between.
 
-For equal commands, seeds and effects the counts, and so the odometry, are those of the bus path, bit
-for bit.
+For equal commands, seeds and effects the counts, and so the odometry, are those of the bus path,
+bit for bit.
 """
 
 from __future__ import annotations
@@ -82,7 +82,10 @@ def run_scenario_batch(
     twin: bool = True,
     history: bool = True,
 ) -> BatchResult:
-    """Run plant and firmware over many seeds. Raises HarnessError and its relatives for bad input."""
+    """Run plant and firmware over many seeds.
+
+    Raises HarnessError, PlantError or FirmwareError for what does not fit together.
+    """
     plant = simulate_batch(scenario, robot, wire, seeds, ticks=ticks, effects=effects)
     config = firmware_config(robot, wire.signal_map, wire.tick_period_us)
     firmware = run_batch(

@@ -43,7 +43,7 @@ class ErrorSplit:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimator on the accepted counts of a run: fixed point and float64 twin, float64[n, 3]."""
+    """One estimator on a run's accepted counts: fixed point and float64 twin, float64[n, 3]."""
 
     firmware: Poses
     float_twin: Poses

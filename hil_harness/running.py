@@ -250,7 +250,7 @@ def _result(
         bus=BusStatistics(
             frames=meter.frames,
             load=meter.load(ticks * period_us, config.bitrate or wire.database.bitrate),
-            rejected=shadow.checker.rejected,
+            rejected={**shadow.checker.rejected},
             frames_by_message=meter.frames_by_message(),
         ),
         timing=outcome.timing,

@@ -1,7 +1,7 @@
-"""Trajectories after the fact: the kernel and its twin run again over what the firmware was handed.
+"""Trajectories after the fact: kernel and twin run again over what the firmware was handed.
 
-The kernel is deterministic, so a second run over the same inputs gives the bits of the first, and the
-float twin and other estimators can be laid beside it without slowing the loop.
+The kernel is deterministic, so a second run over the same inputs gives the bits of the first, and
+the float twin and other estimators can be laid beside it without slowing the loop.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,7 +69,7 @@ def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate
 
 
 def odometry_poses(
-    answers: Iterable[tuple[int, Iterable[object]]],
+    answers: Iterable[tuple[int, Iterable[can.Message]]],
     ticks: int,
     database: Database,
     signal_map: SignalMap,
@@ -86,7 +87,7 @@ def odometry_poses(
     now = [math.nan] * 3
     for tick, (now_us, frames) in zip(range(ticks), answers, strict=False):
         for frame in frames:
-            accepted = checker.check(frame, now_us)  # type: ignore[arg-type]
+            accepted = checker.check(frame, now_us)
             if accepted is None:
                 continue
             for role in roles:

@@ -9,7 +9,15 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from can_bus import COUNTER_MODULO, CanBusError, Database, FrameChecker, MessageSpec, make_message
+from can_bus import (
+    COUNTER_MODULO,
+    CanBusError,
+    Database,
+    FrameChecker,
+    MessageSpec,
+    Raw,
+    make_message,
+)
 from hil_harness.nodes.schedule import cycle_of, encode_frame
 from hil_harness.sensor_frames import SensorFrames
 from hil_harness.signal_map import MappedSignal, SignalMap
@@ -94,7 +102,7 @@ class PlantNode:
             v_m_s, w_rad_s = self._commands[tick] if tick < len(self._commands) else (0.0, 0.0)
             self._command = (v_m_s, w_rad_s)
         counter = tick % COUNTER_MODULO
-        sent = [
+        sent: list[can.Message] = [
             make_message(spec, self._sensors.encode(spec, counts, counter), now_us)
             for spec, every, phase in self._sensor_schedule
             if tick % every == phase
@@ -120,7 +128,7 @@ class PlantNode:
         for spec, every, phase in schedule:
             if self._tick % every != phase:
                 continue
-            raw = {signal.name: signal.initial_raw for signal in spec.payload}
+            raw: dict[str, Raw] = {signal.name: signal.initial_raw for signal in spec.payload}
             for signal, value in zip(signals, values_si, strict=True):
                 if signal is not None and signal.message.name == spec.name:
                     raw[signal.signal.name] = _raw_or_invalid(signal, value)
@@ -143,7 +151,7 @@ class PlantNode:
 
 
 def _raw_or_invalid(signal: MappedSignal, value_si: float) -> int | float:
-    """Send a value that the signal cannot hold as not available, where the DBC has a code for it."""
+    """Send what the signal cannot hold as not available, where the DBC has a code for that."""
     try:
         return signal.to_raw(value_si)
     except CanBusError:
