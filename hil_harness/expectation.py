@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from can_bus import Database
@@ -44,16 +43,16 @@ class Expectation:
         return f"{self.message} with {wanted}"
 
     def was_not_met(
-        self, start_us: int, stop_us: int, came: Sequence[DecodedFrame], bus: Iterable[str]
+        self, start_us: int, stop_us: int, came: Sequence[DecodedFrame], bus: Mapping[str, int]
     ) -> str:
         """Say that no such frame came, and what came instead.
 
-        *came* are the frames of the message in that time, *bus* the names of all frames.
+        *came* are the frames of the message in that time; *bus* counts the frames of each message.
         """
         text = f"no {self} {_span(start_us, stop_us)}: "
         if not came:
-            counts = Counter(bus).most_common(_SHOWN_MESSAGES)
-            others = ", ".join(f"{name} ({count})" for name, count in counts)
+            busiest = sorted(bus.items(), key=lambda item: -item[1])[:_SHOWN_MESSAGES]
+            others = ", ".join(f"{name} ({count})" for name, count in busiest)
             return f"{text}it never came; on the bus in that time: {others or 'nothing'}"
         lines = [f"{text}{len(came)} came, none of them so"]
         shown = [came[0]] if len(came) > _SHOWN_FRAMES else []

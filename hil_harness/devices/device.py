@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from hil_harness.errors import HarnessError
@@ -31,7 +32,8 @@ class DeviceSetup:
 
     `tick_period_us` is the time between two steps. `interface` and `channel` say which python-can
     bus the run is on; `in_lockstep` says whether the harness calls the device once per tick of
-    simulated time, or a device of its own has to speak on that bus.
+    simulated time, or a device of its own has to speak on that bus. Relative paths of a device
+    start at `folder` (None: the current one).
     """
 
     tick_period_us: int
@@ -42,6 +44,11 @@ class DeviceSetup:
     interface: str = "virtual"
     channel: str = ""
     bitrate: int | None = None
+    folder: Path | None = None
+
+    def locate(self, path: str) -> Path:
+        """Return where a device's file is."""
+        return Path(path) if self.folder is None else self.folder / path
 
 
 class Device(ABC):

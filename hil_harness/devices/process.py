@@ -67,7 +67,12 @@ class ProcessDevice(Device):
         try:
             # A session of its own: Ctrl-C reaches the harness, which then ends the program.
             self._process = subprocess.Popen(
-                words, stdin=pipe, stdout=pipe, stderr=self._stderr, start_new_session=True
+                words,
+                stdin=pipe,
+                stdout=pipe,
+                stderr=self._stderr,
+                cwd=setup.folder,
+                start_new_session=True,
             )
         except OSError as error:
             self._stderr.close()

@@ -83,7 +83,7 @@ def load_python_device(target: str, setup: DeviceSetup) -> PythonDevice:
         raise HarnessError(
             f"device python:{target}: expected python:FILE.py:CLASS or python:PACKAGE.MODULE:CLASS"
         )
-    module = _load_module(module_name)
+    module = _load_module(module_name, setup)
     factory = getattr(module, attribute, None)
     if not callable(factory):
         raise HarnessError(f"device python:{target}: {module_name} has no class {attribute!r}")
@@ -98,11 +98,11 @@ def load_python_device(target: str, setup: DeviceSetup) -> PythonDevice:
     return PythonDevice(node, name=attribute)
 
 
-def _load_module(name: str) -> ModuleType:
+def _load_module(name: str, setup: DeviceSetup) -> ModuleType:
     try:
         if not name.endswith(".py"):
             return importlib.import_module(name)
-        path = Path(name).resolve()
+        path = setup.locate(name).resolve()
         if not path.is_file():
             raise HarnessError(f"device python:{name}: no such file")
         # A fresh name each time: two tests' node.py are two modules.

@@ -34,7 +34,7 @@ def open_device(text: str, setup: DeviceSetup) -> Device:
     if kind == "python" and target:
         return load_python_device(target, setup)
     if kind == "lib" and target:
-        return SharedLibraryDevice(target, setup)
+        return SharedLibraryDevice(setup.locate(target), setup)
     if kind == "process" and target:
         return ProcessDevice(target, setup)
     raise HarnessError(f"device {text!r}: expected {DEVICE_HELP}")

@@ -1,0 +1,362 @@
+"""The rig: one object through which a test drives a robot's bus and says what it expects there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, NamedTuple
+
+import can
+
+from can_bus import (
+    IN_PROCESS_INTERFACES,
+    Database,
+    Fault,
+    FaultInjector,
+    FaultKind,
+    LogWriter,
+    load_database,
+    open_bus,
+    open_log_writer,
+)
+from hil_harness.decoding import DecodedFrame
+from hil_harness.devices import Device, DeviceSetup, PythonDevice, open_device
+from hil_harness.errors import HarnessError
+from hil_harness.expectation import Expectation
+from hil_harness.frame_recorder import FrameRecorder, Wait
+from hil_harness.nodes import FirmwareNode
+from hil_harness.restbus import FrameBuilder, RestBus, SignalValue
+from hil_harness.rig_assembly import (
+    channel_for,
+    microseconds,
+    no_plant,
+    signal_map_of,
+    simulated_plant,
+    tick_period_us_of,
+)
+from hil_harness.rig_faults import FaultHandle
+from hil_harness.rig_loops import LockstepLoop, RealTimeLoop, RigLoop
+from hil_harness.robot import Robot, load_robot
+from hil_harness.signal_map import SignalMap
+from hil_harness.signal_roles import Role
+
+ODOMETRY_ROLES: Final[tuple[Role, ...]] = ("odom_x", "odom_y", "odom_heading")
+
+
+class Pose(NamedTuple):
+    """A pose in the start's frame: x forward, y left, heading counter-clockwise."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class Rig:
+    """A robot on a bus, and a tester's hands on it.
+
+    On an in-process interface it runs in lockstep: time is simulated and passes only inside
+    `run_for`, `expect` and `expect_none`; ``within_s`` counts bus time. On the others it runs in
+    real time from construction to `close`.
+
+    Args:
+        robot: a robot description or its file; None: the shipped one.
+        device: the firmware under test: a text as ``--device`` takes it, an object with
+            ``step(now_us, frames)``, or None for the shipped firmware.
+        effects: what differs from the description, such as ``"gyro_bias.bias=0.005"``.
+        scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
+            the signal map says instead) that the test sends.
+        seed: seed of the plant's noise and of faults with a probability.
+        plant: False leaves the robot out: the sensor frames are then the test's or a rest bus's.
+        dbc, signals: a DBC other than the shipped one, and the map that says what its signals mean.
+        interface, channel, bitrate, bus_args: as python-can takes them; without a channel a
+            lockstep rig takes one that nobody else uses.
+        log: file to log to (.log, .asc or .blf): what the firmware under test received and sent.
+        folder: where relative paths in *device* start; None: the current folder.
+
+    Raises HarnessError, CanBusError and their relatives, with one line, for anything that does not
+    fit together.
+    """
+
+    def __init__(
+        self,
+        *,
+        robot: Robot | str | Path | None = None,
+        device: Any = None,
+        effects: Iterable[str] = (),
+        scenario: str | Path | None = None,
+        seed: int = 1,
+        plant: bool = True,
+        dbc: Database | str | Path | None = None,
+        signals: SignalMap | str | Path | None = None,
+        interface: str = "virtual",
+        channel: str | None = None,
+        bitrate: int | None = None,
+        bus_args: Mapping[str, str] | None = None,
+        log: str | Path | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        """Assemble the rig; in real time it starts at once."""
+        self.database = dbc if isinstance(dbc, Database) else load_database(dbc)
+        self.signal_map = signal_map_of(signals, self.database, needed=plant or device is None)
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        self.interface = interface
+        self.in_lockstep = interface in IN_PROCESS_INTERFACES
+        self.tick_period_us = tick_period_us_of(self.database, self.signal_map)
+        self._bitrate = bitrate if bitrate is not None else self.database.bitrate
+        self._bus_args = dict(bus_args or {})
+        self._builder = FrameBuilder(self.database, self.tick_period_us)
+        self._restbuses: list[RestBus] = []
+        self._recorder = FrameRecorder(self.database)
+        self._faults = FaultInjector(self.database, seed)
+        self._outgoing_faults = FaultInjector(self.database, seed + 1)
+        channel = channel_for(interface, channel)
+        self._plant = no_plant()
+        if plant:
+            assert self.signal_map is not None
+            self._plant = simulated_plant(
+                self.robot,
+                self.database,
+                self.signal_map,
+                tick_period_us=self.tick_period_us,
+                scenario=scenario,
+                effects=effects,
+                seed=seed,
+            )
+        with ExitStack() as resources:
+            self.device = self._open_device(device, channel, folder)
+            resources.callback(self.device.close)
+            writer = None if log is None else resources.enter_context(open_log_writer(log))
+            self._loop = self._open_loop(channel, writer)
+            resources.callback(self._loop.close)
+            self._resources = resources.pop_all()
+
+    def run_for(self, duration_s: float) -> None:
+        """Let *duration_s* of bus time pass: in lockstep, the ticks that begin in it."""
+        self._loop.advance(microseconds(duration_s, "duration_s"), lambda: False)
+
+    def send(self, message: str, /, **signals: SignalValue) -> None:
+        """Send one frame at the next tick: scaled values, value-table words, or None for invalid.
+
+        Signals not given take the DBC's initial value; counter and CRC are right. Raises
+        HarnessError or CanBusError for names and values that the DBC does not have.
+        """
+        raw = self._builder.raw_values(message, signals)
+        self._loop.inject(self._builder.build(message, raw, self.now_us))
+
+    def expect(
+        self, message: str, /, *, within_s: float | None = None, **signals: object
+    ) -> DecodedFrame:
+        """Wait for a frame whose signals are as given; return it.
+
+        Only frames from now on count, for *within_s* of bus time (default: two cycles of the
+        message, or one second if it has none). What a signal should be: see `Expectation`.
+        Raises AssertionError, saying what came instead.
+        """
+        expectation = Expectation(message, signals)
+        start_us = self.now_us
+        wait = self._wait_for(expectation, within_s)
+        if wait.found is None:
+            raise AssertionError(
+                expectation.was_not_met(start_us, self.now_us, wait.came, wait.counts())
+            )
+        return wait.found
+
+    def expect_none(
+        self, message: str, /, *, within_s: float | None = None, **signals: object
+    ) -> None:
+        """Let *within_s* of bus time pass and see that no such frame comes.
+
+        Raises AssertionError as soon as one does.
+        """
+        expectation = Expectation(message, signals)
+        start_us = self.now_us
+        found = self._wait_for(expectation, within_s).found
+        if found is not None:
+            raise AssertionError(expectation.was_met(start_us, self.now_us, found))
+
+    def latest(self, message: str) -> DecodedFrame:
+        """Return the last frame of a message. Raises AssertionError if none has come yet."""
+        frame = self._recorder.latest(message)
+        if frame is None:
+            raise AssertionError(
+                f"no {message} has come yet, {self.now_us * 1e-6:.6f} s after start"
+            )
+        return frame
+
+    @property
+    def status(self) -> DecodedFrame:
+        """The firmware's last STATUS frame. Raises AssertionError if none has come yet."""
+        return self.latest("STATUS")
+
+    @property
+    def odometry(self) -> Pose:
+        """Where the firmware says that the robot is, by its last odometry frames.
+
+        The heading is as on the bus: with the shipped DBC within half a turn of zero. Raises
+        AssertionError if a frame is missing or marked invalid, HarnessError if the map has none.
+        """
+        return Pose(*(self._last_value(role) for role in ODOMETRY_ROLES))
+
+    @property
+    def truth(self) -> Pose:
+        """Where the robot truly is; its heading is not wrapped.
+
+        Raises HarnessError if the rig has no plant.
+        """
+        return Pose(*self._plant.pose())
+
+    def fault(
+        self,
+        kind: FaultKind,
+        message: str | None = None,
+        *,
+        node: str | None = None,
+        during_s: float | None = None,
+        count: int | None = None,
+        probability: float = 1.0,
+        delay_s: float = 0.0,
+        bit: int | None = None,
+    ) -> FaultHandle:
+        """Disturb frames from now on: drop, delay, corrupt or duplicate them, or silence a node.
+
+        It strikes the frames of *message*, of *node*, or of both, on their way to the firmware
+        under test, or from it to everybody else. It ends after *during_s* or *count* frames, by
+        `clear()` on what this returns, or with its ``with`` block. *delay_s* belongs to "delay",
+        *bit* (which data bit is inverted; None: one at random) to "corrupt".
+        Raises CanBusError for a fault that makes no sense.
+        """
+        start_us = self.now_us
+        fault = Fault(
+            kind=kind,
+            message=message,
+            node=node,
+            start_us=start_us,
+            stop_us=None if during_s is None else start_us + microseconds(during_s, "during_s"),
+            count=count,
+            probability=probability,
+            delay_us=microseconds(delay_s, "delay_s"),
+            bit=bit,
+        )
+        return FaultHandle(fault, (self._faults, self._outgoing_faults))
+
+    def restbus(self, *senders: str, **overrides: Mapping[str, SignalValue]) -> RestBus:
+        """Send every cyclic message of these nodes at its cycle time, as if they were there.
+
+        Messages that the rig's plant sends already are left to it. Override signals here, as in
+        ``rig.restbus("HOST", COMMAND={"v_m_s": 0.3})``, or later with `set` on what this returns.
+        """
+        restbus = RestBus(
+            self._builder,
+            senders,
+            overrides,
+            without=self._plant.message_names,
+            start_us=self.now_us,
+        )
+        self._restbuses.append(restbus)
+        return restbus
+
+    def open_bus(self) -> can.BusABC:
+        """Return a python-can bus on the rig's channel; the caller shuts it down."""
+        return open_bus(
+            self.interface, self.channel, bitrate=self._bitrate, bus_args=self._bus_args
+        )
+
+    def recent_frames(self, count: int) -> list[str]:
+        """Return the last frames on the bus, decoded, one line each."""
+        return self._recorder.last_lines(count)
+
+    @property
+    def now_us(self) -> int:
+        """Bus time since the start, whole microseconds: in lockstep, that of the next tick."""
+        return self._loop.now_us
+
+    @property
+    def channel(self) -> str:
+        """The python-can channel that the rig is on."""
+        return self._loop.channel
+
+    def close(self) -> None:
+        """Stop, and give back buses, device and log; may be called twice."""
+        self._resources.close()
+
+    def __enter__(self) -> Rig:
+        """Use as a context manager: the rig is closed after it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the rig."""
+        self.close()
+
+    def _wait_for(self, expectation: Expectation, within_s: float | None) -> Wait:
+        wait = Wait(expectation, self.database)
+        if within_s is not None:
+            duration_us = microseconds(within_s, "within_s")
+        else:
+            cycle_us = self.database.message(expectation.message).cycle_time_us
+            duration_us = 1_000_000 if cycle_us is None else 2 * cycle_us
+        self._recorder.wait(wait, lambda is_over: self._loop.advance(duration_us, is_over))
+        return wait
+
+    def _last_value(self, role: Role) -> float:
+        if self.signal_map is None:
+            raise HarnessError("this rig has no signal map, so nothing is known to be odometry")
+        mapped = self.signal_map[role]
+        frame = self.latest(mapped.message.name)
+        raw = frame.raw[mapped.signal.name]
+        if raw == mapped.signal.invalid_raw:
+            raise AssertionError(f"{mapped.path} is marked invalid at {frame.time_s:.6f} s")
+        return mapped.to_si(raw)
+
+    def _due_frames(self, now_us: int) -> list[can.Message]:
+        return [frame for restbus in self._restbuses for frame in restbus.due(now_us)]
+
+    def _open_device(self, device: Any, channel: str, folder: Path | None) -> Device:
+        if device is None:
+            assert self.signal_map is not None
+            shipped = FirmwareNode(
+                self.robot,
+                database=self.database,
+                signal_map=self.signal_map,
+                tick_period_us=self.tick_period_us,
+            )
+            return PythonDevice(shipped, name="shipped firmware")
+        if isinstance(device, Device):
+            return device
+        if not isinstance(device, str):
+            return PythonDevice(device)
+        setup = DeviceSetup(
+            tick_period_us=self.tick_period_us,
+            database=self.database,
+            signal_map=self.signal_map,
+            robot=self.robot,
+            in_lockstep=self.in_lockstep,
+            interface=self.interface,
+            channel=channel,
+            bitrate=self._bitrate,
+            folder=folder,
+        )
+        return open_device(device, setup)
+
+    def _open_loop(self, channel: str, log: LogWriter | None) -> RigLoop:
+        loop = LockstepLoop if self.in_lockstep else RealTimeLoop
+        return loop(
+            self._plant.node,
+            self.device,
+            tick_period_us=self.tick_period_us,
+            interface=self.interface,
+            channel=channel,
+            bitrate=self._bitrate,
+            bus_args=self._bus_args,
+            log=log,
+            faults=self._faults,
+            outgoing_faults=self._outgoing_faults,
+            seen=self._recorder.see,
+            source=self._due_frames,
+        )

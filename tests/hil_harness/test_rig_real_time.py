@@ -1,0 +1,80 @@
+"""The same rig in real time, on a bus that connects processes of this host."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil_harness.errors import HarnessError
+from hil_harness.rig import Rig
+
+REAL_TIME = "udp_multicast"
+
+# However busy the machine is: only how long it may take to see something that does happen.
+PATIENCE_S = 60.0
+
+
+def test_a_command_drives_the_robot_in_real_time() -> None:
+    with Rig(interface=REAL_TIME) as rig:
+        rig.send("COMMAND", v_m_s=0.5)
+        rig.expect("ODOMETRY_X", within_s=PATIENCE_S, x_m=lambda x_m: x_m > 0.1)
+        assert rig.truth.x_m > 0.0
+
+
+def test_an_expectation_in_real_time_gives_up_when_its_time_is_over() -> None:
+    with Rig(interface=REAL_TIME) as rig, pytest.raises(AssertionError, match="none of them so"):
+        rig.expect("ODOMETRY_X", within_s=0.5, x_m=99.0)
+
+
+def test_faults_strike_in_real_time_too() -> None:
+    with Rig(interface=REAL_TIME) as rig:
+        rig.expect("ODOMETRY_X", within_s=PATIENCE_S)
+        with rig.fault("silence", node="PLANT"):
+            rig.expect("STATUS", within_s=PATIENCE_S, encoder_stale=1)
+        rig.expect("STATUS", within_s=PATIENCE_S, encoder_stale=0)
+
+
+def test_a_raw_bus_meets_the_rig_in_real_time() -> None:
+    with Rig(interface=REAL_TIME) as rig, rig.open_bus() as bus:
+        frame = bus.recv(PATIENCE_S)
+        assert frame is not None
+        assert rig.database.by_id(frame.arbitration_id) is not None
+
+
+def test_a_program_on_the_bus_is_the_device_under_test(tmp_path: Path) -> None:
+    (tmp_path / "ecu.py").write_text(
+        "import sys\n"
+        "from can_bus import load_database, make_message, open_bus, protect\n"
+        "database = load_database()\n"
+        "spec = database.message('ODOMETRY_X')\n"
+        "counter = 0\n"
+        "with open_bus(sys.argv[1], sys.argv[2]) as bus:\n"
+        "    while True:\n"
+        "        if bus.recv().arbitration_id == database.message('ENCODER').frame_id:\n"
+        "            data = spec.encode_scaled({'x_m': 42.0})\n"
+        "            protect(spec, data, counter)\n"
+        "            counter = (counter + 1) % 15\n"
+        "            bus.send(make_message(spec, data, 0))\n"
+    )
+    device = f"process:{sys.executable} ecu.py {{interface}} {{channel}}"
+    with Rig(interface=REAL_TIME, device=device, folder=tmp_path) as rig:
+        assert rig.expect("ODOMETRY_X", within_s=PATIENCE_S)["x_m"] == 42.0
+
+
+def test_a_program_that_dies_ends_the_wait_with_one_line(tmp_path: Path) -> None:
+    (tmp_path / "ecu.py").write_text("import sys\nsys.exit('no such channel')\n")
+    device = f"process:{sys.executable} ecu.py"
+    with (
+        Rig(interface=REAL_TIME, device=device, folder=tmp_path) as rig,
+        pytest.raises(
+            HarnessError, match=r"ended with exit status 1; its last words: no such channel$"
+        ),
+    ):
+        rig.run_for(PATIENCE_S)
+
+
+def test_an_ecu_outside_is_only_listened_to() -> None:
+    with Rig(interface=REAL_TIME, device="none") as rig, rig.open_bus() as ecu:
+        frame = ecu.recv(PATIENCE_S)
+        assert frame is not None
+        rig.expect_none("ODOMETRY_X", within_s=0.05)
