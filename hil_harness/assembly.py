@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from can_bus import CanBusError, Database, load_database
 from hil_harness.effects import EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.errors import HarnessError
-from hil_harness.lockstep import LOCKSTEP_INTERFACES
+from hil_harness.lockstep import LOCKSTEP_INTERFACES, unique_channel
 from hil_harness.nodes import PlantNode
 from hil_harness.nodes.schedule import cycle_of
 from hil_harness.robot import Robot
@@ -174,3 +174,18 @@ def build_plant_node(config: RunConfig, wire: Wire, tick_count: int) -> PlantNod
         commands=commands_on_the_wire(scenario, tick_count, wire),
         send_reference=config.send_reference,
     )
+
+
+def default_channel(interface: str) -> str:
+    """Return the channel where the user names none: one of our own, or python-can's own group.
+
+    Raises HarnessError for an interface that has no such thing.
+    """
+    if interface in LOCKSTEP_INTERFACES:
+        return unique_channel()
+    if interface == "udp_multicast":
+        from can.interfaces.udp_multicast import UdpMulticastBus
+
+        return UdpMulticastBus.DEFAULT_GROUP_IPv4
+    example = "vcan0" if interface == "socketcan" else "the name of your adapter's channel"
+    raise HarnessError(f"--interface {interface} needs a channel: expected --channel {example}")

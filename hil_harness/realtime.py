@@ -7,7 +7,7 @@ on by the monotonic clock, so that a stepped system clock neither reorders frame
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import can
 import numpy as np
@@ -36,6 +36,7 @@ class Pacer:
     """Releases ticks at multiples of the period, and remembers how late each one started."""
 
     def __init__(self, tick_period_us: int) -> None:
+        self.tick_period_us = tick_period_us
         self._period_ns = tick_period_us * 1000
         self._start_ns = time.monotonic_ns()
         self._lateness_us: list[float] = []
@@ -167,22 +168,20 @@ def run_plant_node(
     plant: Node,
     bus: can.BusABC,
     *,
-    tick_period_us: int,
+    pacer: Pacer,
     ticks: int | None,
     log: LogWriter | None = None,
-) -> Timing:
+) -> None:
     """Run the plant alone on a real-time bus, for so many ticks or until interrupted."""
     clock = WallClock()
     link = Link(bus, clock, log)
-    pacer = Pacer(tick_period_us)
     tick = 0
     arrived: list[can.Message] = []
     while ticks is None or tick < ticks:
         pacer.wait_for(tick)
-        link.send(_stamped(plant.step(tick * tick_period_us, arrived), clock))
+        link.send(_stamped(plant.step(tick * pacer.tick_period_us, arrived), clock))
         arrived = link.receive(0)
         tick += 1
-    return pacer.timing()
 
 
 def run_firmware_node(
@@ -192,8 +191,8 @@ def run_firmware_node(
     tick_period_us: int,
     ticks: int | None,
     log: LogWriter | None = None,
-) -> int:
-    """Run the firmware alone on a real-time bus; return how many ticks had to go without input.
+) -> Iterator[bool]:
+    """Run the firmware alone on a real-time bus; yield after each step whether its input was whole.
 
     It steps as soon as the tick's sensor frames are complete, or one and a half periods after the
     last step: then with what there is, which the kernel treats as stale. Before the first sensor
@@ -201,21 +200,17 @@ def run_firmware_node(
     """
     clock = WallClock()
     link = Link(bus, clock, log)
-    one_and_a_half_ns = tick_period_us * 1500
-    starved = 0
+    one_and_a_half_periods_ns = tick_period_us * 1500
     done = 0
     started = False
     while ticks is None or done < ticks:
-        frames = link.receive(time.monotonic_ns() + one_and_a_half_ns, firmware.trigger_ids)
+        frames = link.receive(time.monotonic_ns() + one_and_a_half_periods_ns, firmware.trigger_ids)
         identifiers = {(frame.arbitration_id, frame.is_extended_id) for frame in frames}
         started = started or bool(identifiers & firmware.trigger_ids)
-        if not started:
-            continue
-        if not firmware.trigger_ids <= identifiers:
-            starved += 1
-        link.send(firmware.step(clock.now_us(), frames))
-        done += 1
-    return starved
+        if started:
+            link.send(firmware.step(clock.now_us(), frames))
+            done += 1
+            yield firmware.trigger_ids <= identifiers
 
 
 def _stamped(messages: Sequence[can.Message], clock: WallClock) -> Sequence[can.Message]:

@@ -77,7 +77,12 @@ def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
             f"{path}: no odometry frames: expected {names} in the log, to compare the replay with"
         )
     return ReplayResult(
-        path, ticks, fields, difference, {**node.checker.rejected}, node.kernel.state()
+        path,
+        ticks,
+        fields,
+        difference,
+        {str(why): count for why, count in node.checker.rejected.items()},
+        node.kernel.state(),
     )
 
 

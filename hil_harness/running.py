@@ -12,10 +12,16 @@ import can
 import numpy as np
 
 from can_bus import LogWriter, open_bus, open_log_writer
-from hil_harness.assembly import RunConfig, Wire, build_plant_node, load_wire
+from hil_harness.assembly import (
+    RunConfig,
+    Wire,
+    build_plant_node,
+    default_channel,
+    load_wire,
+)
 from hil_harness.devices import Device, DeviceSetup, open_device
 from hil_harness.errors import HarnessError
-from hil_harness.lockstep import Lockstep, unique_channel
+from hil_harness.lockstep import Lockstep
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
@@ -79,7 +85,7 @@ def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
         tick_period_us=period_us,
     )
     meter = BusMeter(wire.database)
-    channel = config.channel or _default_channel(config)
+    channel = config.channel or default_channel(config.interface)
     with ExitStack() as stack:
         device = _open_device(config, wire, channel)
         if device is not None:
@@ -129,17 +135,6 @@ def _open_device(config: RunConfig, wire: Wire, channel: str) -> Device | None:
         bitrate=config.bitrate,
     )
     return open_device(config.device, setup)
-
-
-def _default_channel(config: RunConfig) -> str:
-    if config.interface == "virtual":
-        return unique_channel()
-    if config.interface == "udp_multicast":
-        return can.interfaces.udp_multicast.UdpMulticastBus.DEFAULT_GROUP_IPv4
-    raise HarnessError(
-        f"--interface {config.interface} needs a channel: expected --channel, for example "
-        f"{'vcan0' if config.interface == 'socketcan' else 'the name of your adapter'}"
-    )
 
 
 def _run_lockstep(
@@ -250,7 +245,7 @@ def _result(
         bus=BusStatistics(
             frames=meter.frames,
             load=meter.load(ticks * period_us, config.bitrate or wire.database.bitrate),
-            rejected={**shadow.checker.rejected},
+            rejected={str(why): count for why, count in shadow.checker.rejected.items()},
             frames_by_message=meter.frames_by_message(),
         ),
         timing=outcome.timing,

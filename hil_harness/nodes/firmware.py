@@ -53,10 +53,10 @@ class FirmwareNode:
     """The ECU: steps its kernel once per call, on whatever valid frames have arrived.
 
     Frames are checked for identifier, length, CRC, counter, range and age; rejected ones are
-    counted in `checker.rejected` and touch nothing. Of several valid frames of one message the newest
-    counts, as in a receive mailbox. Its own frames carry the tick counter of the encoder frame it
-    has used, or its own running one while there is none. `trigger_ids` are the frames that make a
-    tick's input complete (real time only).
+    counted in `checker.rejected` and touch nothing. Of several valid frames of one message the
+    newest counts, as in a receive mailbox. Its own frames carry the tick counter of the encoder
+    frame it has used, or its own running one while there is none. `trigger_ids` are the frames that
+    make a tick's input complete (real time only).
 
     Raises HarnessError or FirmwareError where robot, map and formats do not fit together.
     """

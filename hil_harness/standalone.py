@@ -1,0 +1,105 @@
+"""One node alone on a real-time bus, so that plant and firmware can be two processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+
+import can
+
+from can_bus import LogWriter, open_bus, open_log_writer
+from hil_harness.assembly import RunConfig, build_plant_node, default_channel, load_wire
+from hil_harness.errors import HarnessError
+from hil_harness.lockstep import LOCKSTEP_INTERFACES
+from hil_harness.nodes import FirmwareNode
+from hil_harness.realtime import Pacer, run_firmware_node, run_plant_node
+from hil_harness.results import Timing
+
+
+@dataclass(frozen=True)
+class NodeOutcome:
+    """How a node's life went.
+
+    `timing` is the plant's: how late its ticks started. `starved_ticks` and `rejected` are the
+    firmware's: ticks without a complete set of sensor frames, and refused frames by reason.
+    """
+
+    ticks: int
+    interrupted: bool
+    timing: Timing = field(default_factory=Timing)
+    starved_ticks: int = 0
+    rejected: Mapping[str, int] = field(default_factory=dict)
+
+
+def run_plant_alone(config: RunConfig) -> NodeOutcome:
+    """Run the plant on its bus for the duration of its scenario, or until Ctrl-C.
+
+    Raises HarnessError for an interface that other processes cannot reach, CanBusError if the bus
+    cannot be opened or goes away.
+    """
+    _refuse_in_process(config.interface)
+    wire = load_wire(config.dbc, config.signals)
+    ticks = config.tick_count(wire.tick_period_us)
+    node = build_plant_node(config, wire, ticks)
+    with _opened(config) as (bus, log):
+        pacer = Pacer(wire.tick_period_us)
+        interrupted = False
+        try:
+            run_plant_node(node, bus, pacer=pacer, ticks=ticks, log=log)
+        except KeyboardInterrupt:
+            interrupted = True
+    return NodeOutcome(len(node.truth), interrupted, pacer.timing())
+
+
+def run_firmware_alone(config: RunConfig, *, ticks: int | None = None) -> NodeOutcome:
+    """Run the firmware on its bus for so many ticks from the first sensor frame, or until Ctrl-C.
+
+    Of the configuration the scenario, its effects and seed are the plant's and not used here.
+    Raises as `run_plant_alone` does.
+    """
+    _refuse_in_process(config.interface)
+    wire = load_wire(config.dbc, config.signals)
+    node = FirmwareNode(
+        config.robot,
+        database=wire.database,
+        signal_map=wire.signal_map,
+        tick_period_us=wire.tick_period_us,
+    )
+    with _opened(config) as (bus, log):
+        interrupted = False
+        starved = 0
+        try:
+            for is_complete in run_firmware_node(
+                node, bus, tick_period_us=wire.tick_period_us, ticks=ticks, log=log
+            ):
+                starved += not is_complete
+        except KeyboardInterrupt:
+            interrupted = True
+    return NodeOutcome(
+        len(node.inputs.left_count),
+        interrupted,
+        starved_ticks=starved,
+        rejected={str(why): count for why, count in node.checker.rejected.items()},
+    )
+
+
+@contextmanager
+def _opened(config: RunConfig) -> Iterator[tuple[can.BusABC, LogWriter | None]]:
+    with ExitStack() as stack:
+        log = None if config.log is None else stack.enter_context(open_log_writer(config.log))
+        bus = open_bus(
+            config.interface,
+            config.channel or default_channel(config.interface),
+            bitrate=config.bitrate,
+            bus_args=config.bus_args,
+        )
+        yield stack.enter_context(bus), log
+
+
+def _refuse_in_process(interface: str) -> None:
+    if interface in LOCKSTEP_INTERFACES:
+        raise HarnessError(
+            f"--interface {interface} lives inside one process, where no other node could hear "
+            "this one: use udp_multicast (this host), socketcan (vcan0, can0) or your adapter's"
+        )
