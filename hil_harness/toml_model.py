@@ -59,7 +59,13 @@ def _in_words(
         path, line_key, message = _problem(source, model, table, problem)
         if path not in found:  # a union reports one problem per member: say the field once
             found[path] = (source.line_of(line_key) or 0, f"{source.where(line_key)}: {message}")
-    lines = tuple(text for _, text in sorted(found.values(), key=lambda item: item[0]))
+    deepest = [
+        problem
+        for path, problem in found.items()
+        # where text or a table may stand, a table's own problem says more than "expected text"
+        if not any(len(other) > len(path) and other[: len(path)] == path for other in found)
+    ]
+    lines = tuple(text for _, text in sorted(deepest, key=lambda problem: problem[0]))
     rest = len(lines) - 1
     more = f" (and {rest} more problem{'s' if rest > 1 else ''})" if rest else ""
     return HarnessError(lines[0] + more, lines)
