@@ -8,8 +8,7 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from firmware_model.constants import FirmwareConstants
-from firmware_model.description import FirmwareDescription
+from firmware_model import FirmwareConstants, FirmwareDescription
 from hil_harness.errors import HarnessError
 from hil_harness.kernel_inputs import GyroCodes, described_gyro
 from hil_harness.toml_model import validate

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from firmware_model.description import FirmwareDescription
+from firmware_model import FirmwareDescription
 from hil_harness.errors import HarnessError
 from hil_harness.robot import (
     RobotFile,
