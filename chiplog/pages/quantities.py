@@ -7,6 +7,7 @@ import math
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 MINUS = "−"
 UNKNOWN = "–"
+SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 def length(value_m: float | None, digits: int = 4) -> str:

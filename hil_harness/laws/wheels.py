@@ -33,7 +33,11 @@ def _distance_drift(bench: Bench) -> Evidence:
         measured[error] = travelled_m, excess_m
         series += [
             law("", travelled_m[[0, -1]], error * travelled_m[[0, -1]]),
-            dots(f"ε_r = {100 * error:+.1f} %", *_every(travelled_m, excess_m, 12), colour),
+            dots(
+                f"ε_r = {100 * error:+.1f} %".replace("-", "−"),
+                *_every(travelled_m, excess_m, 12),
+                colour,
+            ),
         ]
     travelled_m, excess_m = measured[RADIUS_ERROR]
     checks = (
@@ -55,12 +59,14 @@ def _distance_drift(bench: Bench) -> Evidence:
             "1.5·tick/S",
         ),
     )
+    # On a circle of 1 m, at a rate that the gyro's codes can show without rounding.
+    rate_rad_s = bench.gyro_rad_s_per_lsb * round(SPEED_M_S / bench.gyro_rad_s_per_lsb)
     circling = bench.drive(
-        bench.constant(SPEED_M_S, SPEED_M_S, DURATION_S),
+        bench.constant(rate_rad_s, rate_rad_s, DURATION_S),
         Mechanisms(radius_scale=1 / (1 + RADIUS_ERROR) - 1),
     )
-    difference = bench.odometry(circling, "wheel")[0] - circling.truth[0]
-    path_m = SPEED_M_S * bench.tick_s * np.arange(len(difference))
+    difference = bench.odometry(circling, "gyro")[0] - circling.truth[0]
+    path_m = rate_rad_s * bench.tick_s * np.arange(len(difference))
     return Evidence(
         checks,
         (
@@ -71,7 +77,7 @@ def _distance_drift(bench: Bench) -> Evidence:
                 tuple(series),
             ),
             Panel(
-                "Circle of 1 m: the path drifts, the position does not",
+                "Circle of 1 m, heading by gyro",
                 "true path S [m]",
                 "position error [m]",
                 (
@@ -86,8 +92,9 @@ def _distance_drift(bench: Bench) -> Evidence:
             ),
         ),
         "Left: distance by the firmware minus true distance for four radius errors, with ε_r·S "
-        "dashed. Right: the law speaks of distance along the path. On a circle the position error "
-        "turns with the heading and leaves ε_r·S after about a radian.",
+        "dashed. Right: the law speaks of distance along the path. On a circle with a right "
+        "heading the position error is ε_r times the chord: it leaves ε_r·S after about a radian "
+        "and is gone after each turn.",
     )
 
 
