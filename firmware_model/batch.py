@@ -1,0 +1,248 @@
+"""The kernel over arrays of runs: no bus, no Python in the loop, all cores."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_model.compiled import compiled_kernel
+from firmware_model.config import KernelConfig
+from firmware_model.errors import FirmwareError
+from firmware_model.kernel import config_record, initial_state
+from firmware_model.state import FRESH, STATE_DTYPE, STATE_FIELDS
+from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
+
+Int64Array = npt.NDArray[np.int64]
+Float64Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BatchRuns:
+    """Results of `run_batch`; tick k of each history is the state after the inputs of tick k.
+
+    Attributes:
+        configs: the configuration of each run.
+        final_states: structured array [runs] with the fields of `State`.
+        final_twins: structured array [runs] (x_m, y_m, heading_rad, gap_turn_rad), or None.
+        pose_q: int64 [runs, ticks, 3]: x_m_q, y_m_q, heading_turn_q, or None without history.
+        status: int32 [runs, ticks], the status word, or None.
+        heading_source: int8 [runs, ticks], see HeadingSource, or None.
+        twin_pose: float64 [runs, ticks, 3]: x_m, y_m, heading_rad (unwrapped), or None.
+    """
+
+    configs: tuple[KernelConfig, ...]
+    final_states: npt.NDArray[np.void]
+    final_twins: npt.NDArray[np.void] | None
+    pose_q: Int64Array | None
+    status: npt.NDArray[np.int32] | None
+    heading_source: npt.NDArray[np.int8] | None
+    twin_pose: Float64Array | None
+
+    def pose_m_rad(self) -> Float64Array:
+        """Return the pose history as float64 [runs, ticks, 3] in m and rad, heading unwrapped.
+
+        Unwrapping adds up integer differences modulo one turn: it is exact as long as the robot
+        turns by less than half a turn in a tick.
+
+        Raises:
+            FirmwareError: the batch was run without history.
+        """
+        if self.pose_q is None:
+            raise FirmwareError("pose_m_rad: no history was kept: expected run_batch(history=True)")
+        poses = np.empty(self.pose_q.shape, dtype=np.float64)
+        for run, config in enumerate(self.configs):
+            poses[run] = pose_m_rad(config, self.pose_q[run])
+        return poses
+
+
+def pose_m_rad(config: KernelConfig, pose_q: Int64Array) -> Float64Array:
+    """Return raw poses int64 [ticks, 3] as float64 [ticks, 3] in m and rad, heading unwrapped.
+
+    The heading starts from zero before the first tick.
+    """
+    poses = np.empty(pose_q.shape, dtype=np.float64)
+    poses[:, :2] = np.ldexp(pose_q[:, :2].astype(np.float64), -config.position_frac_bits)
+    half = 1 << (config.heading_frac_bits - 1)
+    turns = np.diff(pose_q[:, 2], prepend=0)
+    turns = ((turns + half) & (2 * half - 1)) - half
+    unwrapped = np.cumsum(turns).astype(np.float64)
+    poses[:, 2] = unwrapped * (2.0 * math.pi / (2 * half))
+    return poses
+
+
+def run_batch(
+    config: KernelConfig | Sequence[KernelConfig],
+    left_count: npt.ArrayLike,
+    right_count: npt.ArrayLike,
+    gyro_code: npt.ArrayLike,
+    encoder_validity: npt.ArrayLike | None = None,
+    gyro_validity: npt.ArrayLike | None = None,
+    *,
+    twin: bool = True,
+    history: bool = True,
+    workers: int | None = None,
+) -> BatchRuns:
+    """Step one kernel per run through all of its ticks.
+
+    Args:
+        config: one configuration for all runs, or one per run.
+        left_count: integers [runs, ticks], left encoder counter.
+        right_count: integers [runs, ticks], right encoder counter.
+        gyro_code: integers [runs, ticks], gyro ADC code.
+        encoder_validity: integers [runs, ticks] of FRESH, STALE, INVALID; None: all fresh.
+        gyro_validity: likewise for the gyro.
+        twin: run the float64 twin beside each kernel.
+        history: keep every tick; without it memory does not grow with the number of ticks.
+        workers: threads; None: one per core.
+
+    Inputs of one run (shape [1, ticks]) serve all configurations; no copy is made of them.
+
+    Raises:
+        FirmwareError: arrays that are not of integers, not 2-D, or of different shapes.
+    """
+    inputs = {
+        "left_count": _counts("left_count", left_count),
+        "right_count": _counts("right_count", right_count),
+        "gyro_code": _counts("gyro_code", gyro_code),
+    }
+    configs = (config,) if isinstance(config, KernelConfig) else tuple(config)
+    ticks = inputs["left_count"].shape[1]
+    runs = max(len(configs), *(one.shape[0] for one in inputs.values()))
+    if len(configs) == 1:
+        configs = configs * runs
+    if len(configs) != runs:
+        raise FirmwareError(
+            f"config: {len(configs)} configurations for {runs} runs: expected one per run"
+        )
+    arrays = {name: _spread(name, one, runs, ticks) for name, one in inputs.items()}
+    validities = {
+        name: _validity(name, one, runs, ticks)
+        for name, one in (
+            ("encoder_validity", encoder_validity),
+            ("gyro_validity", gyro_validity),
+        )
+    }
+
+    config_records, table = _records(configs)
+    states = np.zeros(runs, STATE_DTYPE)
+    for name in STATE_FIELDS:
+        states[name] = getattr(initial_state(configs[0]), name) if runs else 0
+    states["gyro_offset_q"] = config_records["zero_rate_code_q"]
+    twin_configs = np.zeros(runs if twin else 0, TWIN_CONFIG_DTYPE)
+    cache: dict[int, Any] = {}
+    for run in range(twin_configs.shape[0]):
+        one = configs[run]
+        if id(one) not in cache:
+            built = build_twin_config(one)
+            cache[id(one)] = tuple(getattr(built, name) for name in TWIN_CONFIG_DTYPE.names or ())
+        twin_configs[run] = cache[id(one)]
+    twins = np.zeros(runs if twin else 0, TWIN_DTYPE)
+    kept = runs if history else 0
+    pose_q = np.empty((kept, ticks, 3), dtype=np.int64)
+    status = np.empty((kept, ticks), dtype=np.int32)
+    source = np.empty((kept, ticks), dtype=np.int8)
+    twin_pose = np.empty((kept if twin else 0, ticks, 3), dtype=np.float64)
+
+    batch = compiled_kernel().batch
+
+    def run_chunk(part: slice) -> None:
+        batch(
+            states[part],
+            config_records[part],
+            table,
+            arrays["left_count"][part],
+            arrays["right_count"][part],
+            validities["encoder_validity"][part],
+            arrays["gyro_code"][part],
+            validities["gyro_validity"][part],
+            twins[part],
+            twin_configs[part],
+            pose_q[part],
+            status[part],
+            source[part],
+            twin_pose[part],
+        )
+
+    _in_threads(run_chunk, runs, workers)
+    return BatchRuns(
+        configs=configs,
+        final_states=states,
+        final_twins=twins if twin else None,
+        pose_q=pose_q if history else None,
+        status=status if history else None,
+        heading_source=source if history else None,
+        twin_pose=twin_pose if history and twin else None,
+    )
+
+
+def _in_threads(work: Any, runs: int, workers: int | None) -> None:
+    """Call *work* with slices of the runs: a few per thread, so that the last ends with the rest."""
+    count = (
+        workers or len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else (workers or os.cpu_count() or 1)
+    )
+    if count == 1 or runs < 2:
+        work(slice(0, runs))
+        return
+    size = max(-(-runs // (4 * count)), 1)
+    parts = [slice(start, min(start + size, runs)) for start in range(0, runs, size)]
+    with ThreadPoolExecutor(count) as pool:
+        for _ in pool.map(work, parts):
+            pass
+
+
+def _records(configs: tuple[KernelConfig, ...]) -> tuple[npt.NDArray[np.void], Int64Array]:
+    """Return one record per run and the tables of all, each table once."""
+    starts: dict[tuple[int, ...], int] = {}
+    tables: list[tuple[int, ...]] = []
+    known: dict[int, npt.NDArray[np.void]] = {}
+    length = 0
+    parts: list[npt.NDArray[np.void]] = []
+    for config in configs:
+        if id(config) not in known:
+            if config.table not in starts:
+                starts[config.table] = length
+                tables.append(config.table)
+                length += len(config.table)
+            known[id(config)] = config_record(config, table_start=starts[config.table])
+        parts.append(known[id(config)])
+    flat = [value for table in tables for value in table]
+    return np.concatenate(parts), np.array(flat, dtype=np.int64)
+
+
+def _counts(name: str, values: npt.ArrayLike) -> Int64Array:
+    array = np.asarray(values)
+    if array.dtype.kind not in "iu" or array.ndim != 2:
+        raise FirmwareError(
+            f"{name}: {array.dtype} array of shape {array.shape}: "
+            "expected integers of shape [runs, ticks]"
+        )
+    return array.astype(np.int64, copy=False)
+
+
+def _spread(name: str, array: Any, runs: int, ticks: int) -> Any:
+    if array.shape[1] != ticks or array.shape[0] not in (1, runs):
+        raise FirmwareError(f"{name}: shape {array.shape}: expected ({runs}, {ticks})")
+    return np.broadcast_to(array, (runs, ticks))
+
+
+def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) -> Any:
+    if values is None:
+        return np.broadcast_to(np.int8(FRESH), (runs, ticks))
+    array = np.asarray(values)
+    if array.dtype.kind not in "iu" or array.ndim != 2:
+        raise FirmwareError(
+            f"{name}: {array.dtype} array of shape {array.shape}: "
+            "expected integers of shape [runs, ticks]"
+        )
+    if array.size and not (0 <= array.min() and array.max() <= 127):
+        raise FirmwareError(f"{name}: values {array.min()} to {array.max()}: expected 0, 1 or 2")
+    return _spread(name, array.astype(np.int8, copy=False), runs, ticks)

@@ -1,0 +1,165 @@
+"""The kernel as machine code, compiled once per machine and cached on disk."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any, Final, NamedTuple
+
+import numba
+from numba import types
+
+from firmware_model.config import CONFIG_DTYPE
+from firmware_model.state import STATE_DTYPE
+from firmware_model.step import step_kernel
+from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, step_twin
+
+
+class Compiled(NamedTuple):
+    """The compiled entry points; arguments as those of the Python functions in this module."""
+
+    step: Callable[..., None]
+    batch: Callable[..., None]
+
+
+@lru_cache(maxsize=1)
+def compiled_kernel() -> Compiled:
+    """Return the compiled kernel: from numba's cache if there is one, else compiled now.
+
+    The cache lies beside the package or, where that is read-only, in the user's cache folder;
+    where neither can be written the code is compiled anew in each process.
+    """
+    source = _source_digest()
+    step, batch = _entry_points(source)
+    return Compiled(_compile(step, _STEP_SIGNATURE), _compile(batch, _BATCH_SIGNATURE))
+
+
+def _source_digest() -> int:
+    """Return a number that changes with any module of this package."""
+    digest = hashlib.sha256()
+    for entry in sorted(files("firmware_model").iterdir(), key=lambda one: one.name):
+        if entry.name.endswith(".py"):
+            digest.update(entry.name.encode())
+            digest.update(entry.read_bytes())
+    return int.from_bytes(digest.digest()[:7], "little")
+
+
+def _compile(function: Callable[..., None], signature: Any) -> Callable[..., None]:
+    try:
+        compiled = numba.njit(signature, cache=True, nogil=True)(function)
+    except RuntimeError:  # numba found no folder that it may write to
+        compiled = numba.njit(signature, nogil=True)(function)
+    result: Callable[..., None] = compiled
+    return result
+
+
+def _array(dtype: Any, dimensions: int, layout: str = "C", *, readonly: bool = False) -> Any:
+    return types.Array(dtype, dimensions, layout, readonly=readonly)
+
+
+_STATES: Final = _array(numba.from_dtype(STATE_DTYPE), 1)
+_CONFIGS: Final = _array(numba.from_dtype(CONFIG_DTYPE), 1)
+_TWINS: Final = _array(numba.from_dtype(TWIN_DTYPE), 1)
+_TWIN_CONFIGS: Final = _array(numba.from_dtype(TWIN_CONFIG_DTYPE), 1)
+_TABLE: Final = _array(types.int64, 1)
+_INPUTS: Final = _array(types.int64, 2, "A", readonly=True)
+_VALIDITIES: Final = _array(types.int8, 2, "A", readonly=True)
+
+_STEP_SIGNATURE: Final = types.void(_STATES, _CONFIGS, _TABLE, *([types.int64] * 5))
+_BATCH_SIGNATURE: Final = types.void(
+    _STATES,
+    _CONFIGS,
+    _TABLE,
+    _INPUTS,
+    _INPUTS,
+    _VALIDITIES,
+    _INPUTS,
+    _VALIDITIES,
+    _TWINS,
+    _TWIN_CONFIGS,
+    _array(types.int64, 3),
+    _array(types.int32, 2),
+    _array(types.int8, 2),
+    _array(types.float64, 3),
+)
+
+
+def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[..., None]]:
+    """Return the two functions that numba compiles.
+
+    numba keys its disk cache on a function's own file and closure, not on the functions that it
+    calls. The digest of all sources is therefore part of the closure: an edited kernel is never
+    mistaken for the cached one.
+    """
+
+    def step(
+        states: Any,
+        configs: Any,
+        table: Any,
+        left_count: int,
+        right_count: int,
+        encoder_validity: int,
+        gyro_code: int,
+        gyro_validity: int,
+    ) -> None:
+        if source_digest >= 0:
+            step_kernel(
+                states[0],
+                configs[0],
+                table,
+                left_count,
+                right_count,
+                encoder_validity,
+                gyro_code,
+                gyro_validity,
+            )
+
+    def batch(
+        states: Any,
+        configs: Any,
+        table: Any,
+        left_count: Any,
+        right_count: Any,
+        encoder_validity: Any,
+        gyro_code: Any,
+        gyro_validity: Any,
+        twins: Any,
+        twin_configs: Any,
+        pose_q: Any,
+        status: Any,
+        heading_source: Any,
+        twin_pose: Any,
+    ) -> None:
+        """Step each run through all of its ticks; an output of no runs is not wanted."""
+        if source_digest < 0:
+            return
+        for run in range(states.shape[0]):
+            state = states[run]
+            config = configs[run]
+            for tick in range(left_count.shape[1]):
+                step_kernel(
+                    state,
+                    config,
+                    table,
+                    left_count[run, tick],
+                    right_count[run, tick],
+                    encoder_validity[run, tick],
+                    gyro_code[run, tick],
+                    gyro_validity[run, tick],
+                )
+                if pose_q.shape[0] > 0:
+                    pose_q[run, tick, 0] = state.x_m_q
+                    pose_q[run, tick, 1] = state.y_m_q
+                    pose_q[run, tick, 2] = state.heading_turn_q
+                    status[run, tick] = state.status
+                    heading_source[run, tick] = state.heading_source
+                if twins.shape[0] > 0:
+                    step_twin(twins[run], twin_configs[run], state)
+                    if twin_pose.shape[0] > 0:
+                        twin_pose[run, tick, 0] = twins[run].x_m
+                        twin_pose[run, tick, 1] = twins[run].y_m
+                        twin_pose[run, tick, 2] = twins[run].heading_rad
+
+    return step, batch

@@ -1,0 +1,226 @@
+"""One firmware instance: the kernel with its state, as plain Python or as machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_model.compiled import compiled_kernel
+from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig
+from firmware_model.errors import FirmwareError
+from firmware_model.state import STATE_DTYPE, STATE_FIELDS, HeadingSource, State, StatusBit
+from firmware_model.step import step_kernel
+from firmware_model.twin import Twin, TwinConfig, build_twin_config, step_twin
+
+Implementation = Literal["compiled", "python"]
+
+
+def initial_state(config: KernelConfig) -> State:
+    """Return the state at power-on: all zero, gyro offset at its nominal code."""
+    return State(gyro_offset_q=config.zero_rate_code_q)
+
+
+def config_record(config: KernelConfig, *, table_start: int = 0) -> npt.NDArray[np.void]:
+    """Return *config* as an array of one record, its table starting at *table_start*."""
+    record = np.zeros(1, CONFIG_DTYPE)
+    for name in CONFIG_FIELDS:
+        record[name] = getattr(config, name)
+    record["table_start"] = table_start
+    return record
+
+
+class Kernel:
+    """The firmware's odometry of one robot.
+
+    Args:
+        config: from `build_config`.
+        implementation: ``"compiled"`` (about a microsecond a step) or ``"python"`` (the readable
+            oracle, some tens); both give the same integers.
+
+    Raises:
+        FirmwareError: an implementation of another name.
+    """
+
+    def __init__(self, config: KernelConfig, implementation: Implementation = "compiled") -> None:
+        self.config = config
+        self.implementation: Implementation = implementation
+        if implementation == "python":
+            self._state = initial_state(config)
+        elif implementation == "compiled":
+            self._states = np.zeros(1, STATE_DTYPE)
+            self._record = self._states[0]
+            self._configs = config_record(config)
+            self._table = np.array(config.table, dtype=np.int64)
+            self._step = compiled_kernel().step
+            self.load_state(_state_dict(initial_state(config)))
+        else:
+            raise FirmwareError(
+                f"implementation = {implementation!r}: expected 'compiled' or 'python'"
+            )
+
+    def step(
+        self,
+        left_count: int,
+        right_count: int,
+        encoder_validity: int,
+        gyro_code: int,
+        gyro_validity: int,
+    ) -> None:
+        """Take one tick's inputs.
+
+        Args:
+            left_count: left encoder counter [ticks], read modulo its width.
+            right_count: right encoder counter [ticks].
+            encoder_validity: FRESH, STALE or INVALID (as is any other number); only a fresh
+                sample is looked at.
+            gyro_code: gyro ADC code [LSB] of the tick that ends now.
+            gyro_validity: as encoder_validity, for the gyro.
+        """
+        if self.implementation == "python":
+            step_kernel(
+                self._state,
+                self.config,
+                self.config.table,
+                left_count,
+                right_count,
+                encoder_validity,
+                gyro_code,
+                gyro_validity,
+            )
+        else:
+            self._step(
+                self._states,
+                self._configs,
+                self._table,
+                left_count,
+                right_count,
+                encoder_validity,
+                gyro_code,
+                gyro_validity,
+            )
+
+    def _get(self, name: str) -> int:
+        if self.implementation == "python":
+            value: int = getattr(self._state, name)
+            return value
+        return int(self._record[name])
+
+    @property
+    def x_m_q(self) -> int:
+        """Position x, in 2^−position.frac_bits m."""
+        return self._get("x_m_q")
+
+    @property
+    def y_m_q(self) -> int:
+        """Position y, in 2^−position.frac_bits m."""
+        return self._get("y_m_q")
+
+    @property
+    def heading_turn_q(self) -> int:
+        """Heading in [−½, ½) turn, in 2^−heading.frac_bits turn."""
+        return self._get("heading_turn_q")
+
+    @property
+    def heading_turn_q32(self) -> int:
+        """Heading in [−½, ½) turn, in 2^−32 turn, whatever the heading's format."""
+        return self._get("heading_turn_q") * (1 << (32 - self.config.heading_frac_bits))
+
+    @property
+    def v_m_s_q(self) -> int:
+        """Low-passed forward speed, in 2^−velocity.frac_bits m/s; the last one while invalid."""
+        return self._get("v_m_s_q")
+
+    @property
+    def w_rad_s_q(self) -> int:
+        """Low-passed turn rate, in 2^−velocity.frac_bits rad/s; the last one while invalid."""
+        return self._get("w_rad_s_q")
+
+    @property
+    def v_is_valid(self) -> bool:
+        """Whether this tick gave a forward speed."""
+        return self._get("v_is_valid") == 1
+
+    @property
+    def w_is_valid(self) -> bool:
+        """Whether this tick gave a turn rate."""
+        return self._get("w_is_valid") == 1
+
+    @property
+    def status(self) -> StatusBit:
+        """The status word."""
+        return StatusBit(self._get("status"))
+
+    @property
+    def heading_source(self) -> HeadingSource:
+        """What moved the heading in this tick."""
+        return HeadingSource(self._get("heading_source"))
+
+    @property
+    def gyro_offset_q(self) -> int:
+        """Zero-rate code in use, in 2^−gyro.offset_frac_bits LSB."""
+        return self._get("gyro_offset_q")
+
+    @property
+    def overflow_count(self) -> int:
+        """How often a word has overflowed since power-on."""
+        return self._get("overflow_count")
+
+    def state(self) -> dict[str, int]:
+        """Return the full state, for `state.json` and for comparison."""
+        if self.implementation == "python":
+            return _state_dict(self._state)
+        return dict(zip(STATE_FIELDS, self._record.item(), strict=True))
+
+    def load_state(self, state: Mapping[str, int]) -> None:
+        """Continue from a state that `state` returned.
+
+        Raises:
+            FirmwareError: a field is missing, unknown, or not a 64-bit integer.
+        """
+        if set(state) != set(STATE_FIELDS):
+            wrong = sorted(set(state) ^ set(STATE_FIELDS))
+            raise FirmwareError(
+                f"state: field {wrong[0]} is {'unknown' if wrong[0] in state else 'missing'}: "
+                f"expected exactly the {len(STATE_FIELDS)} fields of firmware_model.State"
+            )
+        for name, value in state.items():
+            if type(value) is not int or not -(1 << 63) <= value < 1 << 63:
+                raise FirmwareError(f"state.{name} = {value!r}: expected an integer of 64 bits")
+        if self.implementation == "python":
+            self._state = State(**state)
+        else:
+            for name, value in state.items():
+                self._record[name] = value
+
+
+class FloatTwin:
+    """The float64 twin of one kernel, stepped after it.
+
+    Attributes:
+        twin: its state: x_m, y_m, heading_rad (unwrapped).
+    """
+
+    def __init__(self, config: KernelConfig) -> None:
+        self.twin = Twin()
+        self._config: TwinConfig = build_twin_config(config)
+        self._state = State()
+
+    def step(self, kernel: Kernel) -> None:
+        """Follow the tick that *kernel* has just taken."""
+        if kernel.implementation == "python":
+            step_twin(self.twin, self._config, kernel._state)
+        else:
+            step_twin(self.twin, self._config, State(**kernel.state()))
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Return (x_m, y_m, heading_rad), heading unwrapped."""
+        return self.twin.x_m, self.twin.y_m, self.twin.heading_rad
+
+
+def _state_dict(state: State) -> dict[str, int]:
+    return {one.name: getattr(state, one.name) for one in fields(state)}

@@ -1,0 +1,244 @@
+"""From believed increments to the pose: turn, step, position, heading, velocity.
+
+Where the heading's turn comes from in a tick:
+
+========  ==================================  =========================================
+mode      gyro believed                       gyro not believed
+========  ==================================  =========================================
+wheel     the wheels, for the whole gap; held while the encoder is not accepted
+gyro      the gyro; held in a standstill      the wheels, for the whole gap since the last
+                                              accepted sample (WHEEL_FALLBACK); held while
+                                              the encoder is not accepted either
+blend     wheels + weight · (gyro − wheels);  as mode gyro
+          the gyro alone while the encoder
+          is not accepted or just returns;
+          held in a standstill
+========  ==================================  =========================================
+
+When the encoder returns after a gap in which any gyro sample was missing, the gap's heading is
+the wheels' heading: the turn that the gyro gave in the gap is taken back. The distance of a gap
+is laid along the heading of the gap by the same rule (before, middle, after) as that of a tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_model._source import kernel_function
+from firmware_model.config import MODE_BLEND, MODE_WHEEL, KernelConfig
+from firmware_model.encoder import ACCEPTED
+from firmware_model.integers import (
+    FLOOR,
+    HALF_UP,
+    SATURATE,
+    add_limited,
+    exceeds,
+    limit,
+    shift_round,
+    sum_exceeds,
+    wrap_signed,
+)
+from firmware_model.state import HeadingSource, State, StatusBit
+from firmware_model.trigonometry import find_direction
+
+HELD: Final = int(HeadingSource.HELD)
+WHEELS: Final = int(HeadingSource.WHEELS)
+GYRO: Final = int(HeadingSource.GYRO)
+BLEND: Final = int(HeadingSource.BLEND)
+
+_WHEEL_FALLBACK: Final = int(StatusBit.WHEEL_FALLBACK)
+_OVERFLOW: Final = int(StatusBit.OVERFLOW)
+
+
+@kernel_function
+def note_overflow(state: State, happened: int) -> None:
+    """Count an overflow, and let the status word say so for good."""
+    if happened == 1:
+        state.overflow_count = state.overflow_count + 1
+        state.status |= _OVERFLOW
+
+
+@kernel_function
+def choose_source(state: State, config: KernelConfig, gyro_is_usable: int, is_at_rest: int) -> int:
+    """Return where the heading's turn of this tick comes from (the table above)."""
+    encoder_is_accepted = state.encoder_decision == ACCEPTED
+    if config.mode == MODE_WHEEL:
+        if encoder_is_accepted:
+            return WHEELS
+        return HELD
+    if gyro_is_usable == 0 or (encoder_is_accepted and state.gap_misses_gyro == 1):
+        if encoder_is_accepted:
+            state.status |= _WHEEL_FALLBACK
+            return WHEELS
+        if gyro_is_usable == 0:
+            state.gap_misses_gyro = 1
+            return HELD
+    if is_at_rest == 1:
+        return HELD
+    if config.mode == MODE_BLEND and encoder_is_accepted and state.gap_ticks == 1:
+        return BLEND
+    return GYRO
+
+
+@kernel_function
+def wheel_turn(state: State, config: KernelConfig) -> int:
+    """Return the turn of the accepted increments, in 2^−K turn.
+
+    Scaling and overflow: (right − left) · tick_turn_q plus the carried remainder is below 2^62;
+    wheel_turn_shift fraction bits are rounded away, then the word is limited.
+    """
+    total = (state.right_step_ticks - state.left_step_ticks) * config.tick_turn_q
+    total = total + state.wheel_turn_remainder_q
+    turn = shift_round(total, config.wheel_turn_shift, config.turn_rounding)
+    if config.turn_carry == 1:
+        state.wheel_turn_remainder_q = total - turn * (1 << config.wheel_turn_shift)
+    note_overflow(state, exceeds(turn, config.turn_low_q, config.turn_high_q))
+    return limit(turn, config.turn_low_q, config.turn_high_q, config.turn_overflow)
+
+
+@kernel_function
+def gyro_turn(state: State, config: KernelConfig) -> int:
+    """Return the turn that the gyro gives for this tick, in 2^−K turn.
+
+    Scaling and overflow: (code − offset) is below 2^33 with the offset's fraction bits; its
+    product with the sensitivity plus the carried remainder is below 2^62.
+    """
+    rate_q = state.gyro_code * (1 << config.offset_frac_bits) - state.gyro_offset_q
+    total = rate_q * config.sensitivity_turn_q + state.gyro_turn_remainder_q
+    turn = shift_round(total, config.gyro_turn_shift, config.turn_rounding)
+    if config.turn_carry == 1:
+        state.gyro_turn_remainder_q = total - turn * (1 << config.gyro_turn_shift)
+    note_overflow(state, exceeds(turn, config.turn_low_q, config.turn_high_q))
+    return limit(turn, config.turn_low_q, config.turn_high_q, config.turn_overflow)
+
+
+@kernel_function
+def turn_of_tick(state: State, config: KernelConfig) -> int:
+    """Return by how much the heading turns in this tick, in 2^−K turn.
+
+    Scaling and overflow: the blend's difference is that of one tick (no gap), and below 2^62
+    with the weight's fraction bits.
+    """
+    source = state.heading_source
+    if source == WHEELS:
+        return wheel_turn(state, config) - state.gap_turn_q
+    if source == GYRO:
+        return gyro_turn(state, config)
+    if source == BLEND:
+        by_wheels = wheel_turn(state, config)
+        difference = gyro_turn(state, config) - by_wheels
+        return by_wheels + shift_round(
+            difference * config.blend_weight_q, config.blend_frac_bits, config.turn_rounding
+        )
+    return 0
+
+
+@kernel_function
+def step_of_tick(state: State, config: KernelConfig) -> int:
+    """Return the distance of the accepted increments, in 2^−S m.
+
+    Scaling and overflow: (left + right) · half_tick_m_q plus the carried remainder is below
+    2^62; step_shift fraction bits are rounded away, then the word is limited.
+    """
+    total = (state.left_step_ticks + state.right_step_ticks) * config.half_tick_m_q
+    total = total + state.step_remainder_q
+    step = shift_round(total, config.step_shift, config.step_rounding)
+    if config.step_carry == 1:
+        state.step_remainder_q = total - step * (1 << config.step_shift)
+    note_overflow(state, exceeds(step, config.step_low_q, config.step_high_q))
+    return limit(step, config.step_low_q, config.step_high_q, config.step_overflow)
+
+
+@kernel_function
+def heading_with_remainder(state: State, config: KernelConfig) -> int:
+    """Return the heading in 2^−K turn.
+
+    Scaling and overflow: half a turn is 2^(K−1), K ≤ 52; the remainder is below one unit of F.
+    """
+    return state.heading_turn_q * (1 << config.heading_shift) + state.heading_remainder_q
+
+
+@kernel_function
+def move(
+    state: State, config: KernelConfig, table: Sequence[int], step_q: int, turn_q: int
+) -> None:
+    """Advance x and y by a step along the heading that the integration rule names.
+
+    The whole turn since the last accepted sample is gap_turn_q + turn_q; the rule takes none,
+    half or all of it.
+
+    Scaling and overflow: the angle is formed in 2^−(K+1) turn, below 2^62, rounded to F bits as
+    the heading is, wrapped, and brought to 2^−32 turn. step · cosine has S + T fraction bits and
+    is below 2^62 with the carried remainder; position_shift of them are rounded away.
+    """
+    start_q = heading_with_remainder(state, config) - state.gap_turn_q
+    angle_q = 2 * start_q + config.integration * (state.gap_turn_q + turn_q)
+    angle_q = shift_round(angle_q, config.heading_shift + 1, config.heading_rounding)
+    one_turn = 1 << config.heading_frac_bits
+    phase_turn_q32 = (angle_q & (one_turn - 1)) * (1 << (32 - config.heading_frac_bits))
+    find_direction(state, config, table, phase_turn_q32)
+
+    total = step_q * state.cosine_q + state.x_remainder_q
+    x_step_q = shift_round(total, config.position_shift, config.position_rounding)
+    if config.position_carry == 1:
+        state.x_remainder_q = total - x_step_q * (1 << config.position_shift)
+    total = step_q * state.sine_q + state.y_remainder_q
+    y_step_q = shift_round(total, config.position_shift, config.position_rounding)
+    if config.position_carry == 1:
+        state.y_remainder_q = total - y_step_q * (1 << config.position_shift)
+
+    low = config.position_low_q
+    high = config.position_high_q
+    note_overflow(state, sum_exceeds(state.x_m_q, x_step_q, low, high))
+    note_overflow(state, sum_exceeds(state.y_m_q, y_step_q, low, high))
+    state.x_m_q = add_limited(state.x_m_q, x_step_q, low, high, config.position_overflow)
+    state.y_m_q = add_limited(state.y_m_q, y_step_q, low, high, config.position_overflow)
+
+
+@kernel_function
+def turn_heading(state: State, config: KernelConfig, turn_q: int) -> None:
+    """Advance the heading.
+
+    Scaling and overflow: the turn plus the carried remainder is below 2^62; heading_shift
+    fraction bits are rounded away; the sum wraps at one turn, which is what an angle does.
+    """
+    total = turn_q + state.heading_remainder_q
+    steps_q = shift_round(total, config.heading_shift, config.heading_rounding)
+    if config.heading_carry == 1:
+        state.heading_remainder_q = total - steps_q * (1 << config.heading_shift)
+    state.heading_turn_q = wrap_signed(state.heading_turn_q + steps_q, config.heading_frac_bits)
+
+
+@kernel_function
+def report_velocity(state: State, config: KernelConfig, step_q: int, turn_q: int) -> None:
+    """Update the low-passed velocities; a tick that gives none marks the output invalid.
+
+    Scaling and overflow: step · rate and turn · rate are below 2^62, rounded to nearest into a
+    32-bit word that saturates; the filters hold up to 8 more bits. Leaving 1/2^n of the filter
+    by a floor shift biases it by less than one unit of the output.
+    """
+    state.v_is_valid = 0
+    state.w_is_valid = 0
+    low = config.velocity_low_q
+    high = config.velocity_high_q
+    is_one_tick = state.gap_ticks == 1
+    if state.encoder_decision == ACCEPTED and is_one_tick:
+        new = shift_round(step_q * config.tick_rate_hz_q, config.v_shift, HALF_UP)
+        note_overflow(state, exceeds(new, low, high))
+        new = limit(new, low, high, SATURATE)
+        kept = shift_round(state.v_filter_q, config.velocity_filter_log2, FLOOR)
+        state.v_filter_q = state.v_filter_q - kept + new
+        state.v_m_s_q = shift_round(state.v_filter_q, config.velocity_filter_log2, HALF_UP)
+        state.v_is_valid = 1
+    source = state.heading_source
+    is_held_at_rest = source == HELD and state.encoder_decision == ACCEPTED
+    if source == GYRO or source == BLEND or is_held_at_rest or (source == WHEELS and is_one_tick):
+        new = shift_round(turn_q, config.w_pre_shift, HALF_UP)
+        new = shift_round(new * config.tick_rate_rad_q, config.w_shift, HALF_UP)
+        note_overflow(state, exceeds(new, low, high))
+        new = limit(new, low, high, SATURATE)
+        kept = shift_round(state.w_filter_q, config.velocity_filter_log2, FLOOR)
+        state.w_filter_q = state.w_filter_q - kept + new
+        state.w_rad_s_q = shift_round(state.w_filter_q, config.velocity_filter_log2, HALF_UP)
+        state.w_is_valid = 1
