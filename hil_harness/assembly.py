@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from can.interfaces.udp_multicast import UdpMulticastBus
 from numpy.typing import NDArray
 
 from can_bus import CanBusError, Database, load_database
@@ -184,8 +185,6 @@ def default_channel(interface: str) -> str:
     if interface in LOCKSTEP_INTERFACES:
         return unique_channel()
     if interface == "udp_multicast":
-        from can.interfaces.udp_multicast import UdpMulticastBus
-
         return UdpMulticastBus.DEFAULT_GROUP_IPv4
     example = "vcan0" if interface == "socketcan" else "the name of your adapter's channel"
     raise HarnessError(f"--interface {interface} needs a channel: expected --channel {example}")

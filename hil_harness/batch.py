@@ -41,9 +41,13 @@ class BatchResult:
 
     def final_position_error_m(self) -> NDArray[np.float64]:
         """Distance between the firmware's final position and the truth: float64[runs]."""
-        finals = self.firmware.final_pose_m_rad()
-        offset = finals[:, :2] - self.truth[:, -1, :2]
-        return np.asarray(np.hypot(offset[:, 0], offset[:, 1]))
+        finals = self.firmware.final_states
+        x_m, y_m = (
+            np.ldexp(finals[name].astype(np.float64), -self.config.position_frac_bits)
+            for name in ("x_m_q", "y_m_q")
+        )
+        truth = self.truth[:, -1]
+        return np.asarray(np.hypot(x_m - truth[:, 0], y_m - truth[:, 1]))
 
 
 def simulate_batch(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import Database, FrameChecker
-from firmware_model import BatchRuns, KernelConfig, build_config, run_batch
+from firmware_model import STATE_FIELDS, BatchRuns, KernelConfig, build_config, run_batch
 from hil_harness.nodes import Inputs
 from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.results import Estimate, Poses
@@ -55,7 +55,10 @@ def run_again(config: KernelConfig, inputs: Inputs) -> BatchRuns:
 def trace(config: KernelConfig, inputs: Inputs) -> Trace:
     """Return the trajectories of the configured firmware."""
     runs = run_again(config, inputs)
-    return Trace(runs.pose_m_rad()[0], runs.twin_pose[0], runs.status[0], runs.final_state(0))
+    assert runs.status is not None  # kept: the batch ran with history
+    state = dict(zip(STATE_FIELDS, map(int, runs.final_states[0].item()), strict=True))
+    estimate = _estimate(runs)
+    return Trace(estimate.firmware, estimate.float_twin, runs.status[0].astype(np.int64), state)
 
 
 def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate]:
@@ -64,8 +67,13 @@ def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate
     for name, choice in LESSON_ESTIMATORS.items():
         description = config.description.model_copy(update=dict(choice))
         runs = run_again(build_config(description, config.constants), inputs)
-        estimates[name] = Estimate(runs.pose_m_rad()[0], runs.twin_pose[0])
+        estimates[name] = _estimate(runs)
     return estimates
+
+
+def _estimate(runs: BatchRuns) -> Estimate:
+    assert runs.twin_pose is not None  # kept: the batch ran with its twin
+    return Estimate(runs.pose_m_rad()[0], runs.twin_pose[0])
 
 
 def odometry_poses(

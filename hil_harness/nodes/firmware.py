@@ -15,11 +15,11 @@ from firmware_model import (
     FRESH,
     INVALID,
     STALE,
-    Implementation,
     Kernel,
     KernelConfig,
     build_config,
 )
+from firmware_model.kernel import Implementation
 from hil_harness.kernel_inputs import KERNEL_ROLES, KernelInputs
 from hil_harness.nodes.reports import status_values, velocity_values
 from hil_harness.nodes.schedule import cycle_of
