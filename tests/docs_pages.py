@@ -11,6 +11,7 @@ What the language of a fence means:
   ``--help``, and ``ip link`` lines must be the ones that the tool itself gives.
 - ``sh``: commands of a checkout, as scripts/demo.sh.
 - ``yaml``: its ``run:`` lines are looked at as ``console hardware``.
+- ``text FILE`` puts the block there as well, for formats without comments.
 - ``text`` or nothing: drawings and formulas.
 """
 
@@ -48,6 +49,8 @@ class Block:
     @property
     def file_name(self) -> str | None:
         """Return the file that the first line names, or None."""
+        if self.language.startswith("text "):
+            return self.language.removeprefix("text ")
         found = _FILE_NAME.match(self.lines[0]) if self.lines else None
         return found[1] if found else None
 
@@ -79,7 +82,7 @@ def blocks_of(page: Path) -> list[Block]:
         fence = _FENCE.match(line)
         if opened is None and fence:
             opened, content = (number, fence[1].strip()), []
-            if opened[1] not in LANGUAGES:
+            if opened[1] not in LANGUAGES and not opened[1].startswith("text "):
                 raise PageError(f"{page.name}:{number}: fence {opened[1]!r}: none of {LANGUAGES}")
         elif opened is not None and line == "```":
             blocks.append(Block(page, *opened, tuple(content)))
@@ -181,7 +184,7 @@ def run_page(page: Path, folder: Path) -> None:
     for number, block in enumerate(blocks):
         if block.language == "console":
             _run_console(block, session)
-        elif block.language in ("python", "toml", "c"):
+        elif block.language in ("python", "toml", "c") or block.language.startswith("text "):
             _place_or_run(block, blocks[number + 1 :], session)
 
 
