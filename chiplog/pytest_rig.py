@@ -13,6 +13,7 @@ import pytest
 
 from can_bus import IN_PROCESS_INTERFACES
 from hil_harness.errors import HarnessError
+from hil_harness.nearest import did_you_mean
 from hil_harness.rig import Rig
 
 SHOWN_FRAMES: Final = 30
@@ -141,9 +142,7 @@ def _of_a_test(values: dict[str, Any], source: str, folder: Path) -> dict[str, A
     """Check the names of settings, and let their relative paths start at *folder*."""
     for name in values:
         if name not in _OF_A_TEST:
-            raise HarnessError(
-                f"{source}: unknown setting {name!r}; known: {', '.join(_OF_A_TEST)}"
-            )
+            raise HarnessError(f"{source}: no setting {name!r}; {did_you_mean(name, _OF_A_TEST)}")
     arguments = dict(values)
     for name in _PATHS:
         value = arguments.get(name)

@@ -8,10 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil_harness.robot import load_robot
-
 from can_bus import load_database
 from hil_harness.devices import include_dir
+from hil_harness.robot import load_robot
 
 HERE = Path(__file__).parent
 SENT_AND_RECEIVED = ("ENCODER", "ODOMETRY_X", "ODOMETRY_Y", "ODOMETRY_HEADING")

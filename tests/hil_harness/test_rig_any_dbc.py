@@ -113,6 +113,6 @@ def test_a_robot_on_a_foreign_dbc_needs_a_map(gearbox: Path) -> None:
 
 def test_a_dbc_without_any_cycle_time_gives_nothing_to_step_by(tmp_path: Path) -> None:
     path = tmp_path / "still.dbc"
-    path.write_text(GEARBOX.split("BA_DEF_ ")[0])
+    path.write_text(GEARBOX.split("BA_DEF_ ", maxsplit=1)[0])
     with pytest.raises(HarnessError, match="no message has a cycle time"):
         Rig(dbc=path, plant=False, device=Echo())
