@@ -1,0 +1,369 @@
+"""The pytest plugin: a rig as a fixture, told which by options, settings and markers."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"
+
+ECHO = """
+class Node:
+    word = "echo"
+
+    def step(self, now_us, frames):
+        return []
+"""
+
+HEAVY = ("can", "cantools", "matplotlib", "numba", "numpy", "pydantic", "scipy", "typer")
+
+
+def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
+    pytester.makepyfile(test)
+    return pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
+
+
+def test_a_test_drives_a_robot_over_the_bus(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        def test_drive(chiplog_rig):
+            chiplog_rig.send("COMMAND", v_m_s=0.5)
+            chiplog_rig.run_for(1.0)
+            chiplog_rig.expect("ODOMETRY_X", within_s=0.1, x_m=pytest.approx(0.47, abs=0.05))
+        """,
+    )
+    result.assert_outcomes(passed=1)
+
+
+def test_the_raw_bus_is_on_the_rigs_channel(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_raw(chiplog_rig, chiplog_bus):
+            chiplog_rig.run_for(0.01)
+            assert chiplog_bus.recv(0) is not None
+
+        def test_the_bus_alone_brings_its_rig_along(chiplog_bus):
+            assert chiplog_bus.recv(0) is None
+        """,
+    )
+    result.assert_outcomes(passed=2)
+
+
+def test_a_marker_configures_the_rig_of_one_test(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(node=ECHO)
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        pytestmark = pytest.mark.chiplog(device="python:node.py:Node", seed=1)
+
+        def test_module(chiplog_rig):
+            assert chiplog_rig.device.node.word == "echo"
+
+        @pytest.mark.chiplog(seed=2, effects=["radius_scale.scale=0.01"])
+        def test_function_adds_to_the_module(chiplog_rig):
+            assert chiplog_rig.device.node.word == "echo"
+
+        @pytest.mark.chiplog(device=None, scenario="spin")
+        def test_function_wins_over_the_module(chiplog_rig):
+            assert not hasattr(chiplog_rig.device.node, "word")
+        """,
+    )
+    result.assert_outcomes(passed=3)
+
+
+def test_a_project_configures_its_rigs_by_overriding_the_settings_fixture(
+    pytester: pytest.Pytester,
+) -> None:
+    pytester.makeconftest(
+        f"""
+        from pathlib import Path
+        import pytest
+
+        @pytest.fixture
+        def chiplog_settings():
+            folder = Path({str(FOREIGN)!r})
+            return {{"dbc": folder / "vehicle.dbc", "signals": folder / "map.toml"}}
+        """
+    )
+    result = run(
+        pytester,
+        """
+        def test_foreign(chiplog_rig):
+            chiplog_rig.send("DRIVE", Speed=100)
+            chiplog_rig.expect("POSITION", within_s=1.0)
+        """,
+    )
+    result.assert_outcomes(passed=1)
+
+
+def test_the_command_line_wins_over_the_settings_and_a_marker_over_both(
+    pytester: pytest.Pytester,
+) -> None:
+    pytester.makeconftest(
+        """
+        import pytest
+
+        @pytest.fixture
+        def chiplog_settings():
+            return {"device": "python:of_settings.py:Node"}
+        """
+    )
+    for name in ("settings", "command_line", "marker"):
+        (pytester.path / f"of_{name}.py").write_text(ECHO.replace("echo", name))
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        def test_command_line(chiplog_rig):
+            assert chiplog_rig.device.node.word == "command_line"
+
+        @pytest.mark.chiplog(device="python:of_marker.py:Node")
+        def test_marker(chiplog_rig):
+            assert chiplog_rig.device.node.word == "marker"
+        """,
+        "--chiplog-device",
+        "python:of_command_line.py:Node",
+    )
+    result.assert_outcomes(passed=2)
+
+
+def test_options_choose_dbc_signals_and_robot(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_foreign(chiplog_rig):
+            assert chiplog_rig.database.path.name == "vehicle.dbc"
+            assert chiplog_rig.signal_map.name == "map.toml"
+        """,
+        f"--chiplog-dbc={FOREIGN / 'vehicle.dbc'}",
+        f"--chiplog-signals={FOREIGN / 'map.toml'}",
+    )
+    result.assert_outcomes(passed=1)
+
+
+def test_options_choose_interface_and_channel(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_real_time(chiplog_rig):
+            assert (chiplog_rig.interface, chiplog_rig.channel) == ("udp_multicast", "239.99.1.2")
+            assert not chiplog_rig.in_lockstep
+            chiplog_rig.expect("ENCODER", within_s=60.0)
+        """,
+        "--chiplog-interface=udp_multicast",
+        "--chiplog-channel=239.99.1.2",
+        "--chiplog-bus-arg=port=43999",
+    )
+    result.assert_outcomes(passed=1)
+
+
+def test_a_missing_interface_fails_the_test_with_the_lines_that_make_one(
+    pytester: pytest.Pytester,
+) -> None:
+    result = run(
+        pytester,
+        "def test_vcan(chiplog_rig): pass",
+        "--chiplog-interface=socketcan",
+        "--chiplog-channel=vcan77",
+    )
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(
+        ["chiplog: socketcan: *ip link add dev vcan77 type vcan; ip link set up vcan77*"]
+    )
+    result.stdout.no_fnmatch_line("*Traceback*")
+
+
+@pytest.mark.parametrize(
+    ("marker", "complaint"),
+    [
+        ('robot="no.toml"', "chiplog: *no.toml*"),
+        ('devise="lib:x.so"', "chiplog: @pytest.mark.chiplog: no setting 'devise'; *device*"),
+        ('"lib:x.so"', "chiplog: @pytest.mark.chiplog takes keywords only: robot, device*"),
+        ('effects=["gravity.on=1"]', "chiplog: effect *gravity*"),
+    ],
+)
+def test_a_marker_that_asks_for_the_impossible_fails_the_test_with_one_line(
+    pytester: pytest.Pytester, marker: str, complaint: str
+) -> None:
+    result = run(
+        pytester,
+        f"""
+        import pytest
+
+        @pytest.mark.chiplog({marker})
+        def test_it(chiplog_rig):
+            pass
+        """,
+    )
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines([complaint])
+    result.stdout.no_fnmatch_line("*Traceback*")
+
+
+def test_a_bus_left_open_on_the_rigs_channel_fails_the_test(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        import can
+
+        def test_leaks(chiplog_rig):
+            can.Bus(interface="virtual", channel=chiplog_rig.channel)
+
+        def test_tidy(chiplog_rig):
+            with can.Bus(interface="virtual", channel=chiplog_rig.channel):
+                pass
+
+        def test_another_channel_is_nobodys_business(chiplog_rig):
+            global elsewhere
+            elsewhere = can.Bus(interface="virtual", channel="elsewhere")
+
+        def test_afterwards():
+            elsewhere.shutdown()
+        """,
+    )
+    result.assert_outcomes(passed=4, errors=1)
+    result.stdout.fnmatch_lines(
+        ["chiplog: 1 python-can bus left open on channel chiplog-* (VirtualBus): call shutdown()*"]
+    )
+
+
+def test_a_failure_shows_the_frames_before_it_and_keeps_the_log(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_fails(chiplog_rig):
+            chiplog_rig.send("COMMAND", v_m_s=0.5)
+            chiplog_rig.expect("ODOMETRY_X", within_s=0.2, x_m=99.0)
+
+        def test_passes(chiplog_rig):
+            chiplog_rig.run_for(0.1)
+        """,
+        "--chiplog-log-dir=logs",
+    )
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(
+        [
+            "*AssertionError: no ODOMETRY_X with x_m = 99.0 within 0.2 s*20 came, none of them so",
+            "*chiplog: the last 30 frames on the bus*",
+            "firmware ← 0.190000 s  ENCODER  left_count = * tick, right_count = * tick",
+            "firmware → 0.190000 s  ODOMETRY_X  x_m = * m",
+            "*chiplog: the log is kept*",
+        ]
+    )
+    (log,) = (pytester.path / "logs").iterdir()
+    assert re.search(re.escape(str(log)), result.stdout.str())
+    assert "test_fails" in log.name
+    assert log.read_text().count("\n") > 100
+
+
+def test_a_log_is_kept_when_the_test_leaks_a_bus_too(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        import can
+
+        def test_leaks(chiplog_rig):
+            can.Bus(interface="virtual", channel=chiplog_rig.channel)
+            chiplog_rig.run_for(0.1)
+        """,
+        "--chiplog-log-dir=logs",
+    )
+    result.assert_outcomes(passed=1, errors=1)
+    assert len(list((pytester.path / "logs").iterdir())) == 1
+
+
+def test_workers_of_xdist_do_not_meet(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        @pytest.mark.parametrize("number", range(8))
+        def test_drive(chiplog_rig, number):
+            speed_m_s = 0.1 * (number + 1)
+            chiplog_rig.send("COMMAND", v_m_s=speed_m_s)
+            chiplog_rig.run_for(1.0)
+            assert chiplog_rig.odometry.x_m == pytest.approx(0.95 * speed_m_s, rel=0.05)
+        """,
+        "-n",
+        "2",
+    )
+    result.assert_outcomes(passed=8)
+
+
+def test_workers_of_xdist_do_not_meet_in_real_time_either(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        @pytest.mark.parametrize("number", range(4))
+        def test_alone(chiplog_rig, number):
+            chiplog_rig.expect_none("COMMAND", within_s=0.2)
+            chiplog_rig.send("COMMAND", v_m_s=0.1)
+            chiplog_rig.expect("COMMAND", within_s=60.0)
+        """,
+        "-n",
+        "2",
+        "--chiplog-interface=udp_multicast",
+    )
+    result.assert_outcomes(passed=4)
+
+
+def test_failures_in_a_worker_show_their_frames_too(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_fails(chiplog_rig):
+            chiplog_rig.run_for(0.1)
+            assert False
+        """,
+        "-n",
+        "2",
+    )
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*chiplog: the last 30 frames on the bus*", "*the log is kept*"])
+
+
+def test_workers_that_would_share_one_bus_are_refused(pytester: pytest.Pytester) -> None:
+    test = "def test_it(chiplog_rig): assert chiplog_rig.channel == '239.98.0.0'"
+    options = ("--chiplog-interface=udp_multicast", "-n", "1")
+    result = run(pytester, test, *options, "--chiplog-channel=239.98.0.0")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["chiplog: --chiplog-channel 239.98.0.0: the workers of *"])
+    result = run(pytester, test, *options, "--chiplog-channel=239.98.0.{worker}")
+    result.assert_outcomes(passed=1)
+
+
+def test_nothing_heavy_is_imported_before_a_fixture_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "test_light.py").write_text("def test_light(): pass\n")
+    probe = (
+        "import sys, pytest, chiplog.pytest_plugin\n"
+        "status = pytest.main(['-q', '-p', 'no:cacheprovider'])\n"
+        f"print('loaded:', sorted(set({HEAVY!r}) & set(sys.modules)))\n"
+        "sys.exit(status)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", probe], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "loaded: []" in result.stdout
+
+
+def test_the_options_and_the_marker_explain_themselves(pytester: pytest.Pytester) -> None:
+    result = pytester.runpytest_subprocess("--help")
+    for option in ("interface", "channel", "bitrate", "dbc", "signals", "robot", "device"):
+        result.stdout.fnmatch_lines([f"*--chiplog-{option}=*"])
+    result = pytester.runpytest_subprocess("--markers")
+    result.stdout.fnmatch_lines(["@pytest.mark.chiplog(robot=None, device=None, *"])

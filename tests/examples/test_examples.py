@@ -1,0 +1,32 @@
+"""Every example passes its own tests, in a process of its own, as a reader would run them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_an_example_passes_its_own_tests(folder: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(EXAMPLES / folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_an_example_says_what_it_shows(folder: str) -> None:
+    readme = (EXAMPLES / folder / "README.md").read_text(encoding="utf-8")
+    assert readme.startswith("# ")
+    assert f"pytest examples/{folder}" in readme
+
+
+def test_there_is_a_node_in_python_one_in_c_and_a_foreign_dbc() -> None:
+    assert FOLDERS == ["c_node", "foreign_dbc", "python_node"]
