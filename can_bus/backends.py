@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import queue
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import can
 from can.interfaces.virtual import VirtualBus
@@ -13,28 +13,28 @@ from can.util import cast_from_string
 
 from can_bus.errors import CanBusError, one_line, quiet
 
-if TYPE_CHECKING:
-    _BusBase = VirtualBus  # any concrete bus: send and _recv_internal exist
-else:
-    _BusBase = object
-
 IN_PROCESS_INTERFACES: Final = frozenset({"virtual"})
 """Interfaces whose frames never leave the process: two processes cannot meet on them."""
 
 CONNECTING_INTERFACES: Final = ("udp_multicast", "socketcan")
 """Interfaces without hardware that connect processes of one host."""
 
+# python-can's buses swallow arguments they do not know; these two refuse them.
+_ARGUMENTS: Final = {
+    "virtual": ("preserve_timestamps", "receive_own_messages", "rx_queue_size"),
+    "udp_multicast": ("port", "interface_ip", "hop_limit"),
+}
 _NO_DEVICE: Final = frozenset({errno.ENODEV, errno.ENXIO, errno.EADDRNOTAVAIL})
 _NO_FAMILY: Final = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 
 
-class _PlainErrors(_BusBase):
+class _PlainErrors(can.BusABC):
     """Mixed in front of a python-can bus: a bus that goes away says so in one sentence."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame. Raises CanBusError if the bus is gone."""
         try:
-            super().send(msg, timeout)
+            super().send(msg, timeout)  # type: ignore[safe-super]  # the bus behind
         except (can.CanError, OSError) as error:
             raise _gone(self, "send", error) from error
 
@@ -104,6 +104,10 @@ def open_bus(
 def _open(
     interface: str, channel: str, bitrate: int | None, arguments: dict[str, Any]
 ) -> can.BusABC:
+    known = _ARGUMENTS.get(interface)
+    for name in arguments:
+        if known is not None and name not in known:
+            raise CanBusError(f"{interface} has no argument {name!r}: it has {', '.join(known)}")
     if interface == "virtual":
         return _QuickVirtualBus(channel, **{"preserve_timestamps": True, **arguments})
     if interface == "udp_multicast":

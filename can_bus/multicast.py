@@ -8,14 +8,13 @@ loopback interface with time-to-live 0, binds to its group, and drops its own ec
 
 from __future__ import annotations
 
-import contextlib
 import ipaddress
 import logging
 import socket
 import struct
 import sys
 from time import monotonic
-from typing import Any, Final
+from typing import Final
 
 import can
 import msgpack
@@ -29,9 +28,8 @@ LOOPBACK_IP: Final = "127.0.0.1"
 
 _IP_MULTICAST_ALL: Final = 49  # Linux: 0 = deliver only groups joined by this very socket
 _SO_TIMESTAMPNS: Final = 35
-_MAX_DATA_BYTES: Final = 64
-_MAX_IDENTIFIER: Final = (1 << 29) - 1
-_MICROSECONDS: Final = 1_000_000
+_MAX_PORT: Final = (1 << 16) - 1
+_FLAGS: Final = ("is_extended_id", "is_remote_frame", "is_error_frame", "is_fd")
 
 _log = logging.getLogger(__name__)
 
@@ -102,7 +100,6 @@ class HostMulticastBus(UdpMulticastBus):
         port: int = 43113,  # python-can's own default: its programs meet ours on it
         interface_ip: str = LOOPBACK_IP,
         hop_limit: int | None = None,
-        **kwargs: Any,
     ) -> None:
         """Join the group on the interface that has `interface_ip`."""
         self._is_shutdown = True  # for python-can's destructor, should opening fail
@@ -111,8 +108,10 @@ class HostMulticastBus(UdpMulticastBus):
                 f"udp_multicast channel {channel!r}: expected an IPv4 multicast group, for example "
                 f"{UdpMulticastBus.DEFAULT_GROUP_IPv4}"
             )
+        if not (isinstance(port, int) and 0 < port <= _MAX_PORT):
+            raise CanBusError(f"udp_multicast port {port!r}: expected 1 to {_MAX_PORT}")
         is_confined = ipaddress.ip_address(_known_ip(interface_ip)).is_loopback
-        can.BusABC.__init__(self, channel, **kwargs)
+        can.BusABC.__init__(self, channel)
         hops = (0 if is_confined else 1) if hop_limit is None else hop_limit
         try:
             multicast = _ConfinedSocket(channel, port, hops, interface_ip)
@@ -154,31 +153,30 @@ class HostMulticastBus(UdpMulticastBus):
 
 def _parse(datagram: bytes, stamp: float) -> can.Message | None:
     """Return the classic CAN frame in a datagram, None for anything else."""
-    with contextlib.suppress(Exception):  # whatever a stranger's bytes do to msgpack
-        fields = msgpack.unpackb(datagram, raw=False, max_buffer_size=len(datagram))
+    try:
+        fields = msgpack.unpackb(datagram, raw=False)  # its size bounds what it allocates
         identifier, data, dlc = fields["arbitration_id"], fields["data"], fields["dlc"]
-        if not (
-            type(identifier) is int
-            and 0 <= identifier <= _MAX_IDENTIFIER
-            and isinstance(data, bytes)
-            and len(data) <= _MAX_DATA_BYTES
-            and type(dlc) is int
-        ):
+        flags = [fields[name] for name in _FLAGS]
+        # Types first: what can.Message accepts as data includes a number of bytes to allocate.
+        if type(identifier) is not int or type(dlc) is not int or type(data) is not bytes:
             return None
-        flags = ("is_extended_id", "is_remote_frame", "is_error_frame", "is_fd")
-        if any(type(fields[flag]) is not bool for flag in flags) or fields["is_fd"]:
+        if any(type(flag) is not bool for flag in flags):
+            return None
+        is_extended, is_remote, is_error, is_fd = flags
+        if is_fd:
             return None
         return can.Message(
             timestamp=stamp,
             arbitration_id=identifier,
-            is_extended_id=fields["is_extended_id"],
-            is_remote_frame=fields["is_remote_frame"],
-            is_error_frame=fields["is_error_frame"],
+            is_extended_id=is_extended,
+            is_remote_frame=is_remote,
+            is_error_frame=is_error,
             dlc=dlc,
             data=data,
             check=True,
         )
-    return None
+    except (ValueError, KeyError, TypeError, msgpack.UnpackException):
+        return None
 
 
 def _is_ipv4_group(channel: str) -> bool:
