@@ -7,14 +7,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hil_harness.replay import replay
-    from hil_harness.robot import Robot, load_robot
-    from hil_harness.running import RunConfig, run
-
     from can_bus import load_database, read_log
+    from hil_harness.assembly import RunConfig
     from hil_harness.effects import catalogue, parse_effect
+    from hil_harness.replay import replay
     from hil_harness.results import RunResult
     from hil_harness.rig import Rig
+    from hil_harness.robot import Robot, load_robot
+    from hil_harness.running import run
     from hil_harness.scenarios import Scenario, scenario
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
 _HOMES = {
     "Rig": "hil_harness.rig",
     "Robot": "hil_harness.robot",
-    "RunConfig": "hil_harness.running",
+    "RunConfig": "hil_harness.assembly",
     "RunResult": "hil_harness.results",
     "Scenario": "hil_harness.scenarios",
     "catalogue": "hil_harness.effects",

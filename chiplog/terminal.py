@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -22,7 +23,12 @@ from chiplog.errors import one_line
 
 _PIPED_WIDTH = 1000  # a pipe has no edge: nothing is wrapped or cut there
 
-Progress = Callable[[int, int], None]
+
+class Progress(Protocol):
+    """Hears how much is done, and of how much if that was not known before."""
+
+    def __call__(self, done: int, total: int | None = None, /) -> None:
+        """Move the bar."""
 
 
 def _console() -> Console:
@@ -73,10 +79,10 @@ def show_error(text: str) -> None:
 
 
 @contextmanager
-def progress(description: str) -> Iterator[Progress | None]:
+def progress(description: str, total: int | None = None) -> Iterator[Progress | None]:
     """Show a progress bar on standard error inside this context, if that is a terminal.
 
-    Yields a function that takes how much is done and of how much, or None where nobody watches.
+    Yields a function that moves the bar, or None where nobody watches.
     """
     if not sys.stderr.isatty():
         yield None
@@ -89,5 +95,9 @@ def progress(description: str) -> Iterator[Progress | None]:
         console=Console(stderr=True),
         transient=True,
     ) as bar:
-        task = bar.add_task(description, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        task = bar.add_task(description, total=total)
+
+        def move(done: int, of: int | None = None, /) -> None:
+            bar.update(task, completed=done, total=total if of is None else of)
+
+        yield move

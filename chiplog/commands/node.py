@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chiplog.commands.options import (
+    BitrateOption,
+    BusArgOption,
     ChannelOption,
+    DbcOption,
+    DurationOption,
+    EffectOption,
+    EffectsFileOption,
+    RobotOption,
+    SeedOption,
+    SignalsOption,
+    parse_bus_args,
 )
+from chiplog.pages import quantities as q
+
+if TYPE_CHECKING:
+    from hil_harness.assembly import RunConfig
+    from hil_harness.standalone import NodeOutcome
 
 
 class Role(StrEnum):
@@ -21,7 +37,97 @@ class Role(StrEnum):
 
 def command(
     role: Annotated[Role, typer.Argument(metavar="ROLE", help="plant or firmware.")],
-    interface: Annotated[str, typer.Option("--interface", help="python-can interface.")],
+    *,
+    interface: Annotated[
+        str,
+        typer.Option(
+            "--interface",
+            help="python-can interface that connects processes: socketcan, udp_multicast or any "
+            "hardware it knows.",
+        ),
+    ],
     channel: ChannelOption = None,
+    bitrate: BitrateOption = None,
+    bus_arg: BusArgOption = None,
+    robot: RobotOption = None,
+    dbc: DbcOption = None,
+    signals: SignalsOption = None,
+    scenario: Annotated[
+        str,
+        typer.Option("--scenario", help="What drives the plant, until a command frame takes over."),
+    ] = "lesson",
+    effect: EffectOption = None,
+    effects: EffectsFileOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", help="Record what the node receives and sends (.log, .asc, .blf)."),
+    ] = None,
 ) -> None:
-    """Run the plant or the firmware as a process of its own, in real time."""
+    """Run the plant or the firmware as a process of its own, in real time.
+
+    Start one of each on the same channel. The plant runs as long as its scenario; the firmware
+    waits for the first sensor frame and runs until --duration-s or Ctrl-C. Scenario, effects and
+    seed are the plant's.
+    """
+    from chiplog.stopping import stoppable
+    from chiplog.terminal import show_line
+    from hil_harness.assembly import RunConfig
+    from hil_harness.effects import combine_effects, load_effects, parse_effect
+    from hil_harness.robot import load_robot
+    from hil_harness.scenarios import scenario as find_scenario
+
+    config = RunConfig(
+        scenario=find_scenario(scenario, seed=seed),
+        robot=load_robot(robot),
+        effects=combine_effects(
+            () if effects is None else load_effects(effects), map(parse_effect, effect or ())
+        ),
+        seed=seed,
+        duration_s=duration_s,
+        time="real",
+        interface=interface,
+        channel=channel,
+        bitrate=bitrate,
+        bus_args=parse_bus_args(bus_arg),
+        dbc=dbc,
+        signals=signals,
+        log=log,
+    )
+    with stoppable():
+        outcome = run_node(role, config)
+    show_line(sentence(role, outcome))
+    if outcome.interrupted:
+        raise typer.Exit(130)
+
+
+def run_node(role: Role, config: RunConfig) -> NodeOutcome:
+    """Run one node until its time is up or somebody stops it."""
+    from hil_harness.assembly import load_wire
+    from hil_harness.standalone import run_firmware_alone, run_plant_alone
+
+    if role is Role.PLANT:
+        return run_plant_alone(config)
+    ticks = None
+    if config.duration_s is not None:
+        ticks = config.tick_count(load_wire(config.dbc, config.signals).tick_period_us)
+    return run_firmware_alone(config, ticks=ticks)
+
+
+def sentence(role: Role, outcome: NodeOutcome) -> str:
+    """Return how the node's life went: the plant was punctual, the firmware was fed, or not."""
+    done = f"{role}: {q.count(outcome.ticks)} ticks"
+    if role is Role.PLANT:
+        late = outcome.timing
+        return (
+            f"{done}, {q.count(late.missed_deadlines)} missed deadlines, ticks started "
+            f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_max_us:.0f} µs at most"
+        )
+    refused = [
+        f"{frames} {why.replace('_', ' ')}" for why, frames in outcome.rejected.items() if frames
+    ]
+    return (
+        f"{done}, {q.count(outcome.starved_ticks)} without all sensor frames, "
+        f"{', '.join(refused) or 'none'} refused"
+    )

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from chiplog.commands.options import DbcOption, JsonFileOption, RobotOption, SignalsOption
 from chiplog.commands.output import STANDARD_OUTPUT, write_json
+from chiplog.pages import quantities as q
+
+if TYPE_CHECKING:
+    from hil_harness.replay import ReplayResult
+
+REPLAY_SCHEMA = 1
 
 
 def command(
@@ -27,14 +34,41 @@ def command(
 
     Exit status 1 if a field differs: tick, field and both raw values are printed.
     """
-    from hil_harness.replay import replay
-
     from chiplog.terminal import show_line
+    from hil_harness.assembly import load_wire
+    from hil_harness.replay import replay
+    from hil_harness.robot import load_robot
 
-    result = replay(log, robot_path=robot, database_path=dbc, signals_path=signals)
+    result = replay(log, load_robot(robot), load_wire(dbc, signals))
     if json_file is not None:
-        write_json(json_file, result.as_json())
+        write_json(json_file, as_json(result))
     if json_file != STANDARD_OUTPUT:
-        show_line(result.sentence())
-    if result.first_difference is not None:
+        show_line(sentence(result))
+    if not result.is_equal:
         raise typer.Exit(1)
+
+
+def sentence(result: ReplayResult) -> str:
+    """Return the outcome in words."""
+    difference = result.first_difference
+    if difference is None:
+        return (
+            f"equal, bit for bit: {q.count(result.fields)} raw values in "
+            f"{q.count(result.ticks)} ticks"
+        )
+    logged, computed = map(_raw, (difference.logged_raw, difference.computed_raw))
+    return (
+        f"differs at tick {difference.tick}: {difference.field} is {logged} in the log, "
+        f"{computed} in the replay"
+    )
+
+
+def as_json(result: ReplayResult) -> dict[str, Any]:
+    """Return the outcome as `--json` writes it."""
+    content = asdict(result)
+    content["log"] = str(result.log)
+    return {"schema": REPLAY_SCHEMA, "equal": result.is_equal, **content}
+
+
+def _raw(value: float | None) -> str:
+    return "missing" if value is None else str(value)

@@ -81,7 +81,7 @@ def command(
     """
     from chiplog.run_folder import BUS_LOG, RunFolder
     from hil_harness.assembly import RunConfig
-    from hil_harness.effects import load_effects, parse_effect
+    from hil_harness.effects import combine_effects, load_effects, parse_effect
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
 
@@ -90,9 +90,8 @@ def command(
     config = RunConfig(
         scenario=found,
         robot=load_robot(robot),
-        effects=(
-            *(load_effects(effects) if effects is not None else ()),
-            *map(parse_effect, effect or ()),
+        effects=combine_effects(
+            () if effects is None else load_effects(effects), map(parse_effect, effect or ())
         ),
         seed=seed,
         duration_s=duration_s,
@@ -112,13 +111,13 @@ def command(
 
 def execute(config: RunConfig, folder: RunFolder) -> RunResult:
     """Run, write the folder, print the outcome; a run cut short by Ctrl-C is written as well."""
+    from chiplog.run_table import show_run
+    from chiplog.stopping import stoppable
+    from chiplog.terminal import progress, show_error
     from hil_harness.running import run
 
-    from chiplog.run_table import show_run
-    from chiplog.terminal import progress, show_error
-
     folder.begin(config.scenario.name, config.seed_in_use)
-    with progress(config.scenario.name) as report_progress:
+    with stoppable(), progress(config.scenario.name) as report_progress:
         result = run(config, report_progress)
     folder.write(result)
     if result.interrupted:
