@@ -37,7 +37,7 @@ def command(
     ] = None,
     size: Annotated[
         Size,
-        typer.Option("--size", help="small: 400 runs of a statistical law; full: 4000."),
+        typer.Option("--size", help="small: 400 runs of a statistical law; full: 1600."),
     ] = Size.SMALL,
     json_file: JsonFileOption = None,
 ) -> None:

@@ -6,6 +6,7 @@ error it speaks of and no other. Estimates come from the integer firmware itself
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import load_database
-from firmware_model import KernelConfig, build_config, run_batch
+from firmware_model import BatchRuns, build_config, run_batch
 from hil_harness.lesson import LessonParameters
 from hil_harness.robot import Robot, load_robot
 from sim_plant import (
@@ -32,7 +33,7 @@ Outputs = Literal["all", "odometry"]
 Mode = Literal["wheel", "gyro"]
 Integration = Literal["euler_before", "midpoint", "euler_after"]
 
-_RUNS: dict[Size, int] = {"small": 400, "full": 4000}
+_RUNS: dict[Size, int] = {"small": 400, "full": 1600}
 FIRST_SEED = 1000
 
 
@@ -41,7 +42,7 @@ class Bench:
     """Plant and firmware of one robot, at rest, silent and exact until a law disturbs them.
 
     Attributes:
-        size: "small" for 400 runs of a statistical law, "full" for 4000.
+        size: "small" for 400 runs of a statistical law, "full" for 1600.
         robot: the robot whose plant and firmware are measured.
         tick_period_us: cycle time of the encoder message, microseconds.
     """
@@ -91,14 +92,29 @@ class Bench:
         return 1 / self.robot.plant.accelerometer.sensitivity_lsb_per_m_s2
 
     @property
-    def arithmetic_m(self) -> float:
-        """TBD."""
-        return 1e-9
-
-    @property
     def arithmetic_rad(self) -> float:
-        """TBD."""
-        return 1e-9
+        """Largest heading error of the firmware's own arithmetic, rad.
+
+        One unit of the binary angle for its floor, one for the rounded constants.
+        """
+        return 2 * math.tau / (1 << self.robot.firmware.heading.frac_bits)
+
+    def arithmetic_m(self, path_m: float) -> float:
+        """Largest position error of the firmware's own arithmetic after *path_m* metres, m.
+
+        A straight line between table entries h apart misses sine and cosine by h²/8 each, CORDIC by
+        twice its last angle; the heading is off by `arithmetic_rad`; and the remainders that are
+        carried leave four units of the step at most.
+        """
+        firmware = self.robot.firmware
+        if firmware.trig.method == "cordic":
+            trig = 2.0 ** (1 - firmware.trig.iterations)
+        elif firmware.trig.interpolated:
+            trig = (math.pi / 2 / firmware.trig.entries) ** 2 / 8
+        else:
+            trig = math.pi / 4 / firmware.trig.entries
+        step_unit_m = 2.0**-firmware.step.frac_bits
+        return path_m * (math.sqrt(2) * trig + self.arithmetic_rad) + 4 * step_unit_m
 
     def ticks(self, duration_s: float) -> int:
         """Ticks of a run whose last tick lies *duration_s* after its first."""
@@ -158,38 +174,47 @@ class Bench:
         self, journey: PlantRuns, mode: Mode, integration: Integration = "midpoint"
     ) -> FloatArray:
         """Return the firmware's poses on *journey*, (runs, ticks, 3) of x_m, y_m, heading_rad."""
-        config = self._kernel_config(mode, integration)
-        runs = run_batch(
-            config, journey.left_count, journey.right_count, journey.gyro_code, twin=False
-        )
-        return runs.pose_m_rad()
+        return self._firmware(journey, mode, integration, twin=False).pose_m_rad()
+
+    def float_odometry(
+        self, journey: PlantRuns, mode: Mode, integration: Integration = "midpoint"
+    ) -> FloatArray:
+        """Return the poses of the firmware's float64 twin, of the same shape."""
+        poses = self._firmware(journey, mode, integration, twin=True).twin_pose
+        if poses is None:
+            raise ValueError("the batch kept no history of the twin")
+        return poses
 
     def wheel_angle_rad(self, counts: NDArray[np.int32]) -> FloatArray:
         """Return the angle that wrapping *counts* (runs, ticks) have covered since the first."""
-        bits = self.robot.plant.encoder.counter_bits
-        half = 1 << (bits - 1)
-        steps = (np.diff(counts.astype(np.int64), axis=1, prepend=counts[:, :1]) + half) % (
-            2 * half
-        ) - half
-        return np.asarray(np.cumsum(steps, axis=1) * self.rad_per_tick)
+        half = 1 << (self.robot.plant.encoder.counter_bits - 1)
+        wide = counts.astype(np.int64)
+        steps = np.diff(wide, axis=1, prepend=wide[:, :1])
+        # A wrapping counter moves by less than half its range: the signed difference is the step.
+        signed = np.bitwise_and(steps + half, 2 * half - 1) - half
+        return np.cumsum(signed, axis=1) * self.rad_per_tick
 
     def gyro_rad_s(self, journey: PlantRuns) -> FloatArray:
         """Return the turn rate (runs, ticks) that the gyro's codes stand for."""
         zero = self.robot.plant.gyro.zero_rate_code
-        return (journey.gyro_code - zero) * self.gyro_rad_s_per_lsb
+        return (journey.gyro_code - zero).astype(np.float64) * self.gyro_rad_s_per_lsb
 
     def accel_x_m_s2(self, journey: PlantRuns) -> FloatArray:
         """Return the forward specific force (runs, ticks) of the accelerometer's codes."""
         if journey.accel_x_code is None:
             raise ValueError("the runs carry no accelerometer codes: expected outputs='all'")
         zero = self.robot.plant.accelerometer.zero_code
-        return (journey.accel_x_code - zero) * self.accel_m_s2_per_lsb
+        return (journey.accel_x_code - zero).astype(np.float64) * self.accel_m_s2_per_lsb
 
-    def _kernel_config(self, mode: Mode, integration: Integration) -> KernelConfig:
+    def _firmware(
+        self, journey: PlantRuns, mode: Mode, integration: Integration, *, twin: bool
+    ) -> BatchRuns:
         description = self.robot.firmware.model_copy(
             update={"mode": mode, "integration": integration}
         )
-        return build_config(description, self.robot.firmware_constants(self.tick_period_us))
+        config = build_config(description, self.robot.firmware_constants(self.tick_period_us))
+        counts = (journey.left_count, journey.right_count, journey.gyro_code)
+        return run_batch(config, *counts, twin=twin)
 
 
 def default_bench(size: Size = "small") -> Bench:

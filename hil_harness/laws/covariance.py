@@ -124,7 +124,6 @@ def _covariance(bench: Bench) -> Evidence:
                     dots("believed end", large_believed[-1:, 0], large_believed[-1:, 1], 1),
                     law("95 % ellipse", *_ellipse(large_believed[-1], large_covariance[-1])),
                 ),
-                is_map=True,
             ),
         ),
         "Left: the normalised squared error of the pose over many runs, with the band in which "

@@ -85,20 +85,30 @@ def _through_the_firmware(bench: Bench) -> list[Check]:
         noise_ticks=0.2,
         noise="lesson",
     )
-    wheel = bench.odometry(journey, "wheel", "midpoint")[0, -1] - journey.truth[0, -1]
-    gyro = bench.odometry(journey, "gyro", "euler_before")[0, -1] - journey.truth[0, -1]
+    end = journey.truth[0, -1]
+    twin = bench.float_odometry(journey, "wheel", "midpoint")[0, -1] - end
+    wheel = bench.odometry(journey, "wheel", "midpoint")[0, -1] - end
+    gyro = bench.odometry(journey, "gyro", "euler_before")[0, -1] - end
     # The ADC rounds each sample by a uniform fraction of a code: a heading that walks with this
     # density, and a position that it carries away by v·density·√(t³/3).
     rounding_rad = bench.gyro_rad_s_per_lsb * math.sqrt(bench.tick_s / 12)
     strayed_m = 0.6 * rounding_rad * math.sqrt(end_s**3 / 3)
     return [
         Check(
+            law="lesson_twin_wheel_m",
+            predicted=COUNTER_WHEEL_M,
+            measured=math.hypot(twin[0], twin[1]),
+            tolerance=ROUNDED_M,
+            unit="m",
+            derivation="half of the last of six decimals: plant and float64 twin are the lesson",
+        ),
+        Check(
             law="lesson_firmware_wheel_m",
             predicted=COUNTER_WHEEL_M,
             measured=math.hypot(wheel[0], wheel[1]),
-            tolerance=ROUNDED_M + bench.arithmetic_m,
+            tolerance=ROUNDED_M + bench.arithmetic_m(0.6 * end_s),
             unit="m",
-            derivation="six printed decimals, and the firmware's rounding",
+            derivation="six printed decimals, and the firmware's sine table and rounding",
         ),
         Check(
             law="lesson_firmware_gyro_m",

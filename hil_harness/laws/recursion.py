@@ -148,13 +148,14 @@ def _recursion(bench: Bench) -> Evidence:
         )
 
     true_error, first_order, bound_m = run(SMALL_SHARE)
+    path_m = float(np.sum(step_m))
     gap_m = np.hypot(*(true_error - first_order)[:, :2].T)
     checks = (
         Check(
             law="se2_recursion_position",
             predicted=float(np.hypot(*first_order[-1, :2])),
             measured=float(np.hypot(*true_error[-1, :2])),
-            tolerance=float(bound_m[-1]) + bench.arithmetic_m,
+            tolerance=float(bound_m[-1]) + bench.arithmetic_m(path_m),
             unit="m",
             derivation="Taylor remainder Σ(Δs·e²/2 + |δs·e|) at the end, and the firmware's "
             "rounding",
@@ -162,7 +163,7 @@ def _recursion(bench: Bench) -> Evidence:
         Check(
             law="se2_recursion_everywhere",
             predicted=0.0,
-            measured=float(np.max(gap_m / (bound_m + bench.arithmetic_m))),
+            measured=float(np.max(gap_m / (bound_m + bench.arithmetic_m(path_m)))),
             tolerance=1.0,
             unit="1",
             derivation="largest distance between true and first-order position over all ticks, in "
