@@ -7,6 +7,7 @@ tick of a wheel, one code of the gyro.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,8 @@ class Drive:
 
     @property
     def pose(self) -> FloatArray:
-        return self.runs.truth[0]
+        pose: FloatArray = self.runs.truth[0]
+        return pose
 
     @property
     def path_m(self) -> float:
@@ -68,7 +70,8 @@ class Drive:
     @property
     def codes(self) -> FloatArray:
         """Gyro codes from the described zero, tick by tick."""
-        return self.runs.gyro_code[0].astype(float) - QUIET.gyro.zero_rate_code
+        codes: FloatArray = self.runs.gyro_code[0].astype(float) - QUIET.gyro.zero_rate_code
+        return codes
 
     @property
     def gyro_turn_rad(self) -> float:
@@ -80,7 +83,8 @@ class Drive:
     def tick_steps(self, side: str) -> NDArray[np.int64]:
         counts = self.runs.left_count if side == "left" else self.runs.right_count
         steps = np.diff(counts[0].astype(np.int64))
-        return (steps + 32768) % 65536 - 32768
+        unwrapped: NDArray[np.int64] = (steps + 32768) % 65536 - 32768
+        return unwrapped
 
 
 def run(
@@ -225,7 +229,8 @@ def sideways_m_s(seen: Drive) -> FloatArray:
     """Return the body's velocity to its left at each tick."""
     heading = (seen.pose[1:, 2] + seen.pose[:-1, 2]) / 2
     dx, dy = np.diff(seen.pose[:, :2], axis=0).T
-    return (-dx * np.sin(heading) + dy * np.cos(heading)) / TICK_S
+    sideways: FloatArray = (-dx * np.sin(heading) + dy * np.cos(heading)) / TICK_S
+    return sideways
 
 
 def test_in_a_left_turn_the_robot_slides_to_its_right() -> None:
@@ -523,9 +528,9 @@ def settings_of(name: str) -> list[str]:
     return [f"{name}.{part}" for part in SIZES[name].split()]
 
 
-def outputs(seen: Drive) -> list[NDArray[np.generic]]:
+def outputs(seen: Drive) -> list[NDArray[Any]]:
     runs = seen.runs
-    columns = [
+    columns: list[NDArray[Any] | None] = [
         runs.truth,
         runs.left_count,
         runs.right_count,
