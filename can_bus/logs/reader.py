@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, Literal, TextIO
@@ -31,6 +33,13 @@ _CANDUMP_FORM: Final = (
 _ERROR_FLAG: Final = 0x20000000
 _IDENTIFIER_MASK: Final = 0x1FFFFFFF
 _MAX_FD_LENGTH: Final = 64
+# Layout as in python-can's reader: signature, header size; signature, sizes, object type.
+_BLF_FILE_HEADER: Final = struct.Struct("<4sL")
+_BLF_OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
+_BLF_CONTAINER: Final = 10
+_BLF_CONTAINER_HEADER_BYTES: Final = 16
+_BLF_DEFLATED: Final = b"\x02\x00"
+_MAX_CONTAINER_BYTES: Final = 64 * 1024 * 1024
 _FD_LENGTHS: Final = frozenset((*range(9), 12, 16, 20, 24, 32, 48, _MAX_FD_LENGTH))
 
 
@@ -131,22 +140,52 @@ def _read_asc(path: Path) -> Iterator[can.Message]:
 
 
 def _read_blf(path: Path) -> Iterator[can.Message]:
+    _refuse_blf_bomb(path)
     count = 0
-    try:
-        with can.BLFReader(path) as frames:
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        try:
+            frames = can.BLFReader(file)
             for message in frames:
                 yield message
                 count += 1
-            if frames.file_size and path.stat().st_size < frames.file_size:
+        except Exception as error:  # zlib.error, struct.error, BLFParseError, …
+            raise CanBusError(
+                f"{path}: truncated or corrupt BLF file after {count} frames: {one_line(error)}"
+            ) from error
+        if size < frames.file_size:
+            raise CanBusError(
+                f"{path}: truncated BLF file after {count} frames: "
+                f"{size} of {frames.file_size} bytes"
+            )
+
+
+def _refuse_blf_bomb(path: Path) -> None:
+    """Raise CanBusError for a container that would fill the memory: python-can inflates any.
+
+    Anything else that is wrong is left to the reader, which comes to it after the good frames.
+    """
+    with path.open("rb") as file:
+        head = file.read(_BLF_FILE_HEADER.size)
+        if len(head) < _BLF_FILE_HEADER.size:
+            return
+        file.seek(_BLF_FILE_HEADER.unpack(head)[1])
+        while len(head := file.read(_BLF_OBJECT_HEADER.size)) == _BLF_OBJECT_HEADER.size:
+            _, _, _, size, kind = _BLF_OBJECT_HEADER.unpack(head)
+            content = file.read(max(0, size - _BLF_OBJECT_HEADER.size))
+            file.read(size % 4)
+            if kind != _BLF_CONTAINER or content[:2] != _BLF_DEFLATED:
+                continue
+            inflate = zlib.decompressobj()
+            try:
+                inflate.decompress(content[_BLF_CONTAINER_HEADER_BYTES:], _MAX_CONTAINER_BYTES)
+            except zlib.error:
+                return
+            if inflate.unconsumed_tail:
                 raise CanBusError(
-                    f"{path}: truncated BLF file: {path.stat().st_size} of {frames.file_size} bytes"
+                    f"{path}: a container of over {_MAX_CONTAINER_BYTES >> 20} MiB: "
+                    "not a BLF file that can be read here"
                 )
-    except CanBusError:
-        raise
-    except Exception as error:  # zlib.error, struct.error, BLFParseError, …
-        raise CanBusError(
-            f"{path}: truncated or corrupt BLF file after {count} frames: {one_line(error)}"
-        ) from error
 
 
 def _bounded_lines(path: Path, file: TextIO) -> Iterator[str]:

@@ -21,6 +21,7 @@ LOG_CHANNEL: Final = "vcan0"
 _FLUSH_PERIOD_S: Final = 1.0
 # BLF keeps a container in memory until it is full: 16 KiB are some 300 frames.
 _BLF_CONTAINER_BYTES: Final = 16 * 1024
+_FIRST_WALL_CLOCK_S: Final = 631152000.0  # 1990: what is earlier is no wall clock, as in BLF
 _ERROR_FRAME_ID: Final = "20000080"  # CAN_ERR_FLAG | CAN_ERR_BUSERROR, as candump prints it
 
 
@@ -134,8 +135,11 @@ class _LibraryWriter:
         self._writer = writer
         self._flush_at_s = -1.0
         self._is_open = True
+        self._is_started = False
 
     def write(self, message: can.Message, received: bool) -> None:
+        if not self._is_started:
+            self._start(message.timestamp)
         twin = copy(message)
         twin.is_rx = received
         twin.channel = None
@@ -148,6 +152,19 @@ class _LibraryWriter:
         if self._is_open:
             self._is_open = False
             self._writer.stop()
+
+    def _start(self, first_stamp_s: float) -> None:
+        """Keep simulated time counting from 0; python-can starts both formats at the first frame.
+
+        In real time the start is the first frame's wall clock, which the file's header carries.
+        """
+        self._is_started = True
+        if first_stamp_s >= _FIRST_WALL_CLOCK_S:
+            return
+        if isinstance(self._writer, can.BLFWriter):
+            self._writer.start_timestamp = 0.0
+        else:
+            self._writer.log_event("Start of measurement", 0.0)
 
     def __enter__(self) -> _LibraryWriter:
         return self
