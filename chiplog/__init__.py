@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from can_bus import load_database, read_log
     from hil_harness.assembly import RunConfig
     from hil_harness.effects import catalogue, parse_effect
-    from hil_harness.replay import replay
+    from hil_harness.replaying import replay
     from hil_harness.results import RunResult
     from hil_harness.rig import Rig
     from hil_harness.robot import Robot, load_robot
@@ -44,7 +44,7 @@ _HOMES = {
     "load_robot": "hil_harness.robot",
     "parse_effect": "hil_harness.effects",
     "read_log": "can_bus",
-    "replay": "hil_harness.replay",
+    "replay": "hil_harness.replaying",
     "run": "hil_harness.running",
     "scenario": "hil_harness.scenarios",
 }

@@ -18,6 +18,9 @@ from firmware_model.twin import Twin, TwinConfig, build_twin_config, step_twin
 
 Implementation = Literal["compiled", "python"]
 
+_POSE_FIELDS = ("x_m_q", "y_m_q", "heading_turn_q")
+assert STATE_FIELDS[: len(_POSE_FIELDS)] == _POSE_FIELDS, "the pose leads the record"
+
 
 def initial_state(config: KernelConfig) -> State:
     """Return the state at power-on: all zero, gyro offset at its nominal code."""
@@ -53,6 +56,7 @@ class Kernel:
         elif implementation == "compiled":
             self._states = np.zeros(1, STATE_DTYPE)
             self._record = self._states[0]
+            self._pose = self._states.view(np.int64)[: len(_POSE_FIELDS)]
             self._configs = config_record(config)
             self._table = np.array(config.table, dtype=np.int64)
             self._step = compiled_kernel().step
@@ -108,6 +112,15 @@ class Kernel:
             value: int = getattr(self._state, name)
             return value
         return int(self._record[name])
+
+    @property
+    def pose_q(self) -> tuple[int, int, int]:
+        """x_m_q, y_m_q and heading_turn_q, read at once."""
+        if self.implementation == "python":
+            state = self._state
+            return state.x_m_q, state.y_m_q, state.heading_turn_q
+        x_m_q, y_m_q, heading_turn_q = self._pose.tolist()
+        return x_m_q, y_m_q, heading_turn_q
 
     @property
     def x_m_q(self) -> int:

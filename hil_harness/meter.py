@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import can
 import numpy as np
 
@@ -22,10 +24,10 @@ class BusMeter:
         self._by_message: dict[str, int] = {}
         self._waiting: list[can.Message] = []
 
-    def note(self, message: can.Message) -> None:
-        """Count one frame."""
-        self.frames += 1
-        self._waiting.append(message)
+    def note(self, messages: Sequence[can.Message]) -> None:
+        """Count frames."""
+        self.frames += len(messages)
+        self._waiting += messages
         if len(self._waiting) >= _CHUNK_FRAMES:
             self._count()
 

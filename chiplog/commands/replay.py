@@ -13,7 +13,7 @@ from chiplog.commands.output import STANDARD_OUTPUT, write_json
 from chiplog.pages import quantities as q
 
 if TYPE_CHECKING:
-    from hil_harness.replay import ReplayResult
+    from hil_harness.replaying import ReplayResult
 
 REPLAY_SCHEMA = 1
 
@@ -36,7 +36,7 @@ def command(
     """
     from chiplog.terminal import show_line
     from hil_harness.assembly import load_wire
-    from hil_harness.replay import replay
+    from hil_harness.replaying import replay
     from hil_harness.robot import load_robot
 
     result = replay(log, load_robot(robot), load_wire(dbc, signals))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import can
 import numpy as np
@@ -136,10 +136,11 @@ class FirmwareNode:
         self.kernel.step(*given)
         steps = self._steps
         self._steps = steps + 1
+        pose_q = self.kernel.pose_q
         sent: list[can.Message] = []
         for spec, every, phase, values_of in self._senders:
             if steps % every == phase:
-                raw = [value() for value in values_of]
+                raw = [value(pose_q) for value in values_of]
                 sent.append(make_message(spec, _encode(spec, raw, counter), now_us))
         return sent
 
@@ -154,10 +155,10 @@ def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) ->
     return build_config(robot.firmware, constants)
 
 
-def _encode(spec: MessageSpec, values: Sequence[Raw], counter: int) -> bytearray:
+def _encode(spec: MessageSpec, values: list[Raw], counter: int) -> bytearray:
     """Return a frame of payload values in order, protected where the DBC says so."""
     if spec.is_plain:
-        whole = [int(value) for value in values]
+        whole = cast(list[int], values)  # a plain message has no float signal
         return spec.pack(whole, counter if spec.is_protected else None)
     names = (signal.name for signal in spec.payload)
     data = spec.encode_raw(dict(zip(names, values, strict=True)))
@@ -166,28 +167,28 @@ def _encode(spec: MessageSpec, values: Sequence[Raw], counter: int) -> bytearray
     return data
 
 
+Pose = tuple[int, int, int]
+_Source = Callable[[Pose], Raw]
+
+
 def _senders(
     database: Database, signal_map: SignalMap, kernel: Kernel, tick_period_us: int
-) -> list[tuple[MessageSpec, int, int, list[Callable[[], Raw]]]]:
+) -> list[tuple[MessageSpec, int, int, list[_Source]]]:
     """Return each message the firmware sends: cycle, phase, and a source per payload signal."""
-    sources: dict[str, Callable[[], Raw]] = {}
-    accumulators = {
-        "odom_x": lambda: kernel.x_m_q,
-        "odom_y": lambda: kernel.y_m_q,
-        "odom_heading": lambda: kernel.heading_turn_q,
-    }
+    sources: dict[str, _Source] = {}
     converters = odometry_converters(
         signal_map,
         position_frac_bits=kernel.config.position_frac_bits,
         heading_frac_bits=kernel.config.heading_frac_bits,
     )
     for role, convert in converters.items():
-        sources[signal_map[role].path] = _converted(convert, accumulators[role])
+        sources[signal_map[role].path] = _pose_source(convert, ODOMETRY_ROLES.index(role))
     messages = {spec.name: spec for spec in signal_map.messages(ODOMETRY_ROLES)}
     for name, values in ((_VELOCITY, velocity_values), (_STATUS, status_values)):
         if name in database.messages and name not in messages:
             spec = messages[name] = database.message(name)
-            sources |= {f"{name}.{key}": value for key, value in values(spec, kernel).items()}
+            for signal, value in values(spec, kernel).items():
+                sources[f"{name}.{signal}"] = _report_source(value)
     senders = []
     for spec in sorted(messages.values(), key=lambda spec: spec.frame_id):
         every, phase = cycle_of(spec, tick_period_us)
@@ -198,9 +199,13 @@ def _senders(
     return senders
 
 
-def _converted(convert: Callable[[int], Raw], value: Callable[[], int]) -> Callable[[], Raw]:
-    return lambda: convert(value())
+def _pose_source(convert: Callable[[int], Raw], index: int) -> _Source:
+    return lambda pose_q: convert(pose_q[index])
 
 
-def _constant(raw: Raw) -> Callable[[], Raw]:
-    return lambda: raw
+def _report_source(value: Callable[[], Raw]) -> _Source:
+    return lambda pose_q: value()
+
+
+def _constant(raw: Raw) -> _Source:
+    return lambda pose_q: raw

@@ -1,0 +1,74 @@
+"""A recorded log, run again: every raw odometry field of every tick, and the state at the end."""
+
+from pathlib import Path
+
+import pytest
+
+from can_bus import load_database
+from hil_harness import (
+    HarnessError,
+    RunConfig,
+    RunResult,
+    load_robot,
+    load_wire,
+    replay,
+    run,
+    scenario,
+)
+
+
+def record(path: Path, name: str = "stop_and_go", duration_s: float = 8.0) -> RunResult:
+    return run(
+        RunConfig(scenario=scenario(name), robot=load_robot(None), duration_s=duration_s, log=path)
+    )
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_a_run_replays_bit_for_bit_from_its_own_log(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"bus{suffix}"
+    recorded = record(path)
+    result = replay(path, load_robot(None), load_wire())
+    assert result.is_equal
+    assert result.ticks == recorded.ticks
+    assert result.fields > 9 * recorded.ticks
+    assert result.state == recorded.kernel_state
+
+
+def test_one_flipped_bit_of_odometry_is_found_with_tick_field_and_both_values(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "bus.log"
+    record(path)
+    frame_id = f" {load_database().message('ODOMETRY_Y').frame_id:03X}#"
+    lines = path.read_text().splitlines()
+    at = [number for number, line in enumerate(lines) if frame_id in line][300]
+    head, data = lines[at].split("#")
+    changed = bytearray.fromhex(data.split()[0])
+    changed[3] ^= 1
+    lines[at] = f"{head}#{changed.hex().upper()} {data.split()[1]}"
+    path.write_text("\n".join(lines) + "\n")
+    difference = replay(path, load_robot(None), load_wire()).first_difference
+    assert difference is not None
+    assert (difference.tick, difference.field) == (300, "ODOMETRY_Y.y_m")
+    assert difference.logged_raw is not None
+    assert difference.computed_raw is not None
+    # y_m starts at bit 12: the lowest bit of byte 3 is its bit 12
+    assert abs(int(difference.logged_raw) - int(difference.computed_raw)) == 1 << 12
+
+
+def test_a_robot_described_otherwise_does_not_replay(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    record(path)
+    robot = load_robot(None)
+    other = tmp_path / "robot.toml"
+    other.write_text("schema = 1\n[wheels]\nradius_m = 0.0503\n")
+    assert robot.plant.wheels.radius_m != 0.0503
+    result = replay(path, load_robot(other), load_wire())
+    assert not result.is_equal
+
+
+def test_a_log_without_odometry_is_refused_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    path.write_text("(0.000000) vcan0 0C1#4600000000000000 R\n")
+    with pytest.raises(HarnessError, match="no odometry frames: expected ODOMETRY_X"):
+        replay(path, load_robot(None), load_wire())
