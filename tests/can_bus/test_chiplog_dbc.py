@@ -8,6 +8,7 @@ from cantools.database.can import Message, Signal
 
 from can_bus import MessageSpec, SignalSpec, crc8_profile1, load_database
 from can_bus.e2e import COUNTER_MODULO, crc8_start
+from firmware_model import HeadingSource, StatusBit
 
 DATABASE = load_database()
 PARSED = load_file(DATABASE.path)
@@ -231,3 +232,16 @@ def test_left_out_of_a_command_means_stand_still() -> None:
     command = DATABASE.message("COMMAND")
     assert command.decode_scaled(command.encode_raw({}))["v_m_s"] == 0.0
     assert command.decode_scaled(command.encode_raw({}))["w_rad_s"] == 0.0
+
+
+def test_every_bit_of_the_firmwares_status_word_is_a_signal_at_its_place() -> None:
+    flags = [s for s in DATABASE.message("STATUS").payload if s.length_bits == 1]
+    assert [flag.name for flag in flags] == [bit.name.lower() for bit in StatusBit if bit.name]
+    first = flags[0].start_bit
+    assert [1 << flag.start_bit - first for flag in flags] == [bit.value for bit in StatusBit]
+
+
+def test_the_heading_sources_have_the_firmwares_numbers() -> None:
+    choices = DATABASE.message("STATUS").signal("heading_source").choices
+    named = {name: raw for raw, name in choices.items() if name != "SNA"}
+    assert named == {source.name.lower(): source.value for source in HeadingSource}
