@@ -14,7 +14,11 @@ from hil_harness.toml_lines import key_lines
 MAX_BYTES: Final = 256 * 1024
 """Largest configuration file that is read; the largest of ours is under 16 KiB."""
 
+MAX_DEPTH: Final = 32
+"""Deepest nesting of tables and lists that is read; the deepest of ours is 4."""
+
 _SHOWN_LENGTH: Final = 48
+_NO_KEY: Final = re.compile(r"[^\w.\"' \t-]+")
 _SYNTAX_POSITION: Final = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
@@ -92,7 +96,7 @@ def parse_toml(content: str | bytes, *, name: str, path: Path | None = None) -> 
     """Parse TOML *content*, which messages will call *name*; raise HarnessError as load_toml."""
     if isinstance(content, bytes):
         try:
-            text = content.decode("utf-8")
+            text = content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             line = content.count(b"\n", 0, error.start) + 1
             raise HarnessError(
@@ -101,15 +105,32 @@ def parse_toml(content: str | bytes, *, name: str, path: Path | None = None) -> 
             ) from None
     else:
         text = content
+    _refuse_endless_keys(name, text)
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise HarnessError(_syntax_message(name, text, str(error))) from None
     except RecursionError:
-        raise HarnessError(f"{name}: lists or tables are nested too deeply") from None
+        raise HarnessError(f"{name}: {_TOO_DEEP}") from None
     except ValueError as error:  # a number of more digits than Python agrees to read
         raise HarnessError(f"{name}: not a TOML file: {error}") from None
-    return TomlSource(path=path, name=name, data=data, lines=key_lines(text))
+    lines = key_lines(text)
+    deepest = max(lines, key=len, default=())
+    if len(deepest) > MAX_DEPTH:
+        raise HarnessError(f"{name}:{lines[deepest]}: {_TOO_DEEP}")
+    return TomlSource(path=path, name=name, data=data, lines=lines)
+
+
+_TOO_DEEP: Final = f"tables or lists are nested too deeply: expected at most {MAX_DEPTH} levels"
+
+
+def _refuse_endless_keys(name: str, text: str) -> None:
+    """Refuse keys of very many parts: tomllib takes a minute for one of twenty thousand."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MAX_DEPTH and any(
+            part.count(".") > MAX_DEPTH for part in _NO_KEY.split(line)
+        ):
+            raise HarnessError(f"{name}:{number}: {_TOO_DEEP}")
 
 
 def _syntax_message(name: str, text: str, message: str) -> str:

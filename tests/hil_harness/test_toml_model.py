@@ -217,7 +217,18 @@ def test_one_table_of_a_file_can_be_validated_alone() -> None:
             b"ok = 1\n# caf\xe9\n",
             "bad.toml:2: byte 0xE9 is not UTF-8: expected a TOML file saved as UTF-8",
         ),
-        (b"a = " + b"[" * 5000, "bad.toml: lists or tables are nested too deeply"),
+        (
+            b"a = " + b"[" * 5000,
+            "bad.toml: tables or lists are nested too deeply: expected at most 32 levels",
+        ),
+        (
+            b"a = " + b"[" * 33 + b"]" * 33,
+            "bad.toml:1: tables or lists are nested too deeply: expected at most 32 levels",
+        ),
+        (
+            b"x = 1\n" + b"a." * 20_000 + b"a = 1",
+            "bad.toml:2: tables or lists are nested too deeply: expected at most 32 levels",
+        ),
         (b"#" * (MAX_BYTES + 1), "larger than 256 KiB: expected a TOML file written by a person"),
     ],
 )
@@ -230,6 +241,13 @@ def test_a_file_that_is_not_toml_is_refused_in_one_line(
         load_toml(file)
     assert str(caught.value).endswith(message)
     assert "\n" not in str(caught.value)
+
+
+def test_a_byte_order_mark_and_a_long_list_of_numbers_do_no_harm() -> None:
+    text = "\ufeffweights = [" + "0.25, " * 500 + "]"
+    source = parse_toml(text.encode(), name="robot.toml")
+    assert source.data["weights"] == [0.25] * 500
+    assert source.line_of("weights") == 1
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
