@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from sim_plant.adc import to_code
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
 from sim_plant.mechanisms import Mechanisms
 
@@ -23,6 +22,8 @@ PARAMETERS = [
     ("accel_zero_lsb", "f8"),
     ("accel_lsb_per_m_s2", "f8"),
 ]
+
+SAMPLE = [("accel_x_m_s2", "f8"), ("accel_y_m_s2", "f8")]
 
 
 def parameters(
@@ -41,9 +42,16 @@ def parameters(
     }
 
 
-@njit()
-def accel_code(p: Any, force_m_s2: float, bias_m_s2: float, normal: float) -> int:
+@inlined
+def observe_accelerometer(p: Any, s: Any, out: Any) -> None:
+    """Write the biased forces without noise."""
+    out.accel_x_m_s2 = s.forward_acceleration_m_s2 + p.accel_bias_x_m_s2
+    out.accel_y_m_s2 = s.lateral_acceleration_m_s2 + p.accel_bias_y_m_s2
+
+
+@inlined
+def accel_code(p: Any, force_m_s2: float, normal: float) -> int:
     """Return the code of one axis."""
-    reading = force_m_s2 + bias_m_s2 + p.accel_noise_m_s2 * normal
+    reading = force_m_s2 + p.accel_noise_m_s2 * normal
     clipped = min(max(reading, -p.accel_range_m_s2), p.accel_range_m_s2)
     return to_code(p, p.accel_zero_lsb + p.accel_lsb_per_m_s2 * clipped)

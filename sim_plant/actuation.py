@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
 from sim_plant.mechanisms import Mechanisms
 
@@ -53,7 +52,7 @@ def parameters(
     }
 
 
-@njit()
+@inlined
 def set_point_rad_s(p: Any, commanded_rad_s: float, gain: float) -> float:
     """Return the rate a wheel settles at: deadband, then gain, then saturation."""
     if abs(commanded_rad_s) < p.deadband_rad_s:
@@ -62,7 +61,7 @@ def set_point_rad_s(p: Any, commanded_rad_s: float, gain: float) -> float:
     return min(max(commanded_rad_s * gain, -limit), limit)
 
 
-@njit()
+@inlined
 def turn_wheel(p: Any, rate_rad_s: float, target_rad_s: float, dt_s: float) -> tuple[float, float]:
     """Return the wheel's rate after `dt_s` and the angle it turned meanwhile [rad].
 
@@ -90,7 +89,7 @@ def turn_wheel(p: Any, rate_rad_s: float, target_rad_s: float, dt_s: float) -> t
     return rate_rad_s, angle_rad
 
 
-@njit()
+@inlined
 def drive(p: Any, s: Any, v_m_s: float, w_rad_s: float, dt_s: float) -> tuple[float, float]:
     """Turn both wheels towards one command for `dt_s`; return their steps (left, right) [rad]."""
     turn_m_s = 0.5 * w_rad_s * p.described_wheelbase_m

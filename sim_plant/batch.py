@@ -16,13 +16,13 @@ from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
 from sim_plant.kernel import DriveModel, EncoderModel
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed, noise_source
-from sim_plant.streams import BLOCK_TICKS, Stream
+from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
+from sim_plant.streams import MOTION_STREAMS, NORMALS, Noise, Stream
 
 Outputs = Literal["all", "odometry"]
 
-# Blocks worked on at once: long enough to make a call cheap, short enough for the cache.
-_CHUNK_BLOCKS = 8
+# The streams of the sensors that "odometry" leaves out.
+_UNREAD_STREAMS = frozenset({Stream.ACCEL_X, Stream.ACCEL_Y, Stream.TEMPERATURE, Stream.SUPPLY})
 
 
 @dataclass(frozen=True)
@@ -92,18 +92,22 @@ def simulate(
                 f"mechanisms: expected one for all or one for each of the {len(run_seeds)} seeds, "
                 f"got {len(per_run)}"
             )
-    records: dict[Mechanisms, NDArray[Any]] = {}
-    for item in per_run:
-        if item not in records:
-            records[item] = kernel.build_parameters(
-                description,
-                item,
-                tick_s=tick_period_us / 1e6,
-                drive_model=drive,
-                encoder_model=encoder_model,
-            )
+    records = {
+        id(item): kernel.build_parameters(
+            description,
+            item,
+            tick_s=tick_period_us / 1e6,
+            drive_model=drive,
+            encoder_model=encoder_model,
+        )
+        for item in {id(item): item for item in per_run}.values()
+    }
     batch = _Batch(
-        [records[item] for item in per_run], run_seeds, rows, noise, everything=outputs == "all"
+        [records[id(item)] for item in per_run],
+        run_seeds,
+        rows,
+        noise,
+        everything=outputs == "all",
     )
     threads = workers or len(os.sched_getaffinity(0))
     shares = np.array_split(np.arange(len(run_seeds)), max(1, min(threads, len(run_seeds))))
@@ -147,18 +151,14 @@ class _Batch:
         self._noise: NoiseModel = noise
         runs, ticks = len(seeds), commands.shape[0]
         shape = (runs, ticks)
-        self._left = np.empty(shape, np.int32)
-        self._right = np.empty(shape, np.int32)
-        self._gyro = np.empty(shape, np.int32)
+        # One allocation: large ones come in huge pages, and their first touch is quicker.
+        self._left, self._right, self._gyro = np.empty((3, *shape), np.int32)
         extra = shape if everything else (0, 0)
         self._rates = np.empty(extra, np.float64)
-        self._others = [np.empty(extra, np.int32) for _ in range(4)]
-        blocks = -(-ticks // BLOCK_TICKS)
-        self._chunk = min(blocks, _CHUNK_BLOCKS) * BLOCK_TICKS
-        distinct = {id(record): record for record in parameters}.values()
+        self._others = np.empty((4, *extra), np.int32)
         self._shared: NDArray[Any] | None = None
-        if not any(map(kernel.has_motion_noise, distinct)) and (
-            len({kernel.motion_key(record) for record in distinct}) == 1
+        if len({id(record) for record in parameters}) == 1 and not (
+            kernel.active_streams(parameters[0]) & MOTION_STREAMS
         ):
             self._shared = self._move_once(parameters[0])
             self._truth = self._shared.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
@@ -167,67 +167,61 @@ class _Batch:
 
     def _move_once(self, parameters: NDArray[Any]) -> NDArray[Any]:
         samples = np.zeros(self._commands.shape[0], kernel.SAMPLE)
-        state = np.zeros(1, kernel.MOTION_STATE)
-        still = np.zeros((len(Stream), self._chunk))
-        for first in range(0, samples.size, self._chunk):
-            part = samples[first : first + self._chunk]
-            kernel.run_motion(parameters, state, part, still, self._commands)
+        kernel.run_motion(
+            parameters,
+            np.zeros(1, kernel.MOTION_STATE),
+            samples,
+            np.zeros(1, NORMALS),
+            self._commands,
+        )
         return samples
 
     def work(self, runs: NDArray[np.int64]) -> None:
         """Fill the rows of these runs."""
-        normals = np.zeros((len(Stream), self._chunk))
-        scratch = np.zeros(0 if self._shared is not None else self._chunk, kernel.SAMPLE)
-        before: NDArray[Any] | None = None
-        for run in runs.tolist():
-            if self._parameters[run] is not before:
-                normals[:] = 0.0  # other streams may be on
-                before = self._parameters[run]
-            self._run(run, normals, scratch)
-
-    def _run(self, run: int, normals: NDArray[np.float64], scratch: NDArray[Any]) -> None:
-        parameters = self._parameters[run]
-        noise = noise_source(
-            self._noise,
-            self._seeds[run],
-            parameters,
-            without=_UNUSED if not self._rates.size else (),
-        )
+        shared = self._shared is not None
+        samples = self._shared if self._shared is not None else np.zeros(1, kernel.SAMPLE)
+        truth = np.empty((0, 0, 3)) if shared else self._truth
         motion_state = np.zeros(1, kernel.MOTION_STATE)
         sensor_state = np.zeros(1, kernel.SENSOR_STATE)
-        ticks = self._commands.shape[0]
-        for first in range(0, ticks, self._chunk):
-            stop = min(first + self._chunk, ticks)
-            for start in range(first, stop, BLOCK_TICKS):
-                part = normals[:, start - first : start - first + BLOCK_TICKS]
-                noise.fill(start // BLOCK_TICKS, part)
-            if self._shared is None:
-                samples = scratch[: stop - first]
-                if first == 0:
-                    samples[:1] = 0
-                kernel.run_motion(parameters, motion_state, samples, normals, self._commands)
-                pose = samples.view(np.float64).reshape(samples.size, -1)[:, :3]
-                self._truth[run, first:stop] = pose
-            else:
-                samples = self._shared[first:stop]
-            kernel.run_sensors(
+        parameters: NDArray[Any] | None = None
+        for run in runs.tolist():
+            if self._parameters[run] is not parameters:
+                parameters = self._parameters[run]
+                noise = self._noise_for(parameters)
+            noise.start(self._seeds[run])
+            motion_state.view(np.int64).fill(0)  # far quicker than assigning a record
+            sensor_state.view(np.int64).fill(0)
+            kernel.run(
                 parameters,
+                motion_state,
                 sensor_state,
+                self._commands,
                 samples,
-                normals,
+                noise.sources,
+                noise.raws,
+                noise.seed,
+                noise.active,
+                noise.columns,
+                noise.normals,
+                run,
+                truth,
                 self._left,
                 self._right,
                 self._gyro,
                 self._rates,
                 *self._others,
-                run,
-                first,
             )
+
+    def _noise_for(self, parameters: NDArray[Any]) -> Noise:
+        active = kernel.active_streams(parameters)
+        if not self._rates.size:
+            active -= _UNREAD_STREAMS
+        return Noise(active, lesson=self._noise == "lesson")
 
     def runs(self) -> PlantRuns:
         """Return what has been filled."""
         complete = self._rates.size > 0
-        others = self._others if complete else [None] * 4
+        others = self._others if complete else (None,) * 4
         return PlantRuns(
             self._truth,
             self._left,
@@ -236,7 +230,3 @@ class _Batch:
             self._rates if complete else None,
             *others,
         )
-
-
-# The streams of sensors that "odometry" leaves out.
-_UNUSED = (Stream.ACCEL_X, Stream.ACCEL_Y, Stream.TEMPERATURE, Stream.SUPPLY)

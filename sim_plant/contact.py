@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import Stream
 
 PARAMETERS = [
     ("radius_left_m", "f8"),
@@ -47,17 +45,8 @@ PARAMETERS = [
     ("bump_forward_m", "f8"),
 ]
 
+# The pose and the wheel angles at the end of a tick, and what the tick did to them.
 STATE = [
-    ("x_m", "f8"),
-    ("y_m", "f8"),
-    ("heading_rad", "f8"),
-    ("angle_left_rad", "f8"),
-    ("angle_right_rad", "f8"),
-]
-
-# What one tick of motion leaves for the sensors: the pose and angles at its end, the steps and
-# means over it.
-SAMPLE = [
     ("x_m", "f8"),
     ("y_m", "f8"),
     ("heading_rad", "f8"),
@@ -66,8 +55,8 @@ SAMPLE = [
     ("step_left_rad", "f8"),
     ("step_right_rad", "f8"),
     ("yaw_rate_rad_s", "f8"),
-    ("accel_x_m_s2", "f8"),
-    ("accel_y_m_s2", "f8"),
+    ("forward_acceleration_m_s2", "f8"),
+    ("lateral_acceleration_m_s2", "f8"),
 ]
 
 
@@ -112,14 +101,14 @@ def parameters(
     }
 
 
-@njit()
+@inlined
 def radii_m(p: Any, time_s: float) -> tuple[float, float]:
     """Return the true rolling radii (left, right) at a time."""
     growth = 1.0 + p.radius_drift_per_s * time_s
     return p.radius_left_m * growth, p.radius_right_m * growth
 
 
-@njit()
+@inlined
 def ground_step_m(
     rolled_m: float,
     slip: float,
@@ -136,7 +125,7 @@ def ground_step_m(
     return rolled_m * (1.0 - slip) + offset_m + step_noise_m * step_normal + walk_m
 
 
-@njit()
+@inlined
 def eccentric_roll_m(
     radius_m: float, amplitude: float, phase_rad: float, angle_rad: float, step_rad: float
 ) -> float:
@@ -148,7 +137,7 @@ def eccentric_roll_m(
     return radius_m * amplitude * (after - before)
 
 
-@njit()
+@inlined
 def pressed_slip(
     p: Any, slip: float, rolled_m: float, acceleration_m_s2: float, heading_rad: float
 ) -> float:
@@ -161,13 +150,11 @@ def pressed_slip(
     return slip
 
 
-@njit()
+@inlined
 def move(
     p: Any,
     s: Any,
-    out: Any,
-    normals: Any,
-    k: int,
+    n: Any,
     time_s: float,
     tick_s: float,
     rolled: tuple[float, float],
@@ -177,8 +164,8 @@ def move(
 ) -> None:
     """Move the body by one tick that ends at `time_s`; pairs are (left, right).
 
-    `rolled` is r·Δφ without slip [m], `step` the wheels' steps Δφ [rad], `rate_before` and `rate`
-    the wheel rates at both ends of the tick [rad/s].
+    `n` holds the tick's normals, `rolled` is r·Δφ without slip [m], `step` the wheels' steps Δφ
+    [rad], `rate_before` and `rate` the wheel rates at both ends of the tick [rad/s].
     """
     middle_s = time_s - 0.5 * tick_s
     radius_left_m, radius_right_m = radii_m(p, middle_s)
@@ -207,8 +194,8 @@ def move(
         p.offset_left_m,
         p.step_noise_left_m,
         p.noise_left_m_per_sqrt_m,
-        normals[Stream.MICRO_SLIP_STEP_LEFT, k],
-        normals[Stream.MICRO_SLIP_LEFT, k],
+        n.micro_slip_step_left,
+        n.micro_slip_left,
     )
     right_m = ground_step_m(
         rolled[1]
@@ -223,8 +210,8 @@ def move(
         p.offset_right_m,
         p.step_noise_right_m,
         p.noise_right_m_per_sqrt_m,
-        normals[Stream.MICRO_SLIP_STEP_RIGHT, k],
-        normals[Stream.MICRO_SLIP_RIGHT, k],
+        n.micro_slip_step_right,
+        n.micro_slip_right,
     )
 
     forward_m = 0.5 * (left_m + right_m)
@@ -252,13 +239,8 @@ def move(
     s.y_m += forward_m * sine + lateral_m * cosine
     s.heading_rad += turn_rad
 
-    out.x_m = s.x_m
-    out.y_m = s.y_m
-    out.heading_rad = s.heading_rad
-    out.angle_left_rad = s.angle_left_rad
-    out.angle_right_rad = s.angle_right_rad
-    out.step_left_rad = step[0]
-    out.step_right_rad = step[1]
-    out.yaw_rate_rad_s = yaw_rate_rad_s
-    out.accel_x_m_s2 = 0.5 * (accel_left_m_s2 + accel_right_m_s2)
-    out.accel_y_m_s2 = forward_m / tick_s * yaw_rate_rad_s
+    s.step_left_rad = step[0]
+    s.step_right_rad = step[1]
+    s.yaw_rate_rad_s = yaw_rate_rad_s
+    s.forward_acceleration_m_s2 = 0.5 * (accel_left_m_s2 + accel_right_m_s2)
+    s.lateral_acceleration_m_s2 = forward_m / tick_s * yaw_rate_rad_s

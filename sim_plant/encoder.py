@@ -11,11 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import Stream
 
 PARAMETERS = [
     ("lesson_counter", "i8"),
@@ -30,9 +29,19 @@ PARAMETERS = [
     ("dead_right_s", "f8"),
 ]
 
+# Without noise: cumulative ticks, the lesson's whole-tick increment, and whether a count is held.
+SAMPLE = [
+    ("left_ticks", "f8"),
+    ("right_ticks", "f8"),
+    ("left_increment", "f8"),
+    ("right_increment", "f8"),
+    ("left_dead", "i8"),
+    ("right_dead", "i8"),
+]
+
 STATE = [
-    ("sum_left_ticks", "f8"),
-    ("sum_right_ticks", "f8"),
+    ("left_sum_ticks", "f8"),
+    ("right_sum_ticks", "f8"),
     ("left_count", "i8"),
     ("right_count", "i8"),
 ]
@@ -58,7 +67,7 @@ def parameters(
     }
 
 
-@njit()
+@inlined
 def measured_angle_rad(angle_rad: float, amplitude_rad: float, phase_rad: float) -> float:
     """Return the angle an eccentric disc or magnet shows: φ + A·sin(φ + phase)."""
     if amplitude_rad == 0.0:
@@ -66,43 +75,48 @@ def measured_angle_rad(angle_rad: float, amplitude_rad: float, phase_rad: float)
     return angle_rad + amplitude_rad * math.sin(angle_rad + phase_rad)
 
 
-@njit()
-def rounded_increment(p: Any, angle_rad: float, step_rad: float, ecc: float, phase: float) -> float:
-    """Return the lesson's whole-tick increment for a step that ends at an angle."""
-    if ecc != 0.0:
-        before_rad = measured_angle_rad(angle_rad - step_rad, ecc, phase)
-        step_rad = measured_angle_rad(angle_rad, ecc, phase) - before_rad
-    increment: float = np.rint(step_rad * p.ticks_per_rad)
-    return increment
+@inlined
+def observe_encoders(p: Any, s: Any, out: Any, time_s: float) -> None:
+    """Write what ideal encoders show at the end of a tick."""
+    left_rad = measured_angle_rad(
+        s.angle_left_rad, p.encoder_eccentricity_left_rad, p.encoder_eccentricity_phase_left_rad
+    )
+    right_rad = measured_angle_rad(
+        s.angle_right_rad, p.encoder_eccentricity_right_rad, p.encoder_eccentricity_phase_right_rad
+    )
+    left_step_rad, right_step_rad = s.step_left_rad, s.step_right_rad
+    if p.encoder_eccentricity_left_rad != 0.0:
+        left_step_rad = left_rad - measured_angle_rad(
+            s.angle_left_rad - left_step_rad,
+            p.encoder_eccentricity_left_rad,
+            p.encoder_eccentricity_phase_left_rad,
+        )
+    if p.encoder_eccentricity_right_rad != 0.0:
+        right_step_rad = right_rad - measured_angle_rad(
+            s.angle_right_rad - right_step_rad,
+            p.encoder_eccentricity_right_rad,
+            p.encoder_eccentricity_phase_right_rad,
+        )
+    out.left_ticks = left_rad * p.ticks_per_rad
+    out.right_ticks = right_rad * p.ticks_per_rad
+    out.left_increment = np.rint(left_step_rad * p.ticks_per_rad)
+    out.right_increment = np.rint(right_step_rad * p.ticks_per_rad)
+    out.left_dead = time_s >= p.dead_left_s
+    out.right_dead = time_s >= p.dead_right_s
 
 
-@njit()
-def count(p: Any, s: Any, m: Any, normals: Any, k: int, time_s: float, moved: bool) -> None:
-    """Read both counters at `time_s` into the state; `moved` is false at tick 0."""
-    noise_left = p.noise_ticks * normals[Stream.ENCODER_LEFT, k]
-    noise_right = p.noise_ticks * normals[Stream.ENCODER_RIGHT, k]
-    ecc_left = p.encoder_eccentricity_left_rad
-    ecc_right = p.encoder_eccentricity_right_rad
-    phase_left = p.encoder_eccentricity_phase_left_rad
-    phase_right = p.encoder_eccentricity_phase_right_rad
+@inlined
+def read_encoders(p: Any, s: Any, m: Any, n: Any) -> None:
+    """Read both counters of a sample into the state."""
     if p.lesson_counter != 0:
-        if moved:
-            s.sum_left_ticks += (
-                rounded_increment(p, m.angle_left_rad, m.step_left_rad, ecc_left, phase_left)
-                + noise_left
-            )
-            s.sum_right_ticks += (
-                rounded_increment(p, m.angle_right_rad, m.step_right_rad, ecc_right, phase_right)
-                + noise_right
-            )
-        left = np.rint(s.sum_left_ticks)
-        right = np.rint(s.sum_right_ticks)
+        s.left_sum_ticks += m.left_increment + p.noise_ticks * n.encoder_left
+        s.right_sum_ticks += m.right_increment + p.noise_ticks * n.encoder_right
+        left = np.rint(s.left_sum_ticks)
+        right = np.rint(s.right_sum_ticks)
     else:
-        angle_left = measured_angle_rad(m.angle_left_rad, ecc_left, phase_left)
-        angle_right = measured_angle_rad(m.angle_right_rad, ecc_right, phase_right)
-        left = math.floor(angle_left * p.ticks_per_rad + noise_left)
-        right = math.floor(angle_right * p.ticks_per_rad + noise_right)
-    if time_s < p.dead_left_s:
+        left = np.floor(m.left_ticks + p.noise_ticks * n.encoder_left)
+        right = np.floor(m.right_ticks + p.noise_ticks * n.encoder_right)
+    if m.left_dead == 0:
         s.left_count = int(left) & p.counter_mask
-    if time_s < p.dead_right_s:
+    if m.right_dead == 0:
         s.right_count = int(right) & p.counter_mask

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from sim_plant.adc import to_code
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import Stream
 
 REFERENCE_K = 298.15
 
@@ -27,6 +25,8 @@ PARAMETERS = [
     ("supply_lsb_per_v", "f8"),
     ("supply_noise_v", "f8"),
 ]
+
+SAMPLE = [("temperature_k", "f8"), ("supply_v", "f8")]
 
 
 def parameters(
@@ -50,7 +50,7 @@ def parameters(
     }
 
 
-@njit()
+@inlined
 def temperature_k(p: Any, time_s: float) -> float:
     """Return the true temperature at a time: start plus exponential warming."""
     reached_k: float = p.temperature_start_k
@@ -59,22 +59,28 @@ def temperature_k(p: Any, time_s: float) -> float:
     return reached_k
 
 
-@njit()
+@inlined
 def supply_v(p: Any, time_s: float) -> float:
     """Return the true supply voltage at a time, never below 0."""
     reached_v: float = p.supply_start_v + p.supply_drift_v_per_s * time_s
     return max(reached_v, 0.0)
 
 
-@njit()
-def temperature_code(p: Any, normals: Any, k: int, time_s: float) -> int:
-    """Return the thermometer's code."""
-    reading_k = temperature_k(p, time_s) + p.temperature_noise_k * normals[Stream.TEMPERATURE, k]
+@inlined
+def observe_environment(p: Any, out: Any, time_s: float) -> None:
+    """Write the true temperature and supply."""
+    out.temperature_k = temperature_k(p, time_s)
+    out.supply_v = supply_v(p, time_s)
+
+
+@inlined
+def temperature_code(p: Any, m: Any, n: Any) -> int:
+    """Return the thermometer's code of a sample."""
+    reading_k = m.temperature_k + p.temperature_noise_k * n.temperature
     return to_code(p, p.temperature_zero_lsb + p.temperature_lsb_per_k * (reading_k - REFERENCE_K))
 
 
-@njit()
-def supply_code(p: Any, normals: Any, k: int, time_s: float) -> int:
-    """Return the voltmeter's code."""
-    reading_v = supply_v(p, time_s) + p.supply_noise_v * normals[Stream.SUPPLY, k]
-    return to_code(p, p.supply_lsb_per_v * reading_v)
+@inlined
+def supply_code(p: Any, m: Any, n: Any) -> int:
+    """Return the voltmeter's code of a sample."""
+    return to_code(p, p.supply_lsb_per_v * (m.supply_v + p.supply_noise_v * n.supply))

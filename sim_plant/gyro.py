@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from sim_plant.adc import to_code
+from sim_plant.compiled import inlined
 from sim_plant.description import PlantDescription
-from sim_plant.environment import REFERENCE_K, supply_v, temperature_k
+from sim_plant.environment import REFERENCE_K
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import Stream
 
 PARAMETERS = [
     ("gyro_lag_share", "f8"),
@@ -40,12 +38,13 @@ PARAMETERS = [
     ("gyro_adc_stuck_value", "i8"),
 ]
 
-STATE = [
-    ("gyro_filtered_rad_s", "f8"),
-    ("gyro_walk_rad_s", "f8"),
-    ("gyro_rate_rad_s", "f8"),
-    ("gyro_code", "i8"),
-]
+# Of the motion part: the anti-alias filter.
+FILTER_STATE = [("gyro_filtered_rad_s", "f8")]
+
+# The reading without bias walk and noise, and whether the code is held.
+SAMPLE = [("gyro_rate_rad_s", "f8"), ("gyro_frozen", "i8")]
+
+STATE = [("gyro_walk_rad_s", "f8"), ("gyro_rate_rad_s", "f8"), ("gyro_code", "i8")]
 
 
 def parameters(
@@ -86,41 +85,36 @@ def parameters(
     }
 
 
-@njit()
-def measured_rate_rad_s(
-    p: Any, s: Any, m: Any, normals: Any, k: int, time_s: float, tick_s: float, moved: bool
-) -> float:
-    """Return the sensor's analogue reading for the tick that ends at `time_s` [rad/s]."""
-    rate: float = m.yaw_rate_rad_s
+@inlined
+def observe_gyro(p: Any, s: Any, out: Any, time_s: float, tick_s: float) -> None:
+    """Write the analogue reading, without bias walk and noise, for the tick that ends now."""
+    rate = s.yaw_rate_rad_s
     if p.gyro_lag_share < 1.0:
         s.gyro_filtered_rad_s += p.gyro_lag_share * (rate - s.gyro_filtered_rad_s)
         rate = s.gyro_filtered_rad_s
-    if moved:
-        s.gyro_walk_rad_s += p.gyro_walk_step_rad_s * normals[Stream.GYRO_BIAS_WALK, k]
 
     magnitude = abs(rate)
     bent = p.gyro_quadratic * rate * magnitude + p.gyro_cubic * rate * rate * rate
     rate += bent + 0.5 * p.gyro_asymmetry * magnitude
-    warm_k = temperature_k(p, time_s) - REFERENCE_K
-    supply_error = supply_v(p, time_s) / p.supply_nominal_v - 1.0
+    warm_k = out.temperature_k - REFERENCE_K
+    supply_error = out.supply_v / p.supply_nominal_v - 1.0
     drifted = p.gyro_temperature_scale_per_k * warm_k + p.gyro_supply_ratio * supply_error
     rate *= p.gyro_gain * (1.0 + drifted)
 
-    wheels = m.step_left_rad * m.step_left_rad + m.step_right_rad * m.step_right_rad
-    vibration = p.gyro_vibration * 0.5 * wheels / (tick_s * tick_s)
+    squares = s.step_left_rad * s.step_left_rad + s.step_right_rad * s.step_right_rad
+    vibration = p.gyro_vibration * 0.5 * squares / (tick_s * tick_s)
     rate += p.gyro_bias_rad_s + p.gyro_temperature_bias_rad_s_per_k * warm_k + vibration
-    rate += p.gyro_g_x * m.accel_x_m_s2 + p.gyro_g_y * m.accel_y_m_s2
-    rate += s.gyro_walk_rad_s + p.gyro_noise_rad_s * normals[Stream.GYRO_NOISE, k]
-    limit: float = p.gyro_range_rad_s
-    return min(max(rate, -limit), limit)
+    rate += p.gyro_g_x * s.forward_acceleration_m_s2 + p.gyro_g_y * s.lateral_acceleration_m_s2
+    out.gyro_rate_rad_s = rate
+    out.gyro_frozen = p.gyro_frozen_start_s <= time_s < p.gyro_frozen_stop_s
 
 
-@njit()
+@inlined
 def convert(p: Any, rate_rad_s: float) -> int:
     """Return the gyro's code: the shared ADC with this channel's own faults."""
     level = p.gyro_zero_lsb + p.gyro_lsb_per_rad_s * rate_rad_s + p.gyro_adc_offset_lsb
     if p.gyro_adc_inl_lsb != 0.0:
-        level += p.gyro_adc_inl_lsb * math.sin(math.pi * level / p.max_code)
+        level += p.gyro_adc_inl_lsb * math.sin(math.pi * level / p.top_rail_lsb)
     code = to_code(p, level)
     if code == p.gyro_adc_missing_code and code < p.max_code:
         code += 1
@@ -131,11 +125,13 @@ def convert(p: Any, rate_rad_s: float) -> int:
     return code
 
 
-@njit()
-def sample_gyro(
-    p: Any, s: Any, m: Any, normals: Any, k: int, time_s: float, tick_s: float, moved: bool
-) -> None:
-    """Sample the gyro at `time_s` into the state: analogue rate and code."""
-    s.gyro_rate_rad_s = measured_rate_rad_s(p, s, m, normals, k, time_s, tick_s, moved)
-    if not p.gyro_frozen_start_s <= time_s < p.gyro_frozen_stop_s:
-        s.gyro_code = convert(p, s.gyro_rate_rad_s)
+@inlined
+def read_gyro(p: Any, s: Any, m: Any, n: Any, moved: bool) -> None:
+    """Read a sample's rate and code into the state; `moved` is false at tick 0."""
+    if moved:
+        s.gyro_walk_rad_s += p.gyro_walk_step_rad_s * n.gyro_bias_walk
+    rate = m.gyro_rate_rad_s + (s.gyro_walk_rad_s + p.gyro_noise_rad_s * n.gyro_noise)
+    rate = min(max(rate, -p.gyro_range_rad_s), p.gyro_range_rad_s)
+    s.gyro_rate_rad_s = rate
+    if m.gyro_frozen == 0:
+        s.gyro_code = convert(p, rate)

@@ -1,8 +1,9 @@
-"""One tick as machine code: the motion part and the sensor part, used by `Plant` and `simulate`.
+"""One tick as machine code, used by `Plant` and `simulate`: the motion part and the sensor part.
 
-Both parts read one parameter record; each owns a state record; a sample record lies between them,
-so that many runs can share one motion. All floats are IEEE double without fast-math: the same call
-gives the same bits one by one and in a batch.
+The motion part moves the body and observes it as ideal sensors would; the sensor part adds noise
+and rounds to counts and codes. Both read one parameter record, each owns a state record, and a
+sample record lies between them, so that many runs can share one motion. All floats are IEEE double
+without fast-math: the same call gives the same bits one by one and in a batch.
 """
 
 from __future__ import annotations
@@ -15,33 +16,57 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_plant import accelerometer, actuation, adc, contact, encoder, environment, gyro
-from sim_plant.accelerometer import accel_code
+from sim_plant import (
+    accelerometer,
+    actuation,
+    adc,
+    contact,
+    encoder,
+    environment,
+    generators,
+    gyro,
+    streams,
+)
+from sim_plant.accelerometer import accel_code, observe_accelerometer
 from sim_plant.actuation import drive
+from sim_plant.compiled import inlined
 from sim_plant.contact import move, radii_m
 from sim_plant.description import PlantDescription
-from sim_plant.encoder import count
-from sim_plant.environment import supply_code, temperature_code
-from sim_plant.gyro import sample_gyro
+from sim_plant.encoder import observe_encoders, read_encoders
+from sim_plant.environment import observe_environment, supply_code, temperature_code
+from sim_plant.gyro import observe_gyro, read_gyro
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import MOTION_STREAMS, Stream
+from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, Stream, fill_block
 
 DriveModel = Literal["motor", "ideal"]
 EncoderModel = Literal["counter", "lesson_counter"]
 
-_MOTION_STAGES = (actuation, contact)
-_SENSOR_STAGES = (adc, environment, encoder, gyro, accelerometer)
+# In the order in which data flows.
+_STAGES = (actuation, contact, adc, environment, encoder, gyro, accelerometer)
 
-_COMMON = [("tick_s", "f8"), ("ideal", "i8")]
-_MOTION_PARAMETERS = _COMMON + [item for stage in _MOTION_STAGES for item in stage.PARAMETERS]
 PARAMETERS = np.dtype(
-    _MOTION_PARAMETERS + [item for stage in _SENSOR_STAGES for item in stage.PARAMETERS]
+    [
+        ("tick_s", "f8"),
+        ("ideal", "i8"),
+        *(item for stage in _STAGES for item in stage.PARAMETERS),
+    ]
 )
-MOTION_STATE = np.dtype([("tick", "i8"), *actuation.STATE, *contact.STATE])
+MOTION_STATE = np.dtype([("tick", "i8"), *actuation.STATE, *contact.STATE, *gyro.FILTER_STATE])
+# What a tick leaves for the sensors: the true pose, and their readings before noise and rounding.
+SAMPLE = np.dtype(
+    [
+        ("x_m", "f8"),
+        ("y_m", "f8"),
+        ("heading_rad", "f8"),
+        *environment.SAMPLE,
+        *encoder.SAMPLE,
+        *gyro.SAMPLE,
+        *accelerometer.SAMPLE,
+    ]
+)
 SENSOR_STATE = np.dtype([("tick", "i8"), *encoder.STATE, *gyro.STATE])
-SAMPLE = np.dtype(contact.SAMPLE)
 
-# Columns of a row of codes, in the order of SensorCounts.
+# The codes of one tick, in the order of SensorCounts.
 CODES = 7
 
 
@@ -59,18 +84,12 @@ def build_parameters(
         "ideal": drive_model == "ideal",
         "lesson_counter": encoder_model == "lesson_counter",
     }
-    for stage in _MOTION_STAGES + _SENSOR_STAGES:
+    for stage in _STAGES:
         values |= stage.parameters(description, mechanisms, tick_s)
     record = np.zeros(1, PARAMETERS)
     for name in PARAMETERS.names or ():
         record[name] = values[name]
     return record
-
-
-def motion_key(parameters: NDArray[Any]) -> bytes:
-    """Return bytes that are equal for two records exactly when their motion without noise is."""
-    names = [name for name, _ in _MOTION_PARAMETERS]
-    return np.array([parameters[name][0] for name in names], np.float64).tobytes()
 
 
 def active_streams(parameters: NDArray[Any]) -> frozenset[Stream]:
@@ -99,15 +118,13 @@ def has_motion_noise(parameters: NDArray[Any]) -> bool:
 
 def _sources_digest() -> int:
     digest = hashlib.sha256()
-    for module in (*_MOTION_STAGES, *_SENSOR_STAGES):
+    for module in (*_STAGES, generators, streams):
         digest.update(Path(str(module.__file__)).read_bytes())
     return int.from_bytes(digest.digest()[:7], "little")
 
 
-@njit()
-def _advance(
-    p: Any, s: Any, out: Any, normals: Any, k: int, v0: float, w0: float, v1: float, w1: float
-) -> None:
+@njit(error_model="numpy")
+def _advance(p: Any, s: Any, n: Any, v0: float, w0: float, v1: float, w1: float) -> None:
     """Move one tick: the older command (v0, w0) until the delay's rest is over, then (v1, w1)."""
     s.tick += 1
     time_s = s.tick * p.tick_s
@@ -130,43 +147,79 @@ def _advance(
         radius_left_m, radius_right_m = radii_m(p, time_s - 0.5 * p.tick_s)
         rolled = (step[0] * radius_left_m, step[1] * radius_right_m)
     rate = (s.rate_left_rad_s, s.rate_right_rad_s)
-    move(p, s, out, normals, k, time_s, p.tick_s, rolled, step, rate_before, rate)
+    move(p, s, n, time_s, p.tick_s, rolled, step, rate_before, rate)
 
 
-@njit()
-def _sense(p: Any, s: Any, m: Any, normals: Any, k: int) -> None:
-    """Read encoders and gyro at the end of the sampled tick; the first call is tick 0."""
+@njit(error_model="numpy")
+def _observe(p: Any, s: Any, out: Any) -> None:
+    """Write the sample of the state's tick."""
     time_s = s.tick * p.tick_s
-    moved = s.tick > 0
-    count(p, s, m, normals, k, time_s, moved)
-    sample_gyro(p, s, m, normals, k, time_s, p.tick_s, moved)
+    out.x_m = s.x_m
+    out.y_m = s.y_m
+    out.heading_rad = s.heading_rad
+    observe_environment(p, out, time_s)
+    observe_encoders(p, s, out, time_s)
+    observe_gyro(p, s, out, time_s, p.tick_s)
+    observe_accelerometer(p, s, out)
+
+
+@inlined
+def _read(p: Any, s: Any, m: Any, n: Any) -> None:
+    """Read encoders and gyro of a sample; the first call is tick 0."""
+    read_encoders(p, s, m, n)
+    read_gyro(p, s, m, n, s.tick > 0)
     s.tick += 1
 
 
-@njit()
-def _write_codes(p: Any, s: Any, m: Any, normals: Any, k: int, codes: Any) -> None:
-    time_s = (s.tick - 1) * p.tick_s
+@inlined
+def _read_all(p: Any, s: Any, m: Any, n: Any, codes: Any) -> None:
+    """Read all sensors of a sample into a row of codes."""
+    _read(p, s, m, n)
     codes[0] = s.left_count
     codes[1] = s.right_count
     codes[2] = s.gyro_code
-    codes[3] = accel_code(p, m.accel_x_m_s2, p.accel_bias_x_m_s2, normals[Stream.ACCEL_X, k])
-    codes[4] = accel_code(p, m.accel_y_m_s2, p.accel_bias_y_m_s2, normals[Stream.ACCEL_Y, k])
-    codes[5] = temperature_code(p, normals, k, time_s)
-    codes[6] = supply_code(p, normals, k, time_s)
+    codes[3] = accel_code(p, m.accel_x_m_s2, n.accel_x)
+    codes[4] = accel_code(p, m.accel_y_m_s2, n.accel_y)
+    codes[5] = temperature_code(p, m, n)
+    codes[6] = supply_code(p, m, n)
 
 
-def _compile(sources: int) -> tuple[Any, Any, Any, Any]:
-    """Return the compiled loops.
+@inlined
+def _move_to(p: Any, s: Any, n: Any, commands: Any, tick: int) -> None:
+    """Move to a tick under the rows of `commands`; row j drives (t_j, t_j+1].
 
-    numba's cache on disk looks at this file alone. `sources`, a digest of the stages' files, is
-    part of the closure and so of the cache key: editing a stage never meets stale machine code.
+    Before the first row takes effect, the robot was told to rest.
+    """
+    if tick == 0:
+        return
+    after = tick - 1 - (0 if p.ideal != 0 else p.delay_ticks)
+    v0 = w0 = v1 = w1 = 0.0
+    if after >= 0:
+        v1, w1 = commands[after, 0], commands[after, 1]
+    if after >= 1:
+        v0, w0 = commands[after - 1, 0], commands[after - 1, 1]
+    _advance(p, s, n, v0, w0, v1, w1)
+
+
+def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the compiled entry points.
+
+    numba's cache on disk looks at this file alone. The digest of the other files is part of the
+    closure and so of the cache key: editing a stage never meets stale machine code.
     """
 
     @njit(cache=True, nogil=True, error_model="numpy")
-    def sense_first(p: Any, sensor_state: Any, sample: Any, normals: Any, codes: Any) -> int:
-        _sense(p[0], sensor_state[0], sample[0], normals, 0)
-        _write_codes(p[0], sensor_state[0], sample[0], normals, 0, codes)
-        return sources
+    def fill_noise(
+        sources: Any, raws: Any, seed: Any, active: Any, columns: Any, block: int
+    ) -> int:
+        fill_block(sources, raws, seed, active, columns, block)
+        return sources_digest
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def read(p: Any, sensor_state: Any, sample: Any, normals: Any, k: int, codes: Any) -> int:
+        """Read every sensor of one sample with the normals of row k."""
+        _read_all(p[0], sensor_state[0], sample[0], normals[k], codes)
+        return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def step(
@@ -175,44 +228,42 @@ def _compile(sources: int) -> tuple[Any, Any, Any, Any]:
         sensor_state: Any,
         sample: Any,
         normals: Any,
-        codes: Any,
         k: int,
+        codes: Any,
         v0: float,
         w0: float,
         v1: float,
         w1: float,
     ) -> int:
-        _advance(p[0], motion_state[0], sample[0], normals, k, v0, w0, v1, w1)
-        _sense(p[0], sensor_state[0], sample[0], normals, k)
-        _write_codes(p[0], sensor_state[0], sample[0], normals, k, codes)
-        return sources
+        """Move and read one tick with the normals of row k."""
+        _advance(p[0], motion_state[0], normals[k], v0, w0, v1, w1)
+        _observe(p[0], motion_state[0], sample[0])
+        _read_all(p[0], sensor_state[0], sample[0], normals[k], codes)
+        return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def run_motion(p: Any, motion_state: Any, samples: Any, normals: Any, commands: Any) -> int:
-        """Move through the ticks of `samples`, the first of which may be tick 0."""
-        n = p[0].delay_ticks
-        first = motion_state[0].tick
-        for k in range(samples.size):
-            if first == 0 and k == 0:
-                continue  # samples are zeros at tick 0
-            # Command row j drives (t_j, t_j+1]; before the first row the robot was told to rest.
-            now = motion_state[0].tick - n
-            v1 = commands[now, 0] if now >= 0 else 0.0
-            w1 = commands[now, 1] if now >= 0 else 0.0
-            v0 = commands[now - 1, 0] if now >= 1 else 0.0
-            w0 = commands[now - 1, 1] if now >= 1 else 0.0
-            if p[0].ideal != 0:
-                v1 = commands[motion_state[0].tick, 0]
-                w1 = commands[motion_state[0].tick, 1]
-            _advance(p[0], motion_state[0], samples[k], normals, k, v0, w0, v1, w1)
-        return sources
+        """Sample a whole motion without noise; all normals are zero."""
+        for tick in range(samples.size):
+            _move_to(p[0], motion_state[0], normals[0], commands, tick)
+            _observe(p[0], motion_state[0], samples[tick])
+        return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
-    def run_sensors(
+    def run(
         p: Any,
+        motion_state: Any,
         sensor_state: Any,
+        commands: Any,
         samples: Any,
+        sources: Any,
+        raws: Any,
+        seed: Any,
+        active: Any,
+        columns: Any,
         normals: Any,
+        run: int,
+        truth: Any,
         left: Any,
         right: Any,
         gyro_code: Any,
@@ -221,31 +272,39 @@ def _compile(sources: int) -> tuple[Any, Any, Any, Any]:
         accel_y: Any,
         temperature: Any,
         supply: Any,
-        run: int,
-        first: int,
     ) -> int:
-        """Read the sensors of the ticks of `samples` into [run, first…] of the arrays.
+        """Read a whole run into row `run` of the arrays.
 
-        Where `gyro_rate` is empty, only both counters and the gyro's code are written.
+        Where `samples` holds all ticks they are the shared motion; where it holds one, the run
+        moves on its own and its pose goes to `truth`. Where `gyro_rate` is empty, only counters
+        and gyro code are written.
         """
-        codes = np.empty(CODES, np.int64)
+        own_motion = samples.size < commands.shape[0]
         everything = gyro_rate.size > 0
-        for k in range(samples.size):
-            _sense(p[0], sensor_state[0], samples[k], normals, k)
-            column = first + k
-            left[run, column] = sensor_state[0].left_count
-            right[run, column] = sensor_state[0].right_count
-            gyro_code[run, column] = sensor_state[0].gyro_code
+        for tick in range(commands.shape[0]):
+            k = tick % BLOCK_TICKS
+            if k == 0:
+                fill_block(sources, raws, seed, active, columns, tick // BLOCK_TICKS)
+            if own_motion:
+                _move_to(p[0], motion_state[0], normals[k], commands, tick)
+                _observe(p[0], motion_state[0], samples[0])
+                truth[run, tick, 0] = samples[0].x_m
+                truth[run, tick, 1] = samples[0].y_m
+                truth[run, tick, 2] = samples[0].heading_rad
+            sample = samples[0 if own_motion else tick]
+            _read(p[0], sensor_state[0], sample, normals[k])
+            left[run, tick] = sensor_state[0].left_count
+            right[run, tick] = sensor_state[0].right_count
+            gyro_code[run, tick] = sensor_state[0].gyro_code
             if everything:
-                gyro_rate[run, column] = sensor_state[0].gyro_rate_rad_s
-                _write_codes(p[0], sensor_state[0], samples[k], normals, k, codes)
-                accel_x[run, column] = codes[3]
-                accel_y[run, column] = codes[4]
-                temperature[run, column] = codes[5]
-                supply[run, column] = codes[6]
-        return sources
+                gyro_rate[run, tick] = sensor_state[0].gyro_rate_rad_s
+                accel_x[run, tick] = accel_code(p[0], sample.accel_x_m_s2, normals[k].accel_x)
+                accel_y[run, tick] = accel_code(p[0], sample.accel_y_m_s2, normals[k].accel_y)
+                temperature[run, tick] = temperature_code(p[0], sample, normals[k])
+                supply[run, tick] = supply_code(p[0], sample, normals[k])
+        return sources_digest
 
-    return sense_first, step, run_motion, run_sensors
+    return fill_noise, read, step, run_motion, run
 
 
-sense_first, step, run_motion, run_sensors = _compile(_sources_digest())
+fill_noise, read, step, run_motion, run = _compile(_sources_digest())

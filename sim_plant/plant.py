@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_plant import kernel
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
 from sim_plant.kernel import DriveModel, EncoderModel
 from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import BLOCK_TICKS, LessonNoise, Noise, Stream, StreamNoise
+from sim_plant.streams import BLOCK_TICKS, Noise
 
 NoiseModel = Literal["streams", "lesson"]
 
@@ -79,7 +77,8 @@ class Plant:
             drive_model=drive,
             encoder_model=encoder_model,
         )
-        self._noise = noise_source(noise, check_seed(seed), self._parameters)
+        self._noise = Noise(kernel.active_streams(self._parameters), lesson=noise == "lesson")
+        self._noise.start(check_seed(seed))
         delay_ticks = 0 if drive == "ideal" else int(self._parameters["delay_ticks"][0])
         # commands k − delay − 1 … k; the robot was told to rest before the first
         self._commands = deque([(0.0, 0.0)] * (delay_ticks + 2), maxlen=delay_ticks + 2)
@@ -87,12 +86,19 @@ class Plant:
         self._sensor_state = np.zeros(1, kernel.SENSOR_STATE)
         self._sample = np.zeros(1, kernel.SAMPLE)
         self._sample_values = self._sample.view(np.float64)
-        self._normals = np.zeros((len(Stream), BLOCK_TICKS))
         self._codes = np.zeros(kernel.CODES, np.int64)
         self._tick = 0
-        self._noise.fill(0, self._normals)
-        kernel.sense_first(
-            self._parameters, self._sensor_state, self._sample, self._normals, self._codes
+        self._fill_noise(0)
+        # a motion of one tick, tick 0, is only observed
+        kernel.run_motion(
+            self._parameters,
+            self._motion_state,
+            self._sample,
+            self._noise.normals,
+            np.zeros((1, 2)),
+        )
+        kernel.read(
+            self._parameters, self._sensor_state, self._sample, self._noise.normals, 0, self._codes
         )
 
     def step(self, v_command_m_s: float, w_command_rad_s: float) -> None:
@@ -116,7 +122,7 @@ class Plant:
         self._tick += 1
         k = self._tick % BLOCK_TICKS
         if k == 0:
-            self._noise.fill(self._tick // BLOCK_TICKS, self._normals)
+            self._fill_noise(self._tick // BLOCK_TICKS)
         commands = self._commands
         commands.append((float(v_command_m_s), float(w_command_rad_s)))
         v0, w0 = commands[0]
@@ -126,14 +132,18 @@ class Plant:
             self._motion_state,
             self._sensor_state,
             self._sample,
-            self._normals,
-            self._codes,
+            self._noise.normals,
             k,
+            self._codes,
             v0,
             w0,
             v1,
             w1,
         )
+
+    def _fill_noise(self, block: int) -> None:
+        noise = self._noise
+        kernel.fill_noise(noise.sources, noise.raws, noise.seed, noise.active, noise.columns, block)
 
     @property
     def counts(self) -> SensorCounts:
@@ -197,11 +207,3 @@ def check_choices(tick_period_us: int, encoder_model: str, noise: str, drive: st
     ):
         if value not in choices:
             raise PlantError(f"{name} = {value!r}: expected {' or '.join(map(repr, choices))}")
-
-
-def noise_source(
-    noise: NoiseModel, seed: int, parameters: NDArray[Any], *, without: Iterable[Stream] = ()
-) -> Noise:
-    """Return the noise of one run: only what is switched on, and read by anyone, draws."""
-    active = kernel.active_streams(parameters).difference(without)
-    return LessonNoise(seed, active) if noise == "lesson" else StreamNoise(seed, active)

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from sim_plant.compiled import inlined
+from sim_plant.generators import BUFFER_WORDS, SOURCE, draw_pcg, draw_philox, seed_pcg64
 
 BLOCK_TICKS = 1024
 
 
 class Stream(IntEnum):
-    """Row of the noise table and second key word of the generator; never renumber."""
+    """Column of the noise table and second key word of the generator; never renumber."""
 
     ENCODER_RIGHT = 0
     ENCODER_LEFT = 1
@@ -45,73 +46,52 @@ MOTION_STREAMS = frozenset(
     }
 )
 
+# The lesson's generator serves the first columns: right tick, left tick, gyro, in its order.
+LESSON_STREAMS = frozenset({Stream.ENCODER_RIGHT, Stream.ENCODER_LEFT, Stream.GYRO_NOISE})
 
-class Noise(Protocol):
-    """A source of the noise table, read block after block from the start."""
-
-    def fill(self, block: int, table: NDArray[np.float64]) -> None:
-        """Write the standard normals of one block of ticks into `table[stream, 0:1024]`."""
-
-
-@njit(cache=True, nogil=True)  # numba's normals are numpy's, bit for bit, in half the time
-def _fill_normals(generator: Any, row: NDArray[np.float64]) -> None:
-    for k in range(row.size):
-        row[k] = generator.standard_normal()
+# One tick's standard normals, a field for each stream.
+NORMALS = np.dtype([(stream.name.lower(), "f8") for stream in Stream])
 
 
-@njit(cache=True, nogil=True)
-def _fill_lesson(generator: Any, table: NDArray[np.float64], first: int) -> None:
-    for k in range(first, BLOCK_TICKS):
-        table[0, k] = generator.standard_normal()
-        table[1, k] = generator.standard_normal()
-        table[2, k] = generator.standard_normal()
+@inlined
+def fill_block(sources: Any, raws: Any, seed: Any, active: Any, columns: Any, block: int) -> None:
+    """Write the normals of one block of ticks into the active columns; the others stay as they are.
+
+    Where `sources` holds a second generator, it is the lesson's: it draws for the encoders and the
+    gyro, block after block from the start; draw j (from 0) serves tick j // 3 + 1.
+    """
+    if sources.size > 1:
+        if block == 0:
+            columns[0, :3] = 0.0  # the lesson has no noise at tick 0
+        draw_pcg(sources[1], raws, columns, 1 if block == 0 else 0, 3)
+    for stream in range(active.size):
+        if active[stream]:
+            draw_philox(sources[0], raws, columns, stream, seed, stream, block)
 
 
-class StreamNoise:
-    """Independent Philox streams for the active mechanisms; rows of the others stay untouched."""
+class Noise:
+    """The normals of one run at a time, a block of ticks after the other.
 
-    def __init__(self, seed: int, active: Iterable[Stream]) -> None:
-        """Key the streams with `seed`, a whole number from 0 to 2^64 − 1."""
-        self._seed = seed
-        self._active = tuple(sorted(active))
-        self._bits = np.random.Philox(key=0)
-        self._generator = np.random.Generator(self._bits)
-
-    def fill(self, block: int, table: NDArray[np.float64]) -> None:
-        """Write one block; see `Noise`."""
-        for stream in self._active:
-            self._bits.state = {
-                "bit_generator": "Philox",
-                "state": {
-                    "counter": np.array([0, block, 0, 0], np.uint64),
-                    "key": np.array([self._seed, stream], np.uint64),
-                },
-                "buffer": np.zeros(4, np.uint64),
-                "buffer_pos": 4,  # empty: the next draw starts at the counter
-                "has_uint32": 0,
-                "uinteger": 0,
-            }
-            _fill_normals(self._generator, table[stream, :BLOCK_TICKS])
-
-
-class LessonNoise:
-    """The lesson's single generator: right tick, left tick, gyro for each tick from the first step.
-
-    Draw j (from 0) serves tick j + 1; tick 0 has no noise. All other mechanisms draw from
-    their own streams as usual.
+    Attributes:
+        normals: `NORMALS`[1024], the present block; zeros where a mechanism is off.
+        columns: the same memory as float64[1024, streams].
+        sources, raws, seed, active: what `fill_block` needs besides.
     """
 
-    def __init__(self, seed: int, active: Iterable[Stream]) -> None:
-        """Seed numpy's `default_rng` as the lesson does."""
-        self._generator = np.random.default_rng(seed)
-        lesson = {Stream.ENCODER_RIGHT, Stream.ENCODER_LEFT, Stream.GYRO_NOISE}
-        others = set(active) - lesson
-        self._streams = StreamNoise(seed, others) if others else None
+    def __init__(self, active: Iterable[Stream], *, lesson: bool) -> None:
+        """Draw only for the active streams; `lesson`: and for the lesson's three, in its order."""
+        self.normals = np.zeros(BLOCK_TICKS, NORMALS)
+        self.columns = self.normals.view(np.float64).reshape(BLOCK_TICKS, len(Stream))
+        self.sources = np.zeros(2 if lesson else 1, SOURCE)
+        self.raws = np.zeros(BUFFER_WORDS, np.uint64)
+        self.active = np.zeros(len(Stream), np.bool_)
+        for stream in active:
+            self.active[stream] = not (lesson and stream in LESSON_STREAMS)
+        self.seed = np.uint64(0)
+        self._lesson = lesson
 
-    def fill(self, block: int, table: NDArray[np.float64]) -> None:
-        """Write one block; blocks must be asked for in order, from 0."""
-        if block == 0:
-            table[: Stream.GYRO_NOISE + 1, 0] = 0.0
-        _fill_lesson(self._generator, table, 1 if block == 0 else 0)
-        if self._streams is not None:
-            self._streams.fill(block, table)
+    def start(self, seed: int) -> None:
+        """Begin the run of a seed, a whole number from 0 to 2^64 − 1."""
+        self.seed = np.uint64(seed)
+        if self._lesson:
+            seed_pcg64(self.sources[1:], seed)
