@@ -32,22 +32,33 @@ class WallClock:
 
 
 class Pacer:
-    """Releases ticks at multiples of the period, and remembers how late each one started."""
+    """Releases ticks at multiples of the period, and remembers how late each one started.
 
-    def __init__(self, tick_period_us: int) -> None:
+    `monotonic_ns` and `sleep` are the machine's, unless a test brings its own.
+    """
+
+    def __init__(
+        self,
+        tick_period_us: int,
+        *,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._monotonic_ns = monotonic_ns
+        self._sleep = sleep
         self.tick_period_us = tick_period_us
         self._period_ns = tick_period_us * 1000
-        self._start_ns = time.monotonic_ns()
+        self._start_ns = monotonic_ns()
         self._lateness_us: list[float] = []
         self.missed_deadlines = 0
 
     def wait_for(self, tick: int) -> None:
         """Sleep until the tick is due; a tick that is due already has missed its deadline."""
         due_ns = self._start_ns + tick * self._period_ns
-        while (left_ns := due_ns - time.monotonic_ns()) > 0:
+        while (left_ns := due_ns - self._monotonic_ns()) > 0:
             if left_ns > _SPIN_NS:
-                time.sleep((left_ns - _SPIN_NS) * 1e-9)
-        lateness_ns = time.monotonic_ns() - due_ns
+                self._sleep((left_ns - _SPIN_NS) * 1e-9)
+        lateness_ns = self._monotonic_ns() - due_ns
         if lateness_ns > self._period_ns:
             self.missed_deadlines += 1
         self._lateness_us.append(lateness_ns * 1e-3)
