@@ -180,9 +180,7 @@ class Rig:
         """Return the last frame of a message. Raises AssertionError if none has come yet."""
         frame = self._recorder.latest(message)
         if frame is None:
-            raise AssertionError(
-                f"no {message} has come yet, {self.now_us * 1e-6:.6f} s after start"
-            )
+            raise AssertionError(f"no {message} has come yet, at {self.now_us * 1e-6:.6f} s")
         return frame
 
     @property

@@ -7,8 +7,7 @@ from hil_harness.rig import Rig
 
 def test_the_vehicle_reports_millimetres_and_degrees(chiplog_rig: Rig) -> None:
     chiplog_rig.send("DRIVE", Speed=500, TurnRate=30.0)
-    chiplog_rig.run_for(3.0)
-    assert chiplog_rig.latest("HEADING")["Heading"] == pytest.approx(90.0, abs=3.0)
+    chiplog_rig.expect("HEADING", within_s=4.0, Heading=pytest.approx(90.0, abs=0.5))
     assert chiplog_rig.odometry == pytest.approx(chiplog_rig.truth, abs=0.01)
 
 

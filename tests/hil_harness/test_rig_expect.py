@@ -48,7 +48,7 @@ def test_without_within_s_two_cycles_of_the_message_are_waited_for(rig: Rig) -> 
 
 
 def test_expect_none_lets_all_of_its_time_pass(rig: Rig) -> None:
-    rig.expect_none("ODOMETRY_X", within_s=0.3, x_m=lambda x_m: x_m != 0.0)
+    rig.expect_none("ODOMETRY_X", within_s=0.3, x_m=lambda x_m: x_m > 1.0)
     assert rig.now_us == 300_000
 
 
