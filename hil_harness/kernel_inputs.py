@@ -100,28 +100,27 @@ def _rate_codes(
     outermost code, which the kernel takes for a saturated sensor.
     """
     signal = gyro.signal
-    sensitivity = gyro.si_per_lsb
-    if sensitivity < 0:
-        raise HarnessError(
-            f"{signal.path} has factor {signal.factor:g}: a turn rate needs a positive one"
-        )
-    at_rest = -signal.offset / signal.factor
-    shift = min(signal.low_raw, 0)
-    if signal.high_raw - shift > _MAX_CODE:
+    sensitivity = abs(gyro.si_per_lsb)
+    # A rate that counts clockwise is read from its negated raw value.
+    sign = 1 if gyro.si_per_lsb > 0 else -1
+    low, high = sorted((sign * signal.low_raw, sign * signal.high_raw))
+    at_rest = -sign * signal.offset / signal.factor
+    shift = min(low, 0)
+    if high - shift > _MAX_CODE:
         shift = round(at_rest) - _MAX_CODE // 2
     swing = plant.gyro.range_rad_s / sensitivity
     codes = GyroCodes(
         sensitivity_rad_s_per_lsb=sensitivity,
         zero_rate_code=at_rest - shift,
-        min_code=max(math.ceil(at_rest - swing), signal.low_raw, shift) - shift,
-        max_code=min(math.floor(at_rest + swing), signal.high_raw, shift + _MAX_CODE) - shift,
+        min_code=max(math.ceil(at_rest - swing), low, shift) - shift,
+        max_code=min(math.floor(at_rest + swing), high, shift + _MAX_CODE) - shift,
     )
     if not codes.min_code < codes.zero_rate_code < codes.max_code:
         raise HarnessError(
-            f"{signal.path}: no turn at raw value {at_rest:g}: expected it inside the signal's "
-            f"range, {signal.low_raw} to {signal.high_raw}"
+            f"{signal.path}: no turn at raw value {sign * at_rest:g}: expected it inside the "
+            f"signal's range, {signal.low_raw} to {signal.high_raw}"
         )
-    return codes, lambda raw: min(max(int(raw) - shift, 0), _MAX_CODE)
+    return codes, lambda raw: min(max(sign * int(raw) - shift, 0), _MAX_CODE)
 
 
 def _requantised(gyro: MappedSignal, plant: PlantDescription) -> Callable[[Raw], int]:

@@ -25,25 +25,29 @@ def odometry_raw(mapped: MappedSignal, frac_bits: int) -> Callable[[int], Raw]:
     returned function raises HarnessError, as nothing is clipped.
     """
     signal = mapped.signal
-    unit_si = _TURN_RAD if mapped.quantity == "angle" else 1.0
-    step = unit_si / mapped.si_per_lsb / (1 << frac_bits)
+    is_heading = mapped.quantity == "angle"
+    step = (_TURN_RAD if is_heading else 1.0) / mapped.si_per_lsb / (1 << frac_bits)
     start = signal.offset / signal.factor
     low, high = signal.low_raw, signal.high_raw
-    turn = round(_TURN_RAD / abs(mapped.si_per_lsb)) if mapped.quantity == "angle" else 0
+    turn = _TURN_RAD / abs(mapped.si_per_lsb)
     same = step == 1.0 and start == 0.0
 
     def to_raw(value_q: int) -> Raw:
-        raw = value_q if same else round(value_q * step - start)
+        if same and low <= value_q <= high:
+            return value_q
+        quotient = value_q * step - start
         if signal.is_float:
-            return value_q * step - start
-        if turn and not low <= raw <= high:
-            raw = (raw - low) % turn + low
+            return quotient
+        raw = round(quotient)
+        if is_heading and not low <= raw <= high:
+            within = (quotient - low) % turn + low
+            raw = round(within) if round(within) <= high else round(within - turn)
         if low <= raw <= high:
             return raw
         if signal.invalid_raw is None:
             raise HarnessError(
                 f"{signal.path}: raw value {raw} for {value_q / (1 << frac_bits):g} "
-                f"{'turns' if turn else 'm'}: its range ends at {low if raw < low else high}"
+                f"{'turns' if is_heading else 'm'}: its range ends at {low if raw < low else high}"
             )
         return signal.invalid_raw
 

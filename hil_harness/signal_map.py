@@ -61,7 +61,8 @@ class MappedSignal:
         signal: its layout and scale.
         kind: counts, converter codes, or a physical quantity.
         quantity: what a physical signal measures; None for counts and codes.
-        si_factor: SI per unit of the signal; 1 for counts and codes.
+        si_factor: SI per unit of the signal, 1 for counts and codes; negative where the signal
+            counts the other way (``invert`` in a map).
         si_offset: added after it (degrees Celsius).
     """
 
@@ -156,7 +157,8 @@ def default_map(database: Database) -> SignalMap:
         message = database.messages.get(message_name)
         if message is None or signal_name not in message.signals:
             continue
-        found[role] = _mapped(role, message, message.signals[signal_name], None, None)
+        details = SignalTable(signal=f"{message_name}.{signal_name}")
+        found[role] = _mapped(role, message, message.signals[signal_name], details)
     result = SignalMap(database.path.name, MappingProxyType(found))
     missing = [role for role in REQUIRED if role not in found]
     if missing:
@@ -181,6 +183,11 @@ class SignalTable(BaseModel):
     kind: Kind | None = Field(default=None, description="as the unit says, unless given")
     unit: str | None = Field(
         default=None, max_length=20, description="where the DBC gives none", examples=["deg/s"]
+    )
+    invert: bool = Field(
+        default=False,
+        description="true where it counts the other way: clockwise, or backwards",
+        examples=[True],
     )
 
 
@@ -223,7 +230,7 @@ def load_map(path: str | Path, database: Database) -> SignalMap:
             raise source.error(at, f"{name} = {signal.path}: already mapped as {used[signal.path]}")
         used[signal.path] = name
         try:
-            found[role] = _mapped(role, message, signal, details.kind, details.unit)
+            found[role] = _mapped(role, message, signal, details)
         except HarnessError as error:
             raise source.error(at, f"{name}: {error}") from None
     result = SignalMap(
@@ -260,9 +267,11 @@ def _find(
 
 
 def _mapped(
-    role: Role, message: MessageSpec, signal: SignalSpec, kind: Kind | None, unit: str | None
+    role: Role, message: MessageSpec, signal: SignalSpec, details: SignalTable
 ) -> MappedSignal:
     """Return the mapped signal; raise HarnessError where unit, kind and role do not fit."""
+    kind, unit = details.kind, details.unit
+    sign = -1.0 if details.invert else 1.0
     if unit is not None and signal.unit.strip().lower() not in COUNT_UNITS:
         raise HarnessError(
             f'unit = "{unit}": the DBC gives {signal.path} the unit {signal.unit}: '
@@ -280,13 +289,23 @@ def _mapped(
                 f'{raw_kind} need a whole number with factor 1; a quantity needs unit = "…", '
                 f"one of {units_for(role)}"
             )
-        return MappedSignal(role, message, signal, raw_kind)
+        if details.invert and raw_kind == "adc_code":
+            raise HarnessError(
+                f"invert = true: {signal.path} is a converter code: expected counts or a quantity"
+            )
+        return MappedSignal(role, message, signal, raw_kind, si_factor=sign)
     found = unit_of(text)
     if found is None or found.quantity not in QUANTITIES[role]:
         shown = f"unit {text}" if text else "no unit"
         raise HarnessError(f"{signal.path} has {shown}: expected {units_for(role)}")
     return MappedSignal(
-        role, message, signal, "physical", found.quantity, found.factor, found.offset
+        role,
+        message,
+        signal,
+        "physical",
+        found.quantity,
+        sign * found.factor,
+        sign * found.offset,
     )
 
 

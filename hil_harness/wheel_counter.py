@@ -17,29 +17,32 @@ CountConverter = Callable[[int], int]
 """From a wheel's counter to a raw value, or back; those with a memory must see every reading."""
 
 _TURN_RAD: Final = 2 * math.pi
+_ONE_STEP: Final = 1.5
+_ROUNDING: Final = 1e-12
+"""A turn this close to a whole number of steps is one: decimal factors are not exact in binary."""
 
 
 class Extender:
-    """Follows a wrapping reading: the sum of its signed differences, from its first value on."""
+    """Follows a wrapping reading: how far it has come from its first value, all wraps undone.
 
-    __slots__ = ("_half", "_last", "_modulus", "total")
+    Half a period is the most it may move between two readings. A period that is no whole number
+    (a turn in steps of a milliradian) adds up without error, as whole wraps are counted.
+    """
 
-    def __init__(self, modulus: int) -> None:
-        """Follow readings that wrap at *modulus*."""
-        self._modulus = modulus
-        self._half = modulus // 2
+    __slots__ = ("_last", "_period", "_wraps")
+
+    def __init__(self, period: float) -> None:
+        """Follow readings that begin again after *period*."""
+        self._period = period
         self._last: int | None = None
-        self.total = 0
+        self._wraps = 0
 
-    def follow(self, reading: int) -> int:
-        """Return the reading without its wraps."""
-        if self._last is None:
-            self.total = reading
-        else:
-            step = (reading - self._last + self._half) % self._modulus - self._half
-            self.total += step
+    def follow(self, reading: int) -> float:
+        """Return the reading without its wraps; a whole number where the period is one."""
+        if self._last is not None:
+            self._wraps -= round((reading - self._last) / self._period)
         self._last = reading
-        return self.total
+        return reading + self._wraps * self._period
 
 
 def count_to_raw(mapped: MappedSignal, plant: PlantDescription) -> CountConverter | None:
@@ -47,25 +50,25 @@ def count_to_raw(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 
     Raises HarnessError for a signal too narrow for the robot's counter.
     """
-    counter_modulus = 1 << plant.encoder.counter_bits
-    modulus, low = _wrap(mapped)
-    if mapped.kind == "counts":
-        if modulus == counter_modulus and low == 0:
-            return None
-        if modulus < counter_modulus:
-            raise HarnessError(
-                f"{mapped.path} counts to {modulus - 1} and back to 0, the robot's encoder to "
-                f"{counter_modulus - 1}: expected encoder.counter_bits = "
-                f"{max(modulus.bit_length() - 1, 1)} in robot.toml, or a wider signal"
-            )
-        extender = Extender(counter_modulus)
-        return lambda count: (extender.follow(count) - low) % modulus + low
-    lsb_per_tick = _si_per_tick(mapped, plant) / mapped.si_per_lsb
+    counter_period = 1 << plant.encoder.counter_bits
+    period, low = _wrap(mapped)
+    if mapped.kind == "counts" and period < counter_period:
+        raise HarnessError(
+            f"{mapped.path} counts to {period - 1} and back to 0, the robot's encoder to "
+            f"{counter_period - 1}: expected encoder.counter_bits = "
+            f"{max(int(period).bit_length() - 1, 1)} in robot.toml, or a wider signal"
+        )
+    if _is_the_count(mapped, plant):
+        return None
+    lsb_per_tick = 1 / _ticks_per_lsb(mapped, plant)
     offset = mapped.signal.offset / mapped.signal.factor
-    extended = Extender(counter_modulus)
-    return lambda count: (
-        (round(extended.follow(count) * lsb_per_tick - offset) - low) % modulus + low
-    )
+    extender = Extender(counter_period)
+
+    def to_raw(count: int) -> int:
+        step = round((extender.follow(count) * lsb_per_tick - offset - low) % period)
+        return low if step >= period else step + low
+
+    return to_raw
 
 
 def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverter | None:
@@ -73,29 +76,31 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 
     Of a signal that measures an angle or a distance the nearest count is taken.
     """
-    counter_modulus = 1 << plant.encoder.counter_bits
-    modulus, low = _wrap(mapped)
-    if mapped.kind == "counts":
-        if modulus == counter_modulus and low == 0:
-            return None
-        if modulus % counter_modulus == 0:
-            return lambda raw: raw % counter_modulus
-        counter = Extender(modulus)
-        return lambda raw: counter.follow(raw) % counter_modulus
-    ticks_per_lsb = mapped.si_per_lsb / _si_per_tick(mapped, plant)
+    counter_period = 1 << plant.encoder.counter_bits
+    if _is_the_count(mapped, plant):
+        return None
+    ticks_per_lsb = _ticks_per_lsb(mapped, plant)
     offset = mapped.signal.offset / mapped.signal.factor
-    extender = Extender(modulus)
-    return lambda raw: round((extender.follow(raw) + offset) * ticks_per_lsb) % counter_modulus
+    extender = Extender(_wrap(mapped)[0])
+    return lambda raw: round((extender.follow(raw) + offset) * ticks_per_lsb) % counter_period
 
 
-def _si_per_tick(mapped: MappedSignal, plant: PlantDescription) -> float:
-    turn_per_tick = 1 / plant.encoder.ticks_per_rev
+def _is_the_count(mapped: MappedSignal, plant: PlantDescription) -> bool:
+    """Tell whether the raw value is the robot's own count, from 0 to its last and the same way."""
+    whole_counter = (1 << plant.encoder.counter_bits, 0)
+    return mapped.kind == "counts" and mapped.si_factor == 1.0 and _wrap(mapped) == whole_counter
+
+
+def _ticks_per_lsb(mapped: MappedSignal, plant: PlantDescription) -> float:
+    if mapped.kind == "counts":
+        return mapped.si_factor
+    si_per_tick = _TURN_RAD / plant.encoder.ticks_per_rev
     if mapped.quantity == "length":
-        return _TURN_RAD * plant.wheels.radius_m * turn_per_tick
-    return _TURN_RAD * turn_per_tick
+        si_per_tick *= plant.wheels.radius_m
+    return mapped.si_per_lsb / si_per_tick
 
 
-def _wrap(mapped: MappedSignal) -> tuple[int, int]:
+def _wrap(mapped: MappedSignal) -> tuple[float, int]:
     """Return after how many raw steps the signal begins again, and its lowest raw value.
 
     An angle whose range is one turn, whether or not it holds both ends, wraps at the turn.
@@ -103,9 +108,10 @@ def _wrap(mapped: MappedSignal) -> tuple[int, int]:
     signal = mapped.signal
     if signal.is_float:
         raise HarnessError(f"{signal.path} is a float: a wheel needs a signal of whole numbers")
-    modulus = signal.high_raw - signal.low_raw + 1
+    period = signal.high_raw - signal.low_raw + 1
     if mapped.quantity == "angle":
         turn = _TURN_RAD / abs(mapped.si_per_lsb)
-        if abs(modulus - turn) <= 1 and round(turn) > 1:
-            modulus = round(turn)
-    return modulus, signal.low_raw
+        if abs(period - turn) < _ONE_STEP and turn > 1:
+            nearest = round(turn)
+            return (nearest if abs(turn - nearest) < _ROUNDING * turn else turn), signal.low_raw
+    return period, signal.low_raw

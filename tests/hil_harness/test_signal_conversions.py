@@ -1,6 +1,7 @@
 """What the plant reads goes over any bus and comes to the kernel as what it was."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -98,14 +99,68 @@ def test_a_count_comes_back_from_a_wider_counter_and_from_a_fine_distance(
         assert back(raw) == total % COUNTER
 
 
+@pytest.mark.parametrize(
+    ("entry", "code_up"),
+    [
+        ('"YAW.Rate"', 1),
+        ('{ signal = "YAW.Rate", invert = true }', -1),
+        ('"CLOCKWISE.Rate"', -1),
+        ('{ signal = "CLOCKWISE.Rate", invert = true }', 1),
+    ],
+)
+def test_a_turn_to_the_left_is_one_to_the_kernel_whichever_way_the_bus_counts(
+    tmp_path: Path, database: Database, entry: str, code_up: int
+) -> None:
+    signal_map = mapped(tmp_path, database, gyro=entry)
+    frames, inputs = SensorFrames(signal_map, PLANT), KernelInputs(signal_map, PLANT)
+    message = signal_map["gyro"].message
+    for rate in (-4.0, -0.5, 0.0, 0.5, 4.0):
+        code = round(PLANT.gyro.zero_rate_code + rate * PLANT.gyro.sensitivity_lsb_per_rad_s)
+        raw = frames.raw_values(message, SensorCounts(0, 0, code, 0, 0, 0, 0))["Rate"]
+        assert raw * code_up == pytest.approx(math.degrees(rate) / 0.01, abs=1)
+        received = inputs.gyro_code(raw) - inputs.gyro.zero_rate_code
+        assert received * inputs.gyro.sensitivity_rad_s_per_lsb == pytest.approx(rate, abs=2e-4)
+
+
+@given(first=codes, moves=steps)
+def test_an_inverted_wheel_comes_back_as_it_was(
+    first: int, moves: list[int], database: Database
+) -> None:
+    signal = replace(wheel(database, "WHEELS.Left"), si_factor=-1.0)
+    there, back = count_to_raw(signal, PLANT), raw_to_count(signal, PLANT)
+    assert there is not None
+    assert back is not None
+    total = first
+    for move in [0, *moves]:
+        total += move
+        assert there(total % COUNTER) == -total
+        assert back(-total) == total % COUNTER
+
+
+@given(moves=st.lists(st.integers(-60, 60), min_size=1, max_size=60), turns=st.integers(0, 50))
+def test_a_turn_that_is_no_whole_number_of_steps_never_drifts(
+    moves: list[int], turns: int, database: Database
+) -> None:
+    # Steps of 0.1 rad: 62.83… to a turn, 33 ticks to a step; sent and read to half a step each.
+    signal = wheel(database, "ANGLES.LeftRad")
+    there, back = count_to_raw(signal, PLANT), raw_to_count(signal, PLANT)
+    assert there is not None
+    assert back is not None
+    total, half_step_ticks = 0, 0.05 / (2 * math.pi) * 2048
+    for move in [0, *[500] * (turns * 4), *moves]:
+        total += move
+        off = (back(there(total % COUNTER)) - total + COUNTER // 2) % COUNTER - COUNTER // 2
+        assert abs(off) <= 1.2 * half_step_ticks + 1
+
+
 def wheel(database: Database, name: str) -> MappedSignal:
     message, signal = name.split(".")
     spec = database.message(message)
     unit = spec.signals[signal].unit
-    factor = {"deg": math.pi / 180, "mm": 0.001}.get(unit)
+    factor = {"deg": math.pi / 180, "rad": 1.0, "mm": 0.001}.get(unit)
     if factor is None:
         return MappedSignal("left_count", spec, spec.signals[signal], "counts")
-    quantity: Quantity = "angle" if unit == "deg" else "length"
+    quantity: Quantity = "length" if unit == "mm" else "angle"
     return MappedSignal("left_count", spec, spec.signals[signal], "physical", quantity, factor)
 
 
@@ -279,15 +334,17 @@ def test_odometry_on_a_foreign_bus_is_the_nearest_value_it_can_say(
     y = MappedSignal("odom_y", database.message("POSITION"), position, "physical", "length", 0.001)
     raw = odometry_raw(y, 32)(x_q)
     assert y.to_si(raw) == pytest.approx(x_q / 2**32, abs=0.00005 * (1 + 1e-9))
-    for name, low in [("Compass", 0.0), ("Signed", -180.0)]:
+    for name, low, unit_rad in [
+        ("Compass", 0.0, math.pi / 180),
+        ("Signed", -180.0, math.pi / 180),
+        ("Radians", 0.0, 1.0),
+    ]:
         spec = database.message("HEADING")
-        angle = MappedSignal(
-            "odom_heading", spec, heading[name], "physical", "angle", math.pi / 180
-        )
+        angle = MappedSignal("odom_heading", spec, heading[name], "physical", "angle", unit_rad)
         degrees = math.degrees(angle.to_si(odometry_raw(angle, 32)(heading_q)))
         assert low <= degrees <= low + 360
         away = (degrees - 360 * heading_q / 2**32 + 180) % 360 - 180
-        assert abs(away) <= 0.005 * (1 + 1e-9)
+        assert abs(away) <= math.degrees(angle.si_per_lsb) / 2 * (1 + 1e-9)
 
 
 def test_a_position_beyond_the_signal_is_not_available_and_never_clipped(

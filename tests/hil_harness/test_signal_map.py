@@ -67,6 +67,15 @@ def test_temperatures_know_celsius(tmp_path: Path, database: Database) -> None:
     assert found["temperature"].to_raw(298.15) == 65
 
 
+def test_a_signal_that_counts_the_other_way_is_turned_round(
+    tmp_path: Path, database: Database
+) -> None:
+    signals = f'{WHEELS}\ngyro = {{ signal = "YAW.Rate", invert = true }}'
+    found = load_map(write_map(tmp_path, signals), database)
+    assert found["gyro"].to_si(18000) == pytest.approx(-3.141592653589793)
+    assert found["gyro"].to_raw(-3.141592653589793) == 18000
+
+
 def test_a_unit_may_be_given_where_the_dbc_gives_none(tmp_path: Path, database: Database) -> None:
     signals = f'{WHEELS}\ngyro = {{ signal = "YAW.Bare", unit = "rad/s" }}'
     found = load_map(write_map(tmp_path, signals), database)
@@ -153,8 +162,13 @@ def test_a_kind_may_be_given_where_the_unit_is_not_one_we_know(
             'map.toml:4: signals.gyro = 3: expected "MESSAGE.signal" of the DBC',
         ),
         (
-            f'{WHEELS}\ngyro = {{ signal = "YAW.Rate", sign = -1 }}',
-            "map.toml:4: signals.gyro.sign: unknown key: the nearest is signal",
+            f'{WHEELS}\ngyro = {{ signal = "YAW.Rate", inverse = true }}',
+            "map.toml:4: signals.gyro.inverse: unknown key: the nearest is invert",
+        ),
+        (
+            f'{WHEELS}\ngyro = {{ signal = "YAW.Odd", kind = "adc_code", invert = true }}',
+            "map.toml:4: gyro: invert = true: YAW.Odd is a converter code: "
+            "expected counts or a quantity",
         ),
     ],
 )

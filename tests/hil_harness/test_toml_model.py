@@ -243,11 +243,11 @@ def test_a_file_that_is_not_toml_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_byte_order_mark_and_a_long_list_of_numbers_do_no_harm() -> None:
-    text = "\ufeffweights = [" + "0.25, " * 500 + "]"
+def test_a_byte_order_mark_a_dotted_rule_and_a_long_list_of_numbers_do_no_harm() -> None:
+    text = "\ufeff# " + "." * 70 + "\nweights = [" + "0.25, " * 500 + "]"
     source = parse_toml(text.encode(), name="robot.toml")
     assert source.data["weights"] == [0.25] * 500
-    assert source.line_of("weights") == 1
+    assert source.line_of("weights") == 2
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
