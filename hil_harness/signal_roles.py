@@ -69,16 +69,18 @@ _SPELLINGS: Final[dict[str, Unit]] = {
     "m/s^2 m/s² m/s2 m/ss": Unit("acceleration", 1.0),
     "g": Unit("acceleration", _GRAVITY_M_S2),
     "mg": Unit("acceleration", _GRAVITY_M_S2 / 1000),
-    "k kelvin": Unit("temperature", 1.0),
-    "degc °c c": Unit("temperature", 1.0, 273.15),
-    "v": Unit("voltage", 1.0),
-    "mv": Unit("voltage", 0.001),
+    "K kelvin": Unit("temperature", 1.0),
+    "degC °C C": Unit("temperature", 1.0, 273.15),
+    "V": Unit("voltage", 1.0),
+    "mV": Unit("voltage", 0.001),
 }
 
 UNITS: Final = MappingProxyType(
     {word: unit for spellings, unit in _SPELLINGS.items() for word in spellings.split()}
 )
-"""Every unit that is understood, by its spellings in lower case."""
+"""Every unit that is understood, by its spellings; upper and lower case are the same."""
+
+_BY_LOWER_CASE: Final = {word.lower(): unit for word, unit in UNITS.items()}
 
 COUNT_UNITS: Final = frozenset(
     {"", "1", "-", "lsb", "tick", "ticks", "count", "counts", "pulse", "pulses", "inc", "raw"}
@@ -120,7 +122,7 @@ RAW_KIND: Final[dict[Role, Kind]] = {
 
 def unit_of(text: str) -> Unit | None:
     """Return the unit that *text* spells, None for one that is not known."""
-    return UNITS.get(text.strip().lower())
+    return _BY_LOWER_CASE.get(text.strip().lower())
 
 
 def units_for(role: Role) -> str:

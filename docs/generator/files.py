@@ -157,6 +157,8 @@ def signal_map() -> str:
             + ", ".join(f"`{unit}`" for unit in sorted(COUNT_UNITS) if unit)
             + ", or nothing) is a count or a code. Where the DBC leaves out the unit of a "
             "quantity, say "
-            'it here: `gyro = { signal = "IMU.yaw_rate", unit = "deg/s" }`.',
+            'it here: `gyro = { signal = "IMU.yaw_rate", unit = "deg/s" }`. A signal that '
+            "counts the other way, clockwise or backwards, is turned round by `invert = true` in "
+            "the same place.",
         )
     )
