@@ -15,6 +15,7 @@ Column = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
 """Raw values of one signal: int64; uint64 for unsigned signals of 64 bits; float64 for floats."""
 
 _WORD_BITS = 64
+_WORD_BYTES = 8
 _FLOAT_TYPES: dict[int, Any] = {16: np.float16, 32: np.float32, 64: np.float64}
 
 
@@ -29,7 +30,18 @@ def decode_columns(spec: MessageSpec, data: NDArray[np.uint8]) -> dict[str, Colu
     it means something. Raises CanBusError for fewer columns than the message has bytes.
     """
     _require_columns(spec, data)
-    return {s.name: _decode(s, spec.length_bytes, data) for s in spec.signals.values()}
+    if spec.length_bytes > _WORD_BYTES:
+        return {s.name: _gather(s, spec.length_bytes, data) for s in spec.signals.values()}
+    little = _words(spec.length_bytes, data)
+    big = little.byteswap() >> np.uint64(_WORD_BITS - 8 * spec.length_bytes)
+    return {
+        s.name: _finish(
+            s,
+            (little if s.byte_order == "little_endian" else big)
+            >> np.uint64(s.shift_in(spec.length_bytes)),
+        )
+        for s in spec.signals.values()
+    }
 
 
 def decode_columns_scaled(spec: MessageSpec, data: NDArray[np.uint8]) -> dict[str, Column]:
@@ -77,8 +89,18 @@ def _require_columns(spec: MessageSpec, data: NDArray[np.uint8]) -> None:
         )
 
 
-def _decode(signal: SignalSpec, length_bytes: int, data: NDArray[np.uint8]) -> Column:
-    """Gather the bytes that a signal covers, least significant first, and shift them together."""
+def _words(length_bytes: int, data: NDArray[np.uint8]) -> NDArray[np.uint64]:
+    """Return each frame of up to eight bytes as one little-endian integer."""
+    if length_bytes == _WORD_BYTES == data.shape[1]:
+        padded = np.ascontiguousarray(data)
+    else:
+        padded = np.zeros((len(data), _WORD_BYTES), dtype=np.uint8)
+        padded[:, :length_bytes] = data[:, :length_bytes]
+    return padded.view("<u8")[:, 0]
+
+
+def _gather(signal: SignalSpec, length_bytes: int, data: NDArray[np.uint8]) -> Column:
+    """Take the bytes that a signal covers, least significant first, and shift them together."""
     shift = signal.shift_in(length_bytes)
     first, last = shift // 8, (shift + signal.length_bits - 1) // 8
     word = np.zeros(len(data), dtype=np.uint64)
@@ -86,9 +108,12 @@ def _decode(signal: SignalSpec, length_bytes: int, data: NDArray[np.uint8]) -> C
         index = position if signal.byte_order == "little_endian" else length_bytes - 1 - position
         byte = data[:, index].astype(np.uint64)
         left = 8 * position - shift
-        # Bits pushed out on either side belong to other signals.
         word |= byte << np.uint64(left) if left >= 0 else byte >> np.uint64(-left)
-    unused = np.uint64(_WORD_BITS - signal.length_bits)
+    return _finish(signal, word)
+
+
+def _finish(signal: SignalSpec, word: NDArray[np.uint64]) -> Column:
+    """Return the raw values in the low bits of words; the bits above belong to other signals."""
     if signal.is_float:
         floats: Column = (
             word.astype(f"<u{signal.length_bits // 8}")
@@ -96,8 +121,8 @@ def _decode(signal: SignalSpec, length_bytes: int, data: NDArray[np.uint8]) -> C
             .astype(np.float64)
         )
         return floats
-    word <<= unused
+    unused = np.uint64(_WORD_BITS - signal.length_bits)
     if signal.is_signed:
-        return word.view(np.int64) >> np.int64(unused)
-    word >>= unused
-    return word if signal.length_bits == _WORD_BITS else word.view(np.int64)
+        return (word << unused).view(np.int64) >> np.int64(unused)
+    value = word & np.uint64((1 << signal.length_bits) - 1)
+    return value if signal.length_bits == _WORD_BITS else value.view(np.int64)

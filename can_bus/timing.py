@@ -3,13 +3,15 @@
 Layout and stuffing: ISO 11898-1 / Bosch CAN 2.0. From start of frame to the end of the CRC a
 complementary bit follows each run of five equal bits, stuff bits counting for the next run. CRC
 delimiter, acknowledge slot and delimiter and the seven bits of end of frame are never stuffed.
+
+Both the CRC and the stuffing go byte by byte through tables built from the rule for one bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,42 +23,101 @@ INTERFRAME_BITS: Final = 3
 
 _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_BITS: Final = 15
+_CRC_MASK: Final = (1 << _CRC_BITS) - 1
 _TAIL_BITS: Final = 10  # CRC delimiter, ACK slot, ACK delimiter, 7 × end of frame
-_RUN: Final = 5
+_MAX_RUN: Final = 5
 _MAX_BYTES: Final = 8
 _RTR_FROM_END: Final = 6  # two reserved or format bits and the data length code follow it
 
 
-def crc15(bits: Iterable[int]) -> int:
+def crc15(bits: Iterable[int], start: int = 0) -> int:
     """Return the CRC of a classic frame over its bits from start of frame to the last data bit."""
-    crc = 0
+    crc = start
     for bit in bits:
         feedback = bit ^ crc >> (_CRC_BITS - 1)
-        crc = crc << 1 & (1 << _CRC_BITS) - 1
+        crc = crc << 1 & _CRC_MASK
         if feedback:
             crc ^= _CRC_POLYNOMIAL
     return crc
 
 
-@lru_cache(maxsize=4096)
-def _frame_length_bits(frame_id: int, is_extended: bool, data: bytes, remote_dlc: int) -> int:
-    head, count = _head(frame_id, is_extended, len(data) if remote_dlc < 0 else remote_dlc)
-    if remote_dlc >= 0:
-        head |= 1 << _RTR_FROM_END
-    word = head << 8 * len(data) | int.from_bytes(data, "big")
-    count += 8 * len(data)
-    bits = [word >> position & 1 for position in range(count - 1, -1, -1)]
-    crc = crc15(bits)
-    bits += [crc >> position & 1 for position in range(_CRC_BITS - 1, -1, -1)]
-    stuffed, run, previous = 0, 0, -1
-    for bit in bits:
-        run = run + 1 if bit == previous else 1
-        previous = bit
-        if run == _RUN:
-            stuffed += 1
-            previous = 1 - bit
-            run = 1
-    return len(bits) + stuffed + _TAIL_BITS
+def _bits(word: int, count: int) -> list[int]:
+    return [word >> position & 1 for position in range(count - 1, -1, -1)]
+
+
+class _Stuffing(NamedTuple):
+    """Where the stuffing rule stands: how many bits it has put in, the last bit, its run."""
+
+    inserted: int
+    last: int
+    run: int
+
+    def feed(self, bits: Iterable[int]) -> _Stuffing:
+        """Let bits pass."""
+        inserted, last, run = self
+        for bit in bits:
+            run = run + 1 if bit == last else 1
+            last = bit
+            if run == _MAX_RUN:
+                inserted, last, run = inserted + 1, 1 - bit, 1
+        return _Stuffing(inserted, last, run)
+
+    @property
+    def state(self) -> int:
+        """Return what the next bits depend on as one small number."""
+        return _MAX_RUN * self.last + self.run
+
+
+_STATES: Final = 2 * _MAX_RUN
+_BEFORE_FRAME: Final = _Stuffing(inserted=0, last=1, run=0)
+
+
+def _stuffing_tables(width: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return, by state and value of so many bits, the bits put in and the state after."""
+    inserted = np.zeros((_STATES, 1 << width), dtype=np.uint8)
+    after = np.zeros_like(inserted)
+    for state in range(_STATES):
+        before = _Stuffing(0, *divmod(state, _MAX_RUN))
+        for value in range(1 << width):
+            stuffing = before.feed(_bits(value, width))
+            inserted[state, value] = stuffing.inserted
+            after[state, value] = stuffing.state
+    return inserted, after
+
+
+_CRC_TABLE: Final = np.array([crc15(_bits(byte, 8)) for byte in range(256)], dtype=np.uint16)
+_INSERTED_8, _AFTER_8 = _stuffing_tables(8)
+_INSERTED_7, _ = _stuffing_tables(7)
+
+# The same for one frame at a time: plain lists are quicker to index than arrays.
+_CRC_LIST: Final[list[int]] = _CRC_TABLE.tolist()
+_INSERTED_8_LIST: Final[list[list[int]]] = _INSERTED_8.tolist()
+_AFTER_8_LIST: Final[list[list[int]]] = _AFTER_8.tolist()
+_INSERTED_7_LIST: Final[list[list[int]]] = _INSERTED_7.tolist()
+
+
+class _Head(NamedTuple):
+    """A frame up to its data length code, and the length of all that follows without stuffing."""
+
+    length_bits: int
+    crc: int
+    inserted: int
+    state: int
+
+
+@lru_cache(maxsize=1024)
+def _head(frame_id: int, is_extended: bool, dlc: int, is_remote: bool) -> _Head:
+    if is_extended:
+        # SOF 0, base identifier 11, SRR 1, IDE 1, extension 18, RTR, r1 0, r0 0, DLC 4
+        base, extension = frame_id >> 18, frame_id & (1 << 18) - 1
+        word, count = base << 27 | 0b11 << 25 | extension << 7 | dlc, 39
+    else:
+        # SOF 0, identifier 11, RTR, IDE 0, r0 0, DLC 4
+        word, count = frame_id << 7 | dlc, 19
+    bits = _bits(word | is_remote << _RTR_FROM_END, count)
+    stuffing = _BEFORE_FRAME.feed(bits)
+    length_bits = count + (0 if is_remote else 8 * dlc) + _CRC_BITS + _TAIL_BITS
+    return _Head(length_bits, crc15(bits), stuffing.inserted, stuffing.state)
 
 
 def frame_length_bits(
@@ -71,13 +132,17 @@ def frame_length_bits(
 
     Raises CanBusError for an identifier or data that no classic frame carries.
     """
-    if not 0 <= frame_id < 1 << (29 if is_extended else 11):
-        raise CanBusError(f"identifier {frame_id:#x} does not fit {29 if is_extended else 11} bits")
-    if len(data) > _MAX_BYTES or (remote_dlc is not None and len(data) > 0):
-        raise CanBusError(f"{len(data)} bytes: a classic data frame has 0 to 8, a remote frame 0")
-    return _frame_length_bits(
-        frame_id, is_extended, bytes(data), -1 if remote_dlc is None else remote_dlc
-    )
+    is_remote = remote_dlc is not None
+    dlc = len(data) if remote_dlc is None else remote_dlc
+    _require_classic(frame_id, is_extended, dlc, len(data) if is_remote else 0)
+    length, crc, inserted, state = _head(frame_id, is_extended, dlc, is_remote)
+    for byte in data:
+        crc = (crc << 8 & _CRC_MASK) ^ _CRC_LIST[crc >> 7 ^ byte]
+        inserted += _INSERTED_8_LIST[state][byte]
+        state = _AFTER_8_LIST[state][byte]
+    inserted += _INSERTED_8_LIST[state][crc >> 7]
+    state = _AFTER_8_LIST[state][crc >> 7]
+    return length + inserted + _INSERTED_7_LIST[state][crc & 0x7F]
 
 
 def frame_length_bits_array(
@@ -85,38 +150,29 @@ def frame_length_bits_array(
 ) -> NDArray[np.int64]:
     """Return the length in bits of each data frame of one identifier: int64[frames].
 
-    `data` is uint8[frames, bytes] with 0 to 8 bytes. Same rule as `frame_length_bits`.
+    `data` is uint8[frames, bytes] with 0 to 8 bytes. Same rule and errors as `frame_length_bits`.
     """
     frames, size = data.shape
-    head, head_bits = _head(frame_id, is_extended, size)
-    bits = np.empty((head_bits + 8 * size + _CRC_BITS, frames), dtype=np.uint8)
-    for position in range(head_bits):
-        bits[position] = head >> (head_bits - 1 - position) & 1
-    bits[head_bits : head_bits + 8 * size] = np.unpackbits(data, axis=1).T
-    crc = np.zeros(frames, dtype=np.uint16)
-    for row in bits[:-_CRC_BITS]:
-        feedback = row ^ (crc >> np.uint16(_CRC_BITS - 1)).astype(np.uint8)
-        crc = crc << np.uint16(1) & np.uint16((1 << _CRC_BITS) - 1)
-        crc ^= feedback.astype(np.uint16) * np.uint16(_CRC_POLYNOMIAL)
-    for position in range(_CRC_BITS):
-        bits[-_CRC_BITS + position] = crc >> np.uint16(_CRC_BITS - 1 - position) & np.uint16(1)
-    stuffed = np.zeros(frames, dtype=np.int64)
-    run = np.zeros(frames, dtype=np.uint8)
-    previous = np.full(frames, 2, dtype=np.uint8)
-    for row in bits:
-        run = np.where(row == previous, run + np.uint8(1), np.uint8(1))
-        is_full = run == _RUN
-        stuffed += is_full
-        run[is_full] = 1
-        previous = np.where(is_full, np.uint8(1) - row, row)
-    return stuffed + (len(bits) + _TAIL_BITS)
+    _require_classic(frame_id, is_extended, size, 0)
+    head = _head(frame_id, is_extended, size, False)
+    crc = np.full(frames, head.crc, dtype=np.uint16)
+    state = np.full(frames, head.state, dtype=np.uint8)
+    inserted = np.full(frames, head.inserted, dtype=np.uint8)
+    for byte in data.T:
+        crc = (crc << np.uint16(8) & np.uint16(_CRC_MASK)) ^ _CRC_TABLE[crc >> np.uint16(7) ^ byte]
+        inserted += _INSERTED_8[state, byte]
+        state = _AFTER_8[state, byte]
+    high, low = crc >> np.uint16(7), crc & np.uint16(0x7F)
+    inserted += _INSERTED_8[state, high]
+    inserted += _INSERTED_7[_AFTER_8[state, high], low]
+    return inserted.astype(np.int64) + head.length_bits
 
 
-def _head(frame_id: int, is_extended: bool, dlc: int) -> tuple[int, int]:
-    """Return the bits from start of frame to the data length code, and how many they are."""
-    if not is_extended:
-        # SOF 0, identifier 11, RTR 0, IDE 0, r0 0, DLC 4
-        return frame_id << 7 | dlc, 19
-    # SOF 0, base identifier 11, SRR 1, IDE 1, identifier extension 18, RTR 0, r1 0, r0 0, DLC 4
-    base, extension = frame_id >> 18, frame_id & (1 << 18) - 1
-    return base << 27 | 0b11 << 25 | extension << 7 | dlc, 39
+def _require_classic(frame_id: int, is_extended: bool, dlc: int, remote_bytes: int) -> None:
+    width = 29 if is_extended else 11
+    if not 0 <= frame_id < 1 << width:
+        raise CanBusError(f"identifier {frame_id:#x} does not fit {width} bits")
+    if not 0 <= dlc <= _MAX_BYTES or remote_bytes:
+        raise CanBusError(
+            f"{max(dlc, remote_bytes)} bytes: a classic data frame has 0 to 8, a remote frame 0"
+        )
