@@ -2,10 +2,10 @@
 
     python benchmarks/lockstep.py [--rounds N] [--json OUT]
 
-Both loops carry the lesson's frames at the cycle times of the shipped DBC over python-can's virtual
-bus with two handles, in turns, in one process; start-up is left out. Ours has the plant, the kernel,
-the end-to-end checks, the bus meter and bus.log on top. The bare loop encodes, sends, receives and
-decodes each frame and does nothing else: what a user would write first.
+Both loops carry the lesson's frames at the cycle times of the shipped DBC over python-can's
+virtual bus with two handles, in turns, in one process; start-up is left out. Ours has the plant,
+the kernel, the end-to-end checks, the bus meter and bus.log on top. The bare loop encodes, sends,
+receives and decodes each frame and does nothing else: what a user would write first.
 """
 
 import argparse

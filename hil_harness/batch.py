@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +59,12 @@ def simulate_batch(
     *,
     ticks: int | None = None,
     effects: tuple[EffectSetting, ...] = (),
+    outputs: Literal["all", "odometry"] = "all",
 ) -> PlantRuns:
-    """Return the counts of many runs of a scenario, one per seed."""
+    """Return the counts of many runs of a scenario, one per seed.
+
+    `outputs="odometry"` leaves out what dead reckoning does not read.
+    """
     period_us = wire.tick_period_us
     tick_count = scenario.tick_count(period_us) if ticks is None else ticks
     settings = apply_effects(combine_effects(scenario.effects, effects))
@@ -72,6 +77,7 @@ def simulate_batch(
         encoder_model=scenario.encoder_model,
         noise=scenario.noise,
         drive=scenario.drive,
+        outputs=outputs,
     )
 
 
