@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from pathlib import Path
 from types import TracebackType
@@ -60,10 +61,14 @@ def open_log_writer(path: str | Path) -> LogWriter:
         if suffix == ".log":
             return CandumpWriter(path)
         if suffix == ".asc":
-            return _LibraryWriter(can.ASCWriter(path))
-        return _LibraryWriter(can.BLFWriter(path, max_container_size=_BLF_CONTAINER_BYTES))
+            return _LibraryWriter(path, can.ASCWriter(path))
+        return _LibraryWriter(path, can.BLFWriter(path, max_container_size=_BLF_CONTAINER_BYTES))
     except OSError as error:
         raise CanBusError(f"{path}: cannot create this log: {error.strerror}") from error
+
+
+def _cannot_write(path: Path, error: OSError) -> CanBusError:
+    return CanBusError(f"{path}: cannot write this log: {error.strerror}")
 
 
 class CandumpWriter:
@@ -71,12 +76,19 @@ class CandumpWriter:
 
     def __init__(self, path: Path) -> None:
         """Create the file. Raises OSError when it cannot be."""
+        self._path = path
         self._file = path.open("w", encoding="ascii", newline="\n")
         self._write: Callable[[str], int] = self._file.write
         self._flush_at_s = -1.0
 
     def write(self, message: can.Message, received: bool) -> None:
-        """Append one frame."""
+        """Append one frame. Raises CanBusError when the disk takes no more."""
+        try:
+            self._append(message, received)
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
+
+    def _append(self, message: can.Message, received: bool) -> None:
         stamp_s = message.timestamp
         if (
             message.is_extended_id
@@ -97,7 +109,10 @@ class CandumpWriter:
 
     def close(self) -> None:
         """Complete the file; may be called twice."""
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
 
     def __enter__(self) -> CandumpWriter:
         """Use as a context manager."""
@@ -131,13 +146,20 @@ class CandumpWriter:
 class _LibraryWriter:
     """Writes through one of python-can's writers."""
 
-    def __init__(self, writer: can.ASCWriter | can.BLFWriter) -> None:
+    def __init__(self, path: Path, writer: can.ASCWriter | can.BLFWriter) -> None:
+        self._path = path
         self._writer = writer
         self._flush_at_s = -1.0
         self._is_open = True
         self._is_started = False
 
     def write(self, message: can.Message, received: bool) -> None:
+        try:
+            self._append(message, received)
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
+
+    def _append(self, message: can.Message, received: bool) -> None:
         if not self._is_started:
             self._start(message.timestamp)
         twin = copy(message)
@@ -151,7 +173,13 @@ class _LibraryWriter:
     def close(self) -> None:
         if self._is_open:
             self._is_open = False
-            self._writer.stop()
+            try:
+                self._writer.stop()
+            except OSError as error:
+                raise _cannot_write(self._path, error) from error
+            finally:
+                with suppress(OSError):  # python-can leaves the file open when its end fails
+                    self._writer.file.close()
 
     def _start(self, first_stamp_s: float) -> None:
         """Keep simulated time counting from 0; python-can starts both formats at the first frame.

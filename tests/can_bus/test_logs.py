@@ -134,6 +134,20 @@ def test_a_log_that_cannot_be_created_is_one_line(suffix: str, tmp_path: Path) -
         open_log_writer(tmp_path / "missing" / f"bus{suffix}")
 
 
+@each_suffix
+def test_a_full_disk_is_one_line(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"bus{suffix}"
+    path.symlink_to("/dev/full")
+
+    def run() -> None:
+        with open_log_writer(path) as log:
+            for tick in range(200):
+                log.write(encoder(tick), received=True)
+
+    with pytest.raises(CanBusError, match=r"cannot write this log: No space left on device"):
+        run()
+
+
 def test_python_can_reads_our_candump_log(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     write(path, [*SAMPLES[:3], SAMPLES[4]])
