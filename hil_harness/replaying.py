@@ -7,7 +7,7 @@ time, so that every decision (age, loss, order) falls as it did on the day.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -142,11 +142,18 @@ def _compare(
                 f"{spec.name} at tick {tick}: {len(there.data)} bytes: expected {spec.length_bytes}"
             )
         logged_raw, computed_raw = spec.decode_raw(there.data), spec.decode_raw(here.data)
-        for name, value in logged_raw.items():
+        for name in _payload_first(spec, logged_raw):
             fields += 1
+            value = logged_raw[name]
             if value != computed_raw[name]:
                 return fields, Difference(tick, f"{spec.name}.{name}", value, computed_raw[name])
     return fields, None
+
+
+def _payload_first(spec: MessageSpec, names: Iterable[str]) -> list[str]:
+    """Name what a frame says before its counter and CRC, which differ whenever it does."""
+    payload = {signal.name for signal in spec.payload}
+    return sorted(names, key=lambda name: name not in payload)
 
 
 def _missing(
