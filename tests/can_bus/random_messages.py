@@ -9,6 +9,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import strategies as st
 
 from can_bus import MessageSpec, parse_database
+from can_bus.signals import ByteOrder
 
 FLOAT_LENGTHS = (32, 64)  # those that SIG_VALTYPE_ knows
 
@@ -32,7 +33,7 @@ def parsed_messages(draw: st.DrawFn, max_bytes: int = 8) -> cantools.Message:
     taken: set[int] = set()
     signals = []
     for number in range(draw(st.integers(1, 6))):
-        byte_order = draw(st.sampled_from(("little_endian", "big_endian")))
+        byte_order: ByteOrder = draw(st.sampled_from(("little_endian", "big_endian")))
         is_float = draw(st.sampled_from((False, False, False, True)))
         length = draw(st.sampled_from(FLOAT_LENGTHS) if is_float else st.integers(1, 64))
         start = draw(st.integers(0, 8 * length_bytes - 1))

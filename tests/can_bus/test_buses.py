@@ -23,7 +23,10 @@ GENEROUS_S = 20.0
 # After this long a frame that is not coming has not come; only a broken bus could pass by luck.
 SILENCE_S = 0.05
 
-MULTICAST_GROUP = "239.74.163.2"
+# Tests of other processes run beside these: each process has groups of its own.
+_PROCESS = os.getpid() % 2**16
+MULTICAST_GROUP = f"239.1.{_PROCESS >> 8}.{_PROCESS & 0xFF}"
+OTHER_GROUP = f"239.2.{_PROCESS >> 8}.{_PROCESS & 0xFF}"
 _numbers = itertools.count()
 
 OpenBus = Callable[[], can.BusABC]
@@ -136,7 +139,12 @@ def test_a_closed_bus_says_so_in_one_line(open_handle: OpenBus) -> None:
     bus, peer = open_handle(), open_handle()
     peer.send(encoder(0))
     bus.shutdown()
-    for use in (lambda: bus.send(encoder(0)), lambda: bus.recv(0), lambda: bus.recv(SILENCE_S)):
+    uses: list[Callable[[], object]] = [
+        lambda: bus.send(encoder(0)),
+        lambda: bus.recv(0),
+        lambda: bus.recv(SILENCE_S),
+    ]
+    for use in uses:
         with pytest.raises(
             CanBusError, match=r"the bus .* went away: cannot (send|receive): "
         ) as e:
@@ -227,7 +235,7 @@ def test_the_sockets_reach_nothing_but_loopback(multicast_args: dict[str, str]) 
 def test_another_group_on_the_same_port_is_not_heard(multicast_args: dict[str, str]) -> None:
     with (
         open_bus("udp_multicast", MULTICAST_GROUP, bus_args=multicast_args) as ours,
-        open_bus("udp_multicast", "239.74.163.3", bus_args=multicast_args) as theirs,
+        open_bus("udp_multicast", OTHER_GROUP, bus_args=multicast_args) as theirs,
         open_bus("udp_multicast", MULTICAST_GROUP, bus_args=multicast_args) as friend,
     ):
         theirs.send(encoder(1))
@@ -306,6 +314,7 @@ def test_a_can_fd_frame_is_not_sent() -> None:
 
 # --- errors of opening ------------------------------------------------------------------------
 
+UNOPENED_GROUP = "239.74.163.2"
 CANNOT_OPEN = [
     (
         "udp_multicast",
@@ -316,29 +325,29 @@ CANNOT_OPEN = [
     ("udp_multicast", "127.0.0.1", {}, r"channel '127.0.0.1': expected an IPv4 multicast group"),
     (
         "udp_multicast",
-        MULTICAST_GROUP,
+        UNOPENED_GROUP,
         {"interface_ip": "lo"},
         r"interface_ip 'lo': expected an IPv4",
     ),
     (
         "udp_multicast",
-        MULTICAST_GROUP,
+        UNOPENED_GROUP,
         {"interface_ip": "203.0.113.7"},
         r"on 203.0.113.7: .*interface_ip must be an address of this host",
     ),
     (
         "udp_multicast",
-        MULTICAST_GROUP,
+        UNOPENED_GROUP,
         {"speed": "1"},
         r"udp_multicast has no argument 'speed': it has port",
     ),
     (
         "udp_multicast",
-        MULTICAST_GROUP,
+        UNOPENED_GROUP,
         {"port": "many"},
         r"udp_multicast port 'many': expected 1 to",
     ),
-    ("udp_multicast", MULTICAST_GROUP, {"hop_limit": "far"}, r"cannot open udp_multicast channel"),
+    ("udp_multicast", UNOPENED_GROUP, {"hop_limit": "far"}, r"cannot open udp_multicast channel"),
     (
         "virtual",
         "x",

@@ -8,6 +8,7 @@ import operator
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -91,9 +92,9 @@ FACTS = facts()
 
 def value_of(node: ast.AST) -> float | None:
     """Return the number that an expression of literals is."""
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        number: float = node.value
-        return number
+    if isinstance(node, ast.Constant):
+        is_number = isinstance(node.value, (int, float)) and not isinstance(node.value, bool)
+        return cast("float", node.value) if is_number else None
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         inner = value_of(node.operand)
         return None if inner is None else -inner
