@@ -73,7 +73,7 @@ _STYLE: dict[Any, Any] = {
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
     "path.simplify": True,
-    "path.simplify_threshold": 0.3,
+    "path.simplify_threshold": 0.1,
 }
 
 

@@ -71,7 +71,11 @@ def driven_m(result: RunResult) -> float:
 
 
 def estimator_rows(result: RunResult) -> list[list[str]]:
-    """Return a row per estimator: its name and its final errors."""
+    """Return a row per estimator: its name and its final errors.
+
+    The lesson's are shown to the digits in which textbooks can be compared.
+    """
+    digits = 7 if result.scenario == "lesson" else 4
     rows = []
     for name, estimate in result.estimators.items():
         if len(estimate.firmware) == 0:
@@ -81,8 +85,8 @@ def estimator_rows(result: RunResult) -> list[list[str]]:
         rows.append(
             [
                 name,
-                q.length(math.hypot(error[0], error[1]), 7),
-                q.angle(float(error[2]), 6),
+                q.length(math.hypot(error[0], error[1]), digits),
+                q.angle(float(error[2]), digits),
                 q.length(math.hypot(arithmetic[0], arithmetic[1])),
             ]
         )

@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 _POINTS = 1500  # more than a screen can show, few enough for a small page
 _LINE_HEIGHT_PX = 15.0
 _LONGEST_LABEL = 24
+_CROWDED = 0.12  # an end within this share of the map from the start shares its labels' column
 _SCALES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -46,18 +47,25 @@ class Curve:
 
 
 def trajectories(result: RunResult) -> Picture:
-    """Draw truth, float and firmware, and for the lesson both estimators, seen from above."""
+    """Draw truth, float and firmware seen from above; for the lesson, truth and both estimators."""
     tracks = [Track("truth", INK, result.truth, width=1.6)]
-    if result.estimators:
-        for (name, estimate), colour in zip(result.estimators.items(), _COLOURS, strict=False):
-            tracks.append(Track(name, colour, estimate.firmware))
+    if is_lesson(result):
+        tracks += [Track(*named) for named in _estimates(result)]
+        caption = (
+            "Seen from above, one scale on both axes. Both estimators run in fixed point on the "
+            "same accepted counts."
+        )
     else:
-        tracks.append(Track("firmware", BLUE, result.firmware))
-        tracks.append(Track("float", ORANGE, result.float_twin, dots=True))
+        tracks.append(Track("firmware", BLUE, result.firmware, width=4.0))
+        tracks.append(Track("float", ORANGE, result.float_twin, width=1.3))
+        caption = (
+            "Seen from above, one scale on both axes. Where float lies within the firmware's line, "
+            "they agree to the eye."
+        )
     return picture(
         "trajectories",
         "The way it went",
-        _trajectory_caption(result),
+        caption,
         lambda canvas: _draw_map(canvas, tracks),
         alt="Map of the run. "
         + " ".join(
@@ -68,23 +76,34 @@ def trajectories(result: RunResult) -> Picture:
 
 
 def error_norms(result: RunResult) -> Picture:
-    """Draw the distance of each estimate from the truth over time."""
-    if result.estimators:
-        curves = [
-            Curve(name, colour, _distance(estimate.firmware, result.truth))
-            for (name, estimate), colour in zip(result.estimators.items(), _COLOURS, strict=False)
-        ]
-    else:
-        curves = [Curve("firmware", BLUE, _distance(result.firmware, result.truth))]
+    """Draw the distance of the firmware, or of the lesson's estimators, from the truth."""
+    named = _estimates(result) if is_lesson(result) else [("firmware", BLUE, result.firmware)]
+    curves = [Curve(name, colour, _distance(pose, result.truth)) for name, colour, pose in named]
     return picture(
         "error-norms",
         "How far from the truth",
         "Distance between the estimated and the true position.",
         lambda canvas: _draw_over_time(
-            canvas, result.time_s, [curves], ["position error"], "m", height_px=300
+            canvas, result.time_s, [curves], ["position error"], ["m"], height_px=300
         ),
         alt=_alt_of_ends("Position error over time.", curves, "m"),
     )
+
+
+def is_lesson(result: RunResult) -> bool:
+    """Tell whether a run is the textbook lesson, whose subject is its two estimators."""
+    return result.scenario == "lesson" and bool(result.estimators)
+
+
+def _estimates(result: RunResult) -> list[tuple[str, str, Poses]]:
+    """Return (name, colour, poses) of the estimators, and of a firmware that is neither."""
+    named = {name: estimate.firmware for name, estimate in result.estimators.items()}
+    if not any(np.array_equal(result.firmware, poses) for poses in named.values()):
+        named["firmware"] = result.firmware
+    return [
+        (name, colour, poses)
+        for colour, (name, poses) in zip(_COLOURS, named.items(), strict=False)
+    ]
 
 
 def arithmetic_errors(result: RunResult) -> Picture:
@@ -101,8 +120,9 @@ def arithmetic_errors(result: RunResult) -> Picture:
             result.time_s,
             [position, heading],
             ["position", "heading"],
-            ("m", "rad"),
+            ["m", "rad"],
             height_px=400,
+            width=1.1,
         ),
         alt=_alt_of_ends("Firmware minus float over time.", position, "m")
         + _alt_of_ends("", heading, "rad"),
@@ -142,7 +162,6 @@ class Track:
     colour: str
     poses: Poses
     width: float = 2.0
-    dots: bool = False
 
     @property
     def end(self) -> tuple[float, float]:
@@ -167,21 +186,16 @@ def _draw_map(canvas: Canvas, tracks: Sequence[Track]) -> Figure:
     axes.set_ylabel("y [m]")
     for track in tracks:
         rows = _thinned(track.poses)
-        if track.dots:
-            axes.plot(
-                rows[:, 0],
-                rows[:, 1],
-                color=track.colour,
-                linestyle=(0, (0.1, 4)),
-                linewidth=track.width,
-                dash_capstyle="round",
-            )
-        else:
-            axes.plot(rows[:, 0], rows[:, 1], color=track.colour, linewidth=track.width)
+        axes.plot(rows[:, 0], rows[:, 1], color=track.colour, linewidth=track.width)
         axes.plot(*track.end, "o", color=track.colour, markersize=5)
     axes.plot(0, 0, "o", markersize=6, markerfacecolor="none", markeredgecolor=MUTED)
-    axes.annotate("start", (0, 0), (7, -5), textcoords="offset points", color=MUTED, va="top")
-    _label_ends(axes, [(track.label, track.colour, track.end) for track in tracks])
+    ends = [(track.label, track.colour, track.end) for track in tracks]
+    room_m = _CROWDED * float((high - low).max())
+    if any(np.hypot(*end) < room_m for _, _, end in ends):
+        ends.append(("start", MUTED, (0.0, 0.0)))
+    else:
+        axes.annotate("start", (0, 0), (7, -5), textcoords="offset points", color=MUTED, va="top")
+    _label_ends(axes, ends)
     return figure
 
 
@@ -209,7 +223,9 @@ def _push_apart(axes: Axes, labels: Sequence[Annotation], gap_px: float) -> None
 
     Laid out first: labels take room from the map, and what counts is where their ends are then.
     """
-    axes.figure.canvas.draw()
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()
     pixels = [float(axes.transData.transform(label.xy)[1]) for label in labels]
     for label, pixel, height in zip(labels, pixels, _spread(pixels, gap_px), strict=True):
         label.xyann = (label.xyann[0], height - pixel)
@@ -220,17 +236,17 @@ def _draw_over_time(
     time_s: Floats,
     panels: Sequence[Sequence[Curve]],
     names: Sequence[str],
-    units: str | Sequence[str],
+    units: Sequence[str],
     *,
     height_px: float,
+    width: float = 1.8,
 ) -> Figure:
     figure, all_axes = new_figure(canvas, height_px, rows=len(panels))
-    unit_of = [units] * len(panels) if isinstance(units, str) else list(units)
-    for axes, curves, name, unit in zip(all_axes, panels, names, unit_of, strict=True):
+    for axes, curves, name, unit in zip(all_axes, panels, names, units, strict=True):
         factor, prefix = _scale_of([curve.values for curve in curves])
         for curve in curves:
             rows = _thinned(np.column_stack([time_s, curve.values / factor]))
-            axes.plot(rows[:, 0], rows[:, 1], color=curve.colour)
+            axes.plot(rows[:, 0], rows[:, 1], color=curve.colour, linewidth=width)
         axes.set_ylabel(f"{name} [{prefix}{unit}]")
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
         axes.margins(x=0)
@@ -290,15 +306,6 @@ def _spans(time_s: Floats, duration_s: float, on: NDArray[np.bool_]) -> list[tup
     times = np.append(time_s, duration_s)
     starts, stops = times[edges[::2]], times[edges[1::2]]
     return [(float(a), float(b - a)) for a, b in zip(starts, stops, strict=True)]
-
-
-def _trajectory_caption(result: RunResult) -> str:
-    if result.estimators:
-        return (
-            "Seen from above, one scale on both axes. Both estimators run in fixed point on the "
-            "same accepted counts."
-        )
-    return "Seen from above, one scale on both axes. The dots are the float twin."
 
 
 def _alt_of_ends(title: str, curves: Sequence[Curve], unit: str) -> str:

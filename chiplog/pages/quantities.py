@@ -32,7 +32,10 @@ def prefixed(value: float | None, unit: str, digits: int = 4) -> str:
     if value == 0:
         return f"0 {unit}"
     value = float(f"{value:.{digits - 1}e}")
-    factor, prefix = next(((f, p) for f, p in _PREFIXES if abs(value) >= f), _PREFIXES[-1])
+    smallest, prefix = _PREFIXES[-1]
+    if abs(value) < smallest:
+        return f"{value / smallest:.3f} {prefix}{unit}".replace("-", MINUS)
+    factor, prefix = next((f, p) for f, p in _PREFIXES if abs(value) >= f)
     return f"{_significant(value / factor, digits)} {prefix}{unit}"
 
 

@@ -45,14 +45,11 @@ def report_page(
             "estimator_rows": estimator_rows(result),
             "bus_sentence": f"{bus_clause(result)}.",
             "message_rows": _message_rows(result),
-            "rejected_rows": [
-                (name.replace("_", " "), q.count(frames))
-                for name, frames in result.bus.rejected.items()
-            ],
             "timing_rows": _timing_rows(result),
             "status": timeline,
             "status_sentence": "No fault bit was set at any time.",
-            "configuration_rows": list(_flattened(result.configuration)),
+            "configuration_rows": _configuration_rows(result),
+            "detail_rows": list(_flattened(_tables(result.configuration))),
             "state_rows": [(name, q.count(value)) for name, value in result.kernel_state.items()],
             "versions": [f"{name} {text}" for name, text in summary["versions"].items()],
         },
@@ -118,16 +115,31 @@ def _timing_rows(result: RunResult) -> list[tuple[str, str]]:
     ]
 
 
-def _flattened(value: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
-    """Yield (dotted name, text) for every leaf of a nested table."""
+def _configuration_rows(result: RunResult) -> list[tuple[str, list[str]]]:
+    """Return (name, lines) for every plain entry of the configuration."""
+    return [
+        (name.replace("_", " "), [str(line) for line in _as_list(value)] or ["none"])
+        for name, value in result.configuration.items()
+        if not isinstance(value, Mapping) and value is not None
+    ]
+
+
+def _tables(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in configuration.items() if isinstance(value, Mapping)}
+
+
+def _flattened(value: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, list[str]]]:
+    """Yield (dotted name, lines) for every leaf of nested tables."""
     for name, item in value.items():
         full = f"{path}{name}"
         if isinstance(item, Mapping):
             yield from _flattened(item, f"{full}.")
-        elif isinstance(item, list | tuple):
-            yield full, ", ".join(map(str, item)) or "none"
         elif item is not None:
-            yield full, str(item)
+            yield full, [str(line) for line in _as_list(item)] or ["none"]
+
+
+def _as_list(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def _size(value: float | None) -> float | None:
