@@ -52,8 +52,9 @@ class DecodedFrame(Mapping[str, Value]):
         return len(self.raw)
 
     def __str__(self) -> str:
-        """Return one line: time, name and each signal with its unit."""
-        return f"{self.time_s:.6f} s  {self.name}  {self.show()}"
+        """Return one line: time, who sends it by the DBC, name, and each signal with its unit."""
+        sender = "".join(f"{name}  " for name in self.spec.senders[:1])
+        return f"{self.time_s:.6f} s  {sender}{self.name}  {self.show()}"
 
     def show(self, signals: tuple[str, ...] | None = None) -> str:
         """Return the given signals, or all but counter and CRC, as ``name = value unit``."""

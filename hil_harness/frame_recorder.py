@@ -20,11 +20,10 @@ FrameKey = tuple[int, bool]
 
 
 class SeenFrame(NamedTuple):
-    """A frame on the bus, when, and whether the firmware under test sent it."""
+    """A frame on the bus, and when."""
 
     time_us: int
     message: can.Message
-    from_firmware: bool
 
 
 class Wait:
@@ -71,9 +70,9 @@ class FrameRecorder:
         self._history: deque[SeenFrame] = deque(maxlen=HISTORY_FRAMES)
         self._wait: Wait | None = None
 
-    def see(self, time_us: int, message: can.Message, from_firmware: bool, /) -> None:
+    def see(self, time_us: int, message: can.Message) -> None:
         """Take note of a frame; called once for each, in the order of the bus."""
-        seen = SeenFrame(time_us, message, from_firmware)
+        seen = SeenFrame(time_us, message)
         key = (message.arbitration_id, message.is_extended_id)
         self._history.append(seen)
         self._latest[key] = seen
@@ -99,10 +98,9 @@ class FrameRecorder:
         return [self._line(seen) for seen in list(self._history)[-count:]]
 
     def _line(self, seen: SeenFrame) -> str:
-        arrow = "firmware →" if seen.from_firmware else "firmware ←"
         frame = decode(self._database, seen.message, seen.time_us)
         if frame is not None:
-            return f"{arrow} {frame}"
+            return str(frame)
         data = bytes(seen.message.data).hex(" ")
         identifier = f"{seen.message.arbitration_id:#x}"
-        return f"{arrow} {seen.time_us * 1e-6:.6f} s  {identifier} [{data}] not as the DBC says"
+        return f"{seen.time_us * 1e-6:.6f} s  {identifier} [{data}] is not as the DBC says"

@@ -20,8 +20,8 @@ from hil_harness.lockstep import Lockstep
 from hil_harness.nodes import Node
 from hil_harness.realtime import Link, Pacer, WallClock
 
-Seen = Callable[[int, can.Message, bool], None]
-"""Called with each frame: bus time in microseconds since the start, frame, is it the firmware's."""
+Seen = Callable[[int, can.Message], None]
+"""Called with each frame on the bus: bus time in microseconds since the start, and the frame."""
 
 Source = Callable[[int], Iterable[can.Message]]
 """Asked once a tick, with the bus time, for further frames to send."""
@@ -87,7 +87,7 @@ class LockstepLoop:
             faults=faults,
             outgoing_faults=outgoing_faults,
         )
-        self._lockstep.observers.append(seen)
+        self._lockstep.observers.append(lambda now_us, message, _: seen(now_us, message))
         self._source = source
 
     @property
@@ -202,21 +202,25 @@ class RealTimeLoop:
         try:
             while not self._stopping:
                 pacer.wait_for(tick)
-                answers = self._tick(tick, answers)
+                answers = self._tick(answers)
                 tick += 1
         except BaseException as error:  # handed to the test's own thread
             with self._news:
                 self._failure = error
                 self._news.notify_all()
 
-    def _tick(self, tick: int, answers: list[can.Message]) -> list[can.Message]:
+    def _tick(self, answers: list[can.Message]) -> list[can.Message]:
         """Plant and tester send, a device in the loop answers, and its frames come back."""
         now_us = self.now_us
         with self._news:
             injected, self._injected = self._injected, []
             injected.extend(self._source(now_us))
-        sent = injected + list(self._plant.step(tick * self._tick_period_us, answers + injected))
-        self._note(sent, False)
+        # Everybody's clock here is the wall clock, by which the driver stamps what arrives.
+        wall_us = self._clock.now_us()
+        for message in injected:
+            message.timestamp = wall_us * 1e-6
+        sent = injected + list(self._plant.step(wall_us, answers + injected))
+        self._note(sent)
         self._tester.send(self._faults.transfer(now_us, sent))
         delivered = list(self._faults.transfer(now_us, sent))
         self._tester.send(delivered)
@@ -234,17 +238,17 @@ class RealTimeLoop:
             # Wait in the driver until the next tick is near: frames are stamped as they come.
             came = self._tester.receive(self._soon(0.8), _NEVER)
             came = list(self._outgoing_faults.transfer(now_us, came))
-        self._note(came, True)
+        self._note(came)
         return came
 
     def _soon(self, share: float) -> int:
         """Return the monotonic time in so much of a tick period."""
         return time.monotonic_ns() + int(share * self._tick_period_us * 1000)
 
-    def _note(self, messages: Iterable[can.Message], from_firmware: bool) -> None:
+    def _note(self, messages: Iterable[can.Message]) -> None:
         with self._news:
             for message in messages:
-                self._seen(self.now_us, message, from_firmware)
+                self._seen(self.now_us, message)
             self._news.notify_all()
 
     def _raise_failure(self) -> None:

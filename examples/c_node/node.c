@@ -1,6 +1,6 @@
 /* A firmware of your own, in C: dead reckoning from the wheels alone.
  *
- * build.py writes the two headers that this file does not carry itself: chiplog_bus.h (how frames
+ * build_node.py writes the two headers that this file does not carry itself: chiplog_bus.h (how frames
  * are laid out, from the DBC, by cantools) and facts.h (the robot's measures from robot.toml, the
  * frames' identifiers for end-to-end protection from the DBC).
  */

@@ -1,8 +1,23 @@
 """The C node of this folder on a simulated robot."""
 
+from pathlib import Path
+from typing import Any
+
 import pytest
+from build_node import build
 
 from hil_harness.rig import Rig
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("c_node"))
+
+
+@pytest.fixture
+def chiplog_settings(library: Path) -> dict[str, Any]:
+    """Put the node under test in every rig of this file."""
+    return {"device": f"lib:{library}"}
 
 
 def test_the_node_reports_the_way_that_the_robot_went(chiplog_rig: Rig) -> None:

@@ -256,8 +256,8 @@ def test_a_failure_shows_the_frames_before_it_and_keeps_the_log(pytester: pytest
         [
             "*AssertionError: no ODOMETRY_X with x_m = 99.0 within 0.2 s*20 came, none of them so",
             "*chiplog: the last 30 frames on the bus*",
-            "firmware ← 0.190000 s  ENCODER  left_count = * tick, right_count = * tick",
-            "firmware → 0.190000 s  ODOMETRY_X  x_m = * m",
+            "0.190000 s  PLANT  ENCODER  left_count = * tick, right_count = * tick",
+            "0.190000 s  ECU  ODOMETRY_X  x_m = * m",
             "*chiplog: the log is kept*",
         ]
     )

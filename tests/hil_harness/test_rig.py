@@ -218,8 +218,8 @@ def test_the_last_frames_can_be_read_by_people(rig: Rig) -> None:
     rig.run_for(0.01)
     lines = rig.recent_frames(100)
     command = next(line for line in lines if "COMMAND" in line)
-    assert command == "firmware ← 0.000000 s  COMMAND  v_m_s = 0.5 m/s, w_rad_s = 0 rad/s"
-    assert any(line.startswith("firmware → 0.000000 s  ODOMETRY_X  x_m = ") for line in lines)
+    assert command == "0.000000 s  HOST  COMMAND  v_m_s = 0.5 m/s, w_rad_s = 0 rad/s"
+    assert any(line.startswith("0.000000 s  ECU  ODOMETRY_X  x_m = ") for line in lines)
 
 
 def test_nothing_is_the_latest_before_anything_came(rig: Rig) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from can_bus import make_message, protect
 from hil_harness.errors import HarnessError
 from hil_harness.rig import Rig
 
@@ -78,3 +79,14 @@ def test_an_ecu_outside_is_only_listened_to() -> None:
         frame = ecu.recv(PATIENCE_S)
         assert frame is not None
         rig.expect_none("ODOMETRY_X", within_s=0.05)
+
+
+def test_a_command_from_somebody_else_on_the_bus_drives_the_robot() -> None:
+    with Rig(interface=REAL_TIME) as rig, rig.open_bus() as host:
+        spec = rig.database.message("COMMAND")
+        data = spec.encode_scaled({"v_m_s": 0.5})
+        protect(spec, data, 0)
+        host.send(make_message(spec, data, 0))
+        rig.expect("COMMAND", within_s=PATIENCE_S, v_m_s=pytest.approx(0.5))
+        rig.expect("ODOMETRY_X", within_s=PATIENCE_S, x_m=lambda x_m: x_m > 0.1)
+        assert rig.truth.x_m > 0.0

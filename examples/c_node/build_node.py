@@ -1,4 +1,4 @@
-"""Build node.so: ``python build.py [FOLDER]`` (default: build, next to this file).
+"""Build node.so: ``python build_node.py [FOLDER]`` (default: build, next to this file).
 
 What node.c does not say itself is generated: chiplog_bus.c and chiplog_bus.h (pack and unpack
 frames) from the DBC by cantools, and facts.h from the DBC's attributes and robot.toml.
