@@ -7,7 +7,7 @@ import cantools.database.can as cantools
 import pytest
 from cantools.database import load_file
 
-from can_bus import SignalSpec, crc8_profile1, load_database
+from can_bus import MessageSpec, SignalSpec, crc8_profile1, load_database
 from can_bus.e2e import COUNTER_MODULO, crc8_start
 from firmware_model import HeadingSource, StatusBit
 
