@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from numba.extending import register_jitable
 
@@ -16,4 +16,4 @@ def kernel_function(function: _Function) -> _Function:
     Called from Python it stays the readable oracle on unbounded ints; called from a compiled
     function numba translates the same text to 64-bit machine integers.
     """
-    return cast(_Function, register_jitable(function))
+    return register_jitable(forceinline=True)(function)

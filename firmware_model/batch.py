@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -182,21 +182,24 @@ def run_batch(
     )
 
 
-def _in_threads(work: Any, runs: int, workers: int | None) -> None:
-    """Call *work* with slices of the runs: a few per thread, so that the last ends with the rest."""
-    count = (
-        workers or len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else (workers or os.cpu_count() or 1)
-    )
-    if count == 1 or runs < 2:
+def _in_threads(work: Callable[[slice], None], runs: int, workers: int | None) -> None:
+    """Call *work* with slices of the runs, a few slices per thread so that all end together."""
+    threads = workers or _core_count()
+    if threads == 1 or runs < 2:
         work(slice(0, runs))
         return
-    size = max(-(-runs // (4 * count)), 1)
+    size = max(-(-runs // (4 * threads)), 1)
     parts = [slice(start, min(start + size, runs)) for start in range(0, runs, size)]
-    with ThreadPoolExecutor(count) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         for _ in pool.map(work, parts):
             pass
+
+
+def _core_count() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _records(configs: tuple[KernelConfig, ...]) -> tuple[npt.NDArray[np.void], Int64Array]:
@@ -243,6 +246,6 @@ def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) ->
             f"{name}: {array.dtype} array of shape {array.shape}: "
             "expected integers of shape [runs, ticks]"
         )
-    if array.size and not (0 <= array.min() and array.max() <= 127):
+    if array.size and (array.min() < 0 or array.max() > 127):
         raise FirmwareError(f"{name}: values {array.min()} to {array.max()}: expected 0, 1 or 2")
     return _spread(name, array.astype(np.int8, copy=False), runs, ticks)

@@ -6,10 +6,11 @@ import hashlib
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, cast
 
 import numba
 from numba import types
+from numba.extending import intrinsic
 
 from firmware_model.config import CONFIG_DTYPE
 from firmware_model.state import STATE_DTYPE
@@ -55,7 +56,27 @@ def _compile(function: Callable[..., None], signature: Any) -> Callable[..., Non
     return result
 
 
-def _array(dtype: Any, dimensions: int, layout: str = "C", *, readonly: bool = False) -> Any:
+def _type_data_pointer(typing_context: Any, array: Any) -> Any:
+    """Tell numba the type and the code of `data_pointer`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+    pointer: Any = types.CPointer  # numba does not state this constructor's types
+    return pointer(types.int64)(array), codegen
+
+
+data_pointer: Final[Callable[[Any], Any]] = cast(Any, intrinsic(_type_data_pointer))
+"""Return a C pointer to an int64 array; only in compiled code.
+
+It is indexed like the array but not reference-counted at each call, which would cost more than
+the arithmetic and make the threads wait for each other. The array must outlive it.
+"""
+
+
+def _array(
+    dtype: Any, dimensions: int, layout: Literal["C", "A"] = "C", *, readonly: bool = False
+) -> Any:
     return types.Array(dtype, dimensions, layout, readonly=readonly)
 
 
@@ -108,7 +129,7 @@ def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[...
             step_kernel(
                 states[0],
                 configs[0],
-                table,
+                data_pointer(table),
                 left_count,
                 right_count,
                 encoder_validity,
@@ -135,6 +156,7 @@ def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[...
         """Step each run through all of its ticks; an output of no runs is not wanted."""
         if source_digest < 0:
             return
+        pointer = data_pointer(table)
         for run in range(states.shape[0]):
             state = states[run]
             config = configs[run]
@@ -142,7 +164,7 @@ def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[...
                 step_kernel(
                     state,
                     config,
-                    table,
+                    pointer,
                     left_count[run, tick],
                     right_count[run, tick],
                     encoder_validity[run, tick],

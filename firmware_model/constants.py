@@ -40,6 +40,7 @@ class FirmwareConstants:
     max_wheel_rate_rad_s: float
 
     def __post_init__(self) -> None:
+        """Refuse values that no robot has."""
         for name, low, high, unit in (
             ("wheel_radius_m", 1e-4, 1e2, "m"),
             ("wheelbase_m", 1e-3, 1e3, "m"),

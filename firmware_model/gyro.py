@@ -33,16 +33,17 @@ def take_gyro(state: State, config: KernelConfig, code: int, validity: int) -> i
     if validity != FRESH:
         state.status |= _STALE if validity == STALE else _INVALID
         return 0
+    is_usable = 1
     if code <= config.gyro_min_code:
         state.gyro_code = config.gyro_min_code
-    elif code >= config.gyro_max_code:
-        state.gyro_code = config.gyro_max_code
-    else:
-        state.gyro_code = code
-    is_usable = 1
-    if state.gyro_code == config.gyro_min_code or state.gyro_code == config.gyro_max_code:
         state.status |= _SATURATED
         is_usable = 0
+    elif code >= config.gyro_max_code:
+        state.gyro_code = config.gyro_max_code
+        state.status |= _SATURATED
+        is_usable = 0
+    else:
+        state.gyro_code = code
     if watch_for_stuck_code(state, config) == 1:
         state.status |= _STUCK
         is_usable = 0

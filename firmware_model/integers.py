@@ -35,23 +35,20 @@ that adding half a quantum before a shift cannot overflow. `build_config` proves
 def shift_round(value: int, bits: int, rounding: int) -> int:
     """Return value / 2^bits rounded as *rounding* says.
 
-    Scaling and overflow: drops *bits* (0 to 62) fraction bits. |value| ≤ 2^62, so the added half
-    quantum (at most 2^61) and the correction by one stay inside 64 bits.
+    Scaling and overflow: drops *bits* (0 to 61) fraction bits. |value| ≤ 2^62, so the added half
+    quantum (at most 2^60) and the correction by one stay inside 64 bits.
     """
-    if bits == 0:
-        return value
-    if rounding == HALF_UP:
-        return (value + (1 << (bits - 1))) >> bits
+    if rounding <= HALF_UP:
+        # FLOOR is 0 and HALF_UP is 1, so this adds nothing or half a quantum, for 0 bits too.
+        return (value + ((rounding << bits) >> 1)) >> bits
     quotient = value >> bits
-    if rounding == FLOOR:
-        return quotient
     fraction = value & ((1 << bits) - 1)
     if rounding == TOWARD_ZERO:
         if value < 0 and fraction != 0:
             return quotient + 1
         return quotient
-    half = 1 << (bits - 1)
-    if fraction > half or (fraction == half and (quotient & 1) == 1):
+    half = (1 << bits) >> 1
+    if fraction > half or (fraction == half and (quotient & 1) == 1 and bits > 0):
         return quotient + 1
     return quotient
 

@@ -15,6 +15,7 @@ from firmware_model.errors import FirmwareError
 from firmware_model.state import STATE_DTYPE, STATE_FIELDS, HeadingSource, State, StatusBit
 from firmware_model.step import step_kernel
 from firmware_model.twin import Twin, TwinConfig, build_twin_config, step_twin
+from firmware_model.velocity import speed_m_s, turn_rate_rad_s
 
 Implementation = Literal["compiled", "python"]
 
@@ -145,12 +146,12 @@ class Kernel:
     @property
     def v_m_s_q(self) -> int:
         """Low-passed forward speed, in 2^−velocity.frac_bits m/s; the last one while invalid."""
-        return self._get("v_m_s_q")
+        return speed_m_s(self._plain_state(), self.config)
 
     @property
     def w_rad_s_q(self) -> int:
         """Low-passed turn rate, in 2^−velocity.frac_bits rad/s; the last one while invalid."""
-        return self._get("w_rad_s_q")
+        return turn_rate_rad_s(self._plain_state(), self.config)
 
     @property
     def v_is_valid(self) -> bool:
@@ -181,6 +182,9 @@ class Kernel:
     def overflow_count(self) -> int:
         """How often a word has overflowed since power-on."""
         return self._get("overflow_count")
+
+    def _plain_state(self) -> State:
+        return self._state if self.implementation == "python" else State(**self.state())
 
     def state(self) -> dict[str, int]:
         """Return the full state, for `state.json` and for comparison."""
@@ -224,10 +228,7 @@ class FloatTwin:
 
     def step(self, kernel: Kernel) -> None:
         """Follow the tick that *kernel* has just taken."""
-        if kernel.implementation == "python":
-            step_twin(self.twin, self._config, kernel._state)
-        else:
-            step_twin(self.twin, self._config, State(**kernel.state()))
+        step_twin(self.twin, self._config, kernel._plain_state())
 
     @property
     def pose(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""From believed increments to the pose: turn, step, position, heading, velocity.
+"""From believed increments to the pose: turn, step, position, heading.
 
 Where the heading's turn comes from in a tick:
 
@@ -29,9 +29,6 @@ from firmware_model._source import kernel_function
 from firmware_model.config import MODE_BLEND, MODE_WHEEL, KernelConfig
 from firmware_model.encoder import ACCEPTED
 from firmware_model.integers import (
-    FLOOR,
-    HALF_UP,
-    SATURATE,
     add_limited,
     exceeds,
     limit,
@@ -52,11 +49,10 @@ _OVERFLOW: Final = int(StatusBit.OVERFLOW)
 
 
 @kernel_function
-def note_overflow(state: State, happened: int) -> None:
+def note_overflow(state: State) -> None:
     """Count an overflow, and let the status word say so for good."""
-    if happened == 1:
-        state.overflow_count = state.overflow_count + 1
-        state.status |= _OVERFLOW
+    state.overflow_count = state.overflow_count + 1
+    state.status |= _OVERFLOW
 
 
 @kernel_function
@@ -82,6 +78,18 @@ def choose_source(state: State, config: KernelConfig, gyro_is_usable: int, is_at
 
 
 @kernel_function
+def limit_turn(state: State, config: KernelConfig, turn_q: int) -> int:
+    """Return a turn in the word of the turn step.
+
+    Scaling and overflow: K fraction bits in and out; wraps or saturates as configured.
+    """
+    if exceeds(turn_q, config.turn_low_q, config.turn_high_q) == 0:
+        return turn_q
+    note_overflow(state)
+    return limit(turn_q, config.turn_low_q, config.turn_high_q, config.turn_overflow)
+
+
+@kernel_function
 def wheel_turn(state: State, config: KernelConfig) -> int:
     """Return the turn of the accepted increments, in 2^−K turn.
 
@@ -91,10 +99,9 @@ def wheel_turn(state: State, config: KernelConfig) -> int:
     total = (state.right_step_ticks - state.left_step_ticks) * config.tick_turn_q
     total = total + state.wheel_turn_remainder_q
     turn = shift_round(total, config.wheel_turn_shift, config.turn_rounding)
-    if config.turn_carry == 1:
-        state.wheel_turn_remainder_q = total - turn * (1 << config.wheel_turn_shift)
-    note_overflow(state, exceeds(turn, config.turn_low_q, config.turn_high_q))
-    return limit(turn, config.turn_low_q, config.turn_high_q, config.turn_overflow)
+    dropped = total - turn * (1 << config.wheel_turn_shift)
+    state.wheel_turn_remainder_q = dropped * config.turn_carry
+    return limit_turn(state, config, turn)
 
 
 @kernel_function
@@ -107,10 +114,9 @@ def gyro_turn(state: State, config: KernelConfig) -> int:
     rate_q = state.gyro_code * (1 << config.offset_frac_bits) - state.gyro_offset_q
     total = rate_q * config.sensitivity_turn_q + state.gyro_turn_remainder_q
     turn = shift_round(total, config.gyro_turn_shift, config.turn_rounding)
-    if config.turn_carry == 1:
-        state.gyro_turn_remainder_q = total - turn * (1 << config.gyro_turn_shift)
-    note_overflow(state, exceeds(turn, config.turn_low_q, config.turn_high_q))
-    return limit(turn, config.turn_low_q, config.turn_high_q, config.turn_overflow)
+    dropped = total - turn * (1 << config.gyro_turn_shift)
+    state.gyro_turn_remainder_q = dropped * config.turn_carry
+    return limit_turn(state, config, turn)
 
 
 @kernel_function
@@ -144,9 +150,10 @@ def step_of_tick(state: State, config: KernelConfig) -> int:
     total = (state.left_step_ticks + state.right_step_ticks) * config.half_tick_m_q
     total = total + state.step_remainder_q
     step = shift_round(total, config.step_shift, config.step_rounding)
-    if config.step_carry == 1:
-        state.step_remainder_q = total - step * (1 << config.step_shift)
-    note_overflow(state, exceeds(step, config.step_low_q, config.step_high_q))
+    state.step_remainder_q = (total - step * (1 << config.step_shift)) * config.step_carry
+    if exceeds(step, config.step_low_q, config.step_high_q) == 0:
+        return step
+    note_overflow(state)
     return limit(step, config.step_low_q, config.step_high_q, config.step_overflow)
 
 
@@ -181,19 +188,33 @@ def move(
 
     total = step_q * state.cosine_q + state.x_remainder_q
     x_step_q = shift_round(total, config.position_shift, config.position_rounding)
-    if config.position_carry == 1:
-        state.x_remainder_q = total - x_step_q * (1 << config.position_shift)
+    dropped = total - x_step_q * (1 << config.position_shift)
+    state.x_remainder_q = dropped * config.position_carry
+    state.x_m_q = add_to_position(state, config, state.x_m_q, x_step_q)
     total = step_q * state.sine_q + state.y_remainder_q
     y_step_q = shift_round(total, config.position_shift, config.position_rounding)
-    if config.position_carry == 1:
-        state.y_remainder_q = total - y_step_q * (1 << config.position_shift)
+    dropped = total - y_step_q * (1 << config.position_shift)
+    state.y_remainder_q = dropped * config.position_carry
+    state.y_m_q = add_to_position(state, config, state.y_m_q, y_step_q)
 
-    low = config.position_low_q
-    high = config.position_high_q
-    note_overflow(state, sum_exceeds(state.x_m_q, x_step_q, low, high))
-    note_overflow(state, sum_exceeds(state.y_m_q, y_step_q, low, high))
-    state.x_m_q = add_limited(state.x_m_q, x_step_q, low, high, config.position_overflow)
-    state.y_m_q = add_limited(state.y_m_q, y_step_q, low, high, config.position_overflow)
+
+@kernel_function
+def add_to_position(state: State, config: KernelConfig, position_q: int, step_q: int) -> int:
+    """Return the sum in the position's word.
+
+    Scaling and overflow: P fraction bits; words of up to 64 bits wrap or saturate as configured,
+    without a sum that leaves 64 bits.
+    """
+    if sum_exceeds(position_q, step_q, config.position_low_q, config.position_high_q) == 0:
+        return position_q + step_q
+    note_overflow(state)
+    return add_limited(
+        position_q,
+        step_q,
+        config.position_low_q,
+        config.position_high_q,
+        config.position_overflow,
+    )
 
 
 @kernel_function
@@ -205,40 +226,6 @@ def turn_heading(state: State, config: KernelConfig, turn_q: int) -> None:
     """
     total = turn_q + state.heading_remainder_q
     steps_q = shift_round(total, config.heading_shift, config.heading_rounding)
-    if config.heading_carry == 1:
-        state.heading_remainder_q = total - steps_q * (1 << config.heading_shift)
+    dropped = total - steps_q * (1 << config.heading_shift)
+    state.heading_remainder_q = dropped * config.heading_carry
     state.heading_turn_q = wrap_signed(state.heading_turn_q + steps_q, config.heading_frac_bits)
-
-
-@kernel_function
-def report_velocity(state: State, config: KernelConfig, step_q: int, turn_q: int) -> None:
-    """Update the low-passed velocities; a tick that gives none marks the output invalid.
-
-    Scaling and overflow: step · rate and turn · rate are below 2^62, rounded to nearest into a
-    32-bit word that saturates; the filters hold up to 8 more bits. Leaving 1/2^n of the filter
-    by a floor shift biases it by less than one unit of the output.
-    """
-    state.v_is_valid = 0
-    state.w_is_valid = 0
-    low = config.velocity_low_q
-    high = config.velocity_high_q
-    is_one_tick = state.gap_ticks == 1
-    if state.encoder_decision == ACCEPTED and is_one_tick:
-        new = shift_round(step_q * config.tick_rate_hz_q, config.v_shift, HALF_UP)
-        note_overflow(state, exceeds(new, low, high))
-        new = limit(new, low, high, SATURATE)
-        kept = shift_round(state.v_filter_q, config.velocity_filter_log2, FLOOR)
-        state.v_filter_q = state.v_filter_q - kept + new
-        state.v_m_s_q = shift_round(state.v_filter_q, config.velocity_filter_log2, HALF_UP)
-        state.v_is_valid = 1
-    source = state.heading_source
-    is_held_at_rest = source == HELD and state.encoder_decision == ACCEPTED
-    if source == GYRO or source == BLEND or is_held_at_rest or (source == WHEELS and is_one_tick):
-        new = shift_round(turn_q, config.w_pre_shift, HALF_UP)
-        new = shift_round(new * config.tick_rate_rad_q, config.w_shift, HALF_UP)
-        note_overflow(state, exceeds(new, low, high))
-        new = limit(new, low, high, SATURATE)
-        kept = shift_round(state.w_filter_q, config.velocity_filter_log2, FLOOR)
-        state.w_filter_q = state.w_filter_q - kept + new
-        state.w_rad_s_q = shift_round(state.w_filter_q, config.velocity_filter_log2, HALF_UP)
-        state.w_is_valid = 1

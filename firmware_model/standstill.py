@@ -90,8 +90,7 @@ def learn_offset(state: State, config: KernelConfig, gyro_is_usable: int) -> Non
         return
     if gyro_is_usable == 0:
         return
-    if state.rest_next_log2 < config.offset_block_log2:
-        state.rest_next_log2 = config.offset_block_log2
+    state.rest_next_log2 = max(state.rest_next_log2, config.offset_block_log2)
     state.rest_sum = state.rest_sum + state.gyro_code
     state.rest_samples = state.rest_samples + 1
     if state.rest_samples != 1 << state.rest_next_log2:

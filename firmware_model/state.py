@@ -85,13 +85,11 @@ class State:
     wheel_turn_remainder_q: int = 0
     gyro_turn_remainder_q: int = 0
 
-    # Velocity, low-passed; each filter holds 2^filter_log2 times its output.
-    v_m_s_q: int = 0
-    w_rad_s_q: int = 0
-    v_is_valid: int = 0
-    w_is_valid: int = 0
+    # Velocity: low-pass filters of step and turn, holding 2^filter_log2 times their output.
     v_filter_q: int = 0
     w_filter_q: int = 0
+    v_is_valid: int = 0
+    w_is_valid: int = 0
 
     # Decisions of the present tick; with the gap and the offset, all that the float twin needs.
     encoder_decision: int = 0

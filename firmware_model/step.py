@@ -13,13 +13,13 @@ from firmware_model.pose import (
     HELD,
     choose_source,
     move,
-    report_velocity,
     step_of_tick,
     turn_heading,
     turn_of_tick,
 )
 from firmware_model.standstill import watch_standstill
 from firmware_model.state import State, StatusBit
+from firmware_model.velocity import filter_velocity
 
 _STICKY: Final = int(StatusBit.POSITION_DEGRADED | StatusBit.OVERFLOW | StatusBit.ENCODER_LOSS)
 _INITIALISED: Final = int(StatusBit.INITIALISED)
@@ -65,7 +65,7 @@ def step_kernel(
         else:
             state.status |= _POSITION_HELD
         turn_heading(state, config, turn_q)
-    report_velocity(state, config, step_q, turn_q)
+    filter_velocity(state, config, step_q, turn_q)
 
     if state.encoder_decision == NOT_USED:
         if state.gap_ticks <= config.gap_limit_ticks:

@@ -39,7 +39,7 @@ def test_ten_straight_ticks_give_the_same_integers_in_three_ways() -> None:
     batch = run_batch(config, [counts], [counts], [codes])
     final = dict(zip(STATE_FIELDS, batch.final_states[0].item(), strict=True))
     for implementation in ("python", "compiled"):
-        kernel = Kernel(config, implementation)  # type: ignore[arg-type]
+        kernel = Kernel(config, implementation)
         for count, code in zip(counts, codes, strict=True):
             kernel.step(count, count, FRESH, code, FRESH)
         assert kernel.state() == final
