@@ -29,7 +29,7 @@ class Size(StrEnum):
 def command(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[LAW]...", help="Only these laws, as in gyro_bias_heading."),
+        typer.Argument(metavar="LAW", help="Only these laws, as in gyro_bias_heading."),
     ] = None,
     out: Annotated[
         Path | None,

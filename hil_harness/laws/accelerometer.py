@@ -109,11 +109,11 @@ def _measure(bench: Bench) -> Evidence:
                     law("b_a·t", biases, biases),
                     line("no noise", biases, silent),
                     dots(
-                        "with noise of 66 LSB",
+                        f"noise of 66 LSB, {runs // 8} runs",
                         biases[::8],
                         np.array(
                             [
-                                _end_speed(bench, bias * lsb, NOISE_M_S2_PER_SQRT_HZ, runs // 4)
+                                _end_speed(bench, bias * lsb, NOISE_M_S2_PER_SQRT_HZ, runs // 8)
                                 for bias in biases[::8]
                             ]
                         )

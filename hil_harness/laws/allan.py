@@ -58,7 +58,7 @@ def walk_freedom(samples: int, m: int) -> float:
 
 
 def _read_back(bench: Bench) -> Evidence:
-    batches = {"small": 6, "full": 30}[bench.size]
+    batches = {"small": 4, "full": 30}[bench.size]
     runs = batches * BATCH_RUNS
     samples = bench.ticks(DURATION_S) - 1
     minimum_tau_s = math.sqrt(3) * NOISE_RAD_PER_SQRT_S / WALK_RAD_S_PER_SQRT_S

@@ -35,6 +35,7 @@ Integration = Literal["euler_before", "midpoint", "euler_after"]
 
 _RUNS: dict[Size, int] = {"small": 400, "full": 1600}
 FIRST_SEED = 1000
+NEUTRAL = Mechanisms()
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class Bench:
     def drive(
         self,
         commands: FloatArray,
-        mechanisms: Mechanisms = Mechanisms(),  # noqa: B008 - frozen
+        mechanisms: Mechanisms = NEUTRAL,
         *,
         runs: int = 1,
         first_seed: int = FIRST_SEED,

@@ -14,6 +14,7 @@ from hil_harness.laws.law import Check, Evidence, Law
 from hil_harness.laws.picture import Panel, dots, law, line, spreads, thinned
 from hil_harness.laws.statistics import (
     FALSE_ALARM,
+    growth,
     growth_tolerance,
     split_error,
     variance_interval,
@@ -28,6 +29,7 @@ OFFSET_RIGHT_M = -20e-6
 SLIP_RATIO = 0.01
 SLIP_WINDOW_S = (20.0, 40.0)
 NOISE_M = 20e-6
+GROWTH_BLOCKS = 16
 
 
 def _biased(bench: Bench) -> Evidence:
@@ -121,11 +123,8 @@ def _noisy(bench: Bench) -> Evidence:
     heading_rad = believed[..., 2] - journey.truth[..., 2]
     across_m = believed[..., 1] - journey.truth[..., 1]
     k = distance_m.shape[1] - 1
-    quarter = k // 4
     distance_variance_m2 = NOISE_M**2 / 2 * k
     heading_variance_rad2 = 2 * NOISE_M**2 / bench.wheelbase_m**2 * k
-    late_m = distance_m[:, k] - distance_m[:, quarter]
-    predicted_growth = (k - quarter) / quarter
     checks = (
         Check(
             law="contact_noisy_distance",
@@ -149,12 +148,12 @@ def _noisy(bench: Bench) -> Evidence:
         ),
         Check(
             law="contact_noisy_growth",
-            predicted=predicted_growth,
-            measured=float(np.var(late_m, ddof=1) / np.var(distance_m[:, quarter], ddof=1)),
-            tolerance=growth_tolerance(predicted_growth, runs - 1),
+            predicted=GROWTH_BLOCKS,
+            measured=growth(distance_m, GROWTH_BLOCKS),
+            tolerance=growth_tolerance(GROWTH_BLOCKS, runs, GROWTH_BLOCKS),
             unit="1",
-            derivation="variance gathered in the last three quarters of the steps over that of the "
-            "first: F distribution about 3; a drift would give 9",
+            derivation="variance over all steps to that over a sixteenth of them: F distribution "
+            "about 16; a drift would give 256",
             false_alarm=FALSE_ALARM,
         ),
     )

@@ -71,7 +71,7 @@ def _heading(bench: Bench) -> Evidence:
     biases = half_lsb_rad_s * np.linspace(0, 6, 49)
     rounded = np.array([_end_heading(bench, bias, 0.0) for bias in biases])
     dithered = np.array(
-        [_end_heading(bench, bias, NOISE_RAD_PER_SQRT_S, runs // 2) for bias in biases[::8]]
+        [_end_heading(bench, bias, NOISE_RAD_PER_SQRT_S, runs // 8) for bias in biases[::8]]
     )
     at = np.unique(np.geomspace(10, len(time_s) - 1, 14).astype(int))
     spread = [split_error(error_rad[:, step], "", "rad") for step in at]
@@ -103,7 +103,7 @@ def _heading(bench: Bench) -> Evidence:
                     ),
                     line("no noise", biases / (2 * half_lsb_rad_s), rounded / (2 * half_lsb_rad_s)),
                     dots(
-                        "with noise of 15 LSB",
+                        f"noise of 15 LSB, {runs // 8} runs",
                         biases[::8] / (2 * half_lsb_rad_s),
                         dithered / (2 * half_lsb_rad_s),
                         2,

@@ -15,6 +15,7 @@ from hil_harness.laws.law import Check, Evidence, Law
 from hil_harness.laws.picture import Panel, dots, law, line, spreads, thinned
 from hil_harness.laws.statistics import (
     FALSE_ALARM,
+    growth,
     growth_tolerance,
     mean_interval,
     mean_tolerance,
@@ -26,6 +27,7 @@ from hil_harness.laws.statistics import (
 DURATION_S = 60.0
 SPEED_M_S = 0.6
 TICK_NOISE_TICKS = 0.2
+GROWTH_BLOCKS = 16
 
 
 def _random_walk(bench: Bench) -> Evidence:
@@ -36,15 +38,14 @@ def _random_walk(bench: Bench) -> Evidence:
     )
     error_m = path_lengths_m(bench.odometry(journey, "wheel")) - path_lengths_m(journey.truth)
     k = error_m.shape[1] - 1
-    quarter = k // 4
     true_ticks = SPEED_M_S * bench.tick_s / bench.m_per_tick
     bias_m = (round(true_ticks) - true_ticks) * bench.m_per_tick
     # The mean of two wheels: each carries the walk of its increments and, at the last reading only,
     # the rounding of its counter.
     variance_m2 = bench.m_per_tick**2 / 2 * (k * TICK_NOISE_TICKS**2 + 1 / 12)
-    late_m = error_m[:, k] - error_m[:, quarter]
-    walked = TICK_NOISE_TICKS**2 * quarter
-    growth = (walked * (k - quarter) / quarter + 2 / 12) / (walked + 1 / 12)
+    # A block's error has the rounding of both its ends.
+    block_ticks2 = k // GROWTH_BLOCKS * TICK_NOISE_TICKS**2 + 2 / 12
+    predicted_growth = (k * TICK_NOISE_TICKS**2 + 1 / 12) / block_ticks2
     checks = (
         Check(
             law="random_walk_mean",
@@ -68,12 +69,12 @@ def _random_walk(bench: Bench) -> Evidence:
         ),
         Check(
             law="random_walk_growth",
-            predicted=growth,
-            measured=float(np.var(late_m, ddof=1) / np.var(error_m[:, quarter], ddof=1)),
-            tolerance=growth_tolerance(growth, runs - 1),
+            predicted=predicted_growth,
+            measured=growth(error_m, GROWTH_BLOCKS),
+            tolerance=growth_tolerance(predicted_growth, runs, GROWTH_BLOCKS),
             unit="1",
-            derivation="variance gathered in the last three quarters of the steps over that of the "
-            "first: F distribution about 3; a drift would give 9",
+            derivation="variance over all steps to that over a sixteenth of them: F distribution "
+            "about 16; a drift would give 256, noise of readings 1",
             false_alarm=FALSE_ALARM,
         ),
     )

@@ -133,19 +133,40 @@ def variance_tolerance_of(
     return variance * float(stats.norm.isf(false_alarm / 2)) * math.sqrt(relative_variance)
 
 
-def growth_tolerance(ratio: float, freedom: int, false_alarm: float = FALSE_ALARM) -> float:
-    """Return how far the quotient of two independent sample variances strays from *ratio*.
+def growth(errors: FloatArray, blocks: int) -> float:
+    """Return the variance of whole runs over that of their blocks (a variance ratio).
 
-    Both have *freedom* degrees; the F distribution is skewed, so the symmetric tolerance is found
-    that is exceeded, on both sides together, with probability *false_alarm*.
+    It is *blocks* for a random walk, blocks² for a drift that differs from run to run, and about 1
+    for an error that does not accumulate.
+
+    Args:
+        errors: shape (runs, ticks), zero at the first tick.
+        blocks: number of blocks of equal length; must divide the steps.
     """
+    length, rest = divmod(errors.shape[1] - 1, blocks)
+    if rest:
+        raise ValueError(f"{errors.shape[1] - 1} steps: expected a multiple of {blocks} blocks")
+    gained = np.diff(errors[:, ::length], axis=1)
+    return float(np.var(errors[:, -1], ddof=1) / np.var(gained, ddof=1))
+
+
+def growth_tolerance(
+    ratio: float, runs: int, blocks: int, false_alarm: float = FALSE_ALARM
+) -> float:
+    """Return how far `growth` strays from *ratio* for independent normal steps.
+
+    By the F distribution of two independent variances with runs − 1 and blocks·runs − 1 degrees.
+    The blocks are parts of the runs, which makes the quotient vary less: the tolerance is on the
+    safe side.
+    """
+    freedom = (runs - 1, blocks * runs - 1)
 
     def excess(relative: float) -> float:
-        above = stats.f.sf(1 + relative, freedom, freedom)
-        below = stats.f.cdf(max(1 - relative, 0.0), freedom, freedom)
+        above = stats.f.sf(1 + relative, *freedom)
+        below = stats.f.cdf(max(1 - relative, 0.0), *freedom)
         return float(above + below) - false_alarm
 
-    widest = float(stats.f.isf(false_alarm / 2, freedom, freedom))
+    widest = float(stats.f.isf(false_alarm / 2, *freedom))
     return ratio * float(optimize.brentq(excess, 1e-12, widest))
 
 
