@@ -157,7 +157,7 @@ def run_paced(
     for tick in range(ticks):
         pacer.wait_for(tick)
         started_ns = time.monotonic_ns()
-        plant_link.send(_stamped(plant.step(tick * tick_period_us, answers), clock))
+        plant_link.send(_stamped(plant.step(clock.now_us(), answers), clock))
         if firmware is not None and firmware_link is not None:
             half_period_ns = tick_period_us * 500
             frames = firmware_link.receive(started_ns + half_period_ns, firmware.trigger_ids)
@@ -183,7 +183,7 @@ def run_plant_node(
     arrived: list[can.Message] = []
     while ticks is None or tick < ticks:
         pacer.wait_for(tick)
-        link.send(_stamped(plant.step(tick * pacer.tick_period_us, arrived), clock))
+        link.send(_stamped(plant.step(clock.now_us(), arrived), clock))
         arrived = link.receive(0)
         tick += 1
 
