@@ -81,6 +81,8 @@ def simulate(
     check_choices(tick_period_us, encoder_model, noise, drive)
     if outputs not in ("all", "odometry"):
         raise PlantError(f"outputs = {outputs!r}: expected 'all' or 'odometry'")
+    if workers is not None and workers < 1:
+        raise PlantError(f"workers = {workers}: expected a whole number of at least 1")
     rows = _check_commands(commands)
     run_seeds = [check_seed(seed) for seed in seeds]
     if isinstance(mechanisms, Mechanisms):
@@ -127,7 +129,7 @@ def _check_commands(commands: ArrayLike) -> NDArray[np.float64]:
     if wrong.size:
         k = int(wrong[0])
         raise PlantError(
-            f"command ({rows[k, 0]!r} m/s, {rows[k, 1]!r} rad/s) at tick {k}: expected two numbers "
+            f"command ({rows[k, 0]} m/s, {rows[k, 1]} rad/s) at tick {k}: expected two numbers "
             f"from {-MAX_COMMAND:g} to {MAX_COMMAND:g}"
         )
     return rows
@@ -157,9 +159,8 @@ class _Batch:
         self._rates = np.empty(extra, np.float64)
         self._others = np.empty((4, *extra), np.int32)
         self._shared: NDArray[Any] | None = None
-        if len({id(record) for record in parameters}) == 1 and not (
-            kernel.active_streams(parameters[0]) & MOTION_STREAMS
-        ):
+        one_for_all = len({id(record) for record in parameters}) == 1
+        if one_for_all and not kernel.active_streams(parameters[0]) & MOTION_STREAMS:
             self._shared = self._move_once(parameters[0])
             self._truth = self._shared.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
         else:

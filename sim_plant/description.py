@@ -7,6 +7,7 @@ b̂ = 0.995 · 0.30 m. How the *real* robot differs from this page is `sim_plant
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
@@ -213,10 +214,23 @@ def _first_line(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     if not first["loc"]:
         return str(first["msg"]).removeprefix("Value error, ")
-    field = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"{field}: no such field; see the tables of PlantDescription"
-    message = str(first["msg"])
-    expected = message[0].lower() + message[1:].replace("Input should be", "").strip()
-    expected = message.removeprefix("Input should be ").strip()
-    return f"{field} = {first['input']!r}: expected {expected}"
+    table, *rest = (str(part) for part in first["loc"])
+    name = ".".join((table, *rest))
+    value = reprlib.repr(first["input"])
+    if table not in PlantDescription.model_fields:
+        return (
+            f"{table!r}: no such table; expected one of {', '.join(PlantDescription.model_fields)}"
+        )
+    schema = PlantDescription.model_json_schema()["$defs"][table.capitalize()]["properties"]
+    if not rest:
+        return f"{name} = {value}: expected a table with {', '.join(schema)}"
+    if rest[0] not in schema:
+        return f"{rest[0]!r} in table {table}: no such field; expected one of {', '.join(schema)}"
+    return f"{name} = {value}: expected {_expected(schema[rest[0]])}"
+
+
+def _expected(field: dict[str, Any]) -> str:
+    kind = "a whole number" if field["type"] == "integer" else "a number"
+    low = f"above {field['exclusiveMinimum']:g}" if "exclusiveMinimum" in field else None
+    bounds = f"{low} up to" if low else f"from {field['minimum']:g} to"
+    return f"{kind} {bounds} {field['maximum']:g}, for example {field['examples'][0]:g}"

@@ -275,11 +275,11 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
     ) -> int:
         """Read a whole run into row `run` of the arrays.
 
-        Where `samples` holds all ticks they are the shared motion; where it holds one, the run
-        moves on its own and its pose goes to `truth`. Where `gyro_rate` is empty, only counters
-        and gyro code are written.
+        Where `truth` is empty, `samples` is the shared motion; otherwise the run moves on its own,
+        with one sample to write to, and its pose goes to `truth`. Where `gyro_rate` is empty,
+        only counters and gyro code are written.
         """
-        own_motion = samples.size < commands.shape[0]
+        own_motion = truth.size > 0
         everything = gyro_rate.size > 0
         for tick in range(commands.shape[0]):
             k = tick % BLOCK_TICKS

@@ -8,7 +8,9 @@ described and given. Every field is neutral by default, and neutral changes noth
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 from typing import Any
 
 from sim_plant.errors import PlantError
@@ -189,11 +191,13 @@ class Mechanisms:
             value = getattr(self, item.name)
             low, high = item.metadata["low"], item.metadata["high"]
             whole = isinstance(item.default, int)
-            kinds = int if whole else (int, float)
-            if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
+            kind = Integral if whole else Real
+            if isinstance(value, bool) or not isinstance(value, kind) or not low <= value <= high:
+                unit = item.metadata["unit"]
                 raise PlantError(
-                    f"{item.name} = {value!r}: expected {_expected(whole, low, high)}, "
-                    f"in {item.metadata['unit']}, neutral {item.default:g}"
+                    f"{item.name} = {reprlib.repr(value)}: expected "
+                    f"{_expected(whole, low, high)}{'' if unit == '1' else ' ' + unit}, "
+                    f"neutral {item.default:g}"
                 )
 
 
