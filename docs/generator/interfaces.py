@@ -11,6 +11,9 @@ from generator.tables import table
 from hil_harness.devices import include_dir
 from hil_harness.rig import Rig
 
+_NOT_OF_A_TEST = ("`interface, channel, bitrate, bus_args`", "`log`", "`folder`")
+"""Arguments of a rig that the plugin gives it, from the command line."""
+
 
 class _Options:
     """Stands in for pytest's parser and remembers what is added."""
@@ -73,14 +76,14 @@ def _settings() -> list[list[str]]:
             rows.append([f"`{name}`", meaning])
         elif rows:
             rows[-1][1] += f" {line.strip()}"
-    return rows
+    return [[name, text.replace("``", "`")] for name, text in rows if name not in _NOT_OF_A_TEST]
 
 
 def _signature(name: str, member: Any) -> str:
     if isinstance(member, property):
         return f"rig.{name}"
     words = str(inspect.signature(member)).replace("(self, ", "(").replace("(self)", "()")
-    return f"rig.{name}{words}"
+    return f"rig.{name}{words}".replace("'", "").removesuffix(" -> None")
 
 
 def _text(member: Any) -> str:
