@@ -81,7 +81,8 @@ def _bad_value(error: typer.TyperException) -> str | None:
     if findings is None or not isinstance(error, typer.BadParameter) or error.param is None:
         return None
     finding = findings()[0]
-    name = next((word for word in error.param.opts if word.startswith("--")), error.param.name)
+    options = (word for word in error.param.opts if word.startswith("--"))
+    name = next(options, error.param.metavar or error.param.name)
     choices = re.search(r"is not one of (.+)$", finding["msg"])
     if choices is not None:
         expected = "one of " + choices[1].rstrip(".").replace("'", "")

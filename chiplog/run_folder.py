@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,7 @@ STATE = "state.json"
 SUMMARY = "summary.json"
 REPORT = "report.html"
 OUR_FILES = (BUS_LOG, REFERENCE, STATE, SUMMARY, REPORT)
+_EARLIER = ".earlier"
 
 
 class RunFolder:
@@ -31,26 +35,54 @@ class RunFolder:
             raise CommandError(
                 f"{path}: is a file: --out expects a folder, new or of an earlier run"
             )
-        present = [name for name in OUR_FILES if (path / name).exists()]
+        present = self._present()
         if present and not _is_a_run(path / SUMMARY):
             raise CommandError(
                 f"{path / present[0]}: no run of chiplog wrote this folder (it has no {SUMMARY} of "
                 "ours), so nothing is overwritten; name another folder with --out"
             )
 
-    def begin(self, scenario: str, seed: int) -> None:
-        """Make the folder, remove the earlier run, and mark this one as begun.
+    @contextmanager
+    def recording(self, scenario: str, seed: int) -> Iterator[None]:
+        """Make room for a run and mark it as begun; inside this context it is recorded.
 
         A run that is killed leaves its log and a summary that says it was not finished, never the
-        summary of the run before.
+        summary of the run before. A run that fails before its first frame (no such interface, say)
+        leaves the folder as it was.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
-        for name in OUR_FILES:
-            (self.path / name).unlink(missing_ok=True)
+        is_new = not self.path.exists()
+        aside = self.path / _EARLIER
+        shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
+        aside.mkdir(parents=True)
+        for name in self._present():
+            self.file(name).rename(aside / name)
         self._write_json(
             SUMMARY,
             {"schema": SUMMARY_SCHEMA, "scenario": scenario, "seed": seed, "interrupted": True},
         )
+        try:
+            yield
+        except BaseException:
+            if not self._has_frames():
+                self._put_back(aside)
+            shutil.rmtree(aside)
+            if is_new and not any(self.path.iterdir()):
+                self.path.rmdir()
+            raise
+        shutil.rmtree(aside)
+
+    def _present(self) -> list[str]:
+        return [name for name in OUR_FILES if self.file(name).exists()]
+
+    def _has_frames(self) -> bool:
+        log = self.file(BUS_LOG)
+        return log.exists() and log.stat().st_size > 0
+
+    def _put_back(self, aside: Path) -> None:
+        for name in self._present():
+            self.file(name).unlink()
+        for file in aside.iterdir():
+            file.rename(self.file(file.name))
 
     def file(self, name: str) -> Path:
         """Return the path of one of `OUR_FILES`."""

@@ -116,8 +116,11 @@ def execute(config: RunConfig, folder: RunFolder) -> RunResult:
     from chiplog.terminal import progress, show_error
     from hil_harness.running import run
 
-    folder.begin(config.scenario.name, config.seed_in_use)
-    with stoppable(), progress(config.scenario.name) as report_progress:
+    with (
+        folder.recording(config.scenario.name, config.seed_in_use),
+        stoppable(),
+        progress(config.scenario.name) as report_progress,
+    ):
         result = run(config, report_progress)
     folder.write(result)
     if result.interrupted:
