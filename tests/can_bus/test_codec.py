@@ -157,12 +157,22 @@ def test_names_of_the_value_table_are_values_too() -> None:
         status.encode_scaled({"mode": "sonar"})
 
 
-def test_a_decimal_range_limit_is_inside_the_range() -> None:
-    # 25.5 / 0.1 is 254.99999999999997 in binary: the code 255 still counts as in range.
+@given(st.sampled_from((0.1, 0.7, 0.01, 0.001)), st.integers(1, 999))
+@example(0.1, 3)
+@example(0.3, 7)
+def test_a_decimal_range_limit_is_inside_the_range(factor: float, code: int) -> None:
+    # 0.3 / 0.1 is 2.9999999999999996 in binary: the code 3 counts as in range all the same.
+    limit = round(code * factor, 6)
     signal = SignalSpec(
-        message="M", name="s", start_bit=0, length_bits=10, factor=0.1, minimum=0.3, maximum=25.5
+        message="M",
+        name="s",
+        start_bit=0,
+        length_bits=10,
+        factor=factor,
+        minimum=limit,
+        maximum=limit,
     )
-    assert (signal.low_raw, signal.high_raw) == (3, 255)
+    assert (signal.low_raw, signal.high_raw) == (code, code)
 
 
 @pytest.mark.parametrize(
