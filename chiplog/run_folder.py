@@ -65,11 +65,11 @@ class RunFolder:
         except BaseException:
             if not self._has_frames():
                 self._put_back(aside)
-            shutil.rmtree(aside)
+            shutil.rmtree(aside, ignore_errors=True)
             if is_new and not any(self.path.iterdir()):
                 self.path.rmdir()
             raise
-        shutil.rmtree(aside)
+        shutil.rmtree(aside, ignore_errors=True)
 
     def _present(self) -> list[str]:
         return [name for name in OUR_FILES if self.file(name).exists()]
