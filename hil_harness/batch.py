@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from firmware_model import BatchRuns, KernelConfig, run_batch
 from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import EffectSetting, apply_effects, combine_effects
+from hil_harness.laws.statistics import Split, split_error
 from hil_harness.nodes import firmware_config
 from hil_harness.results import Poses
 from hil_harness.robot import Robot
@@ -39,6 +40,20 @@ class BatchResult:
     def truth(self) -> Poses:
         """The true poses."""
         return self.plant.truth
+
+    def split_final_error(self) -> dict[str, Split]:
+        """Split the final error of many seeds into systematic part (mean) and random part (spread).
+
+        One entry each for x_m, y_m and heading_rad, with 95 % intervals. Raises FirmwareError for a
+        batch without history, ValueError for fewer than two runs.
+        """
+        error = self.firmware.pose_m_rad()[:, -1] - self.truth[:, -1]
+        return {
+            name: split_error(error[:, column], f"final error of {name}", unit)
+            for column, (name, unit) in enumerate(
+                (("x_m", "m"), ("y_m", "m"), ("heading_rad", "rad"))
+            )
+        }
 
     def final_position_error_m(self) -> NDArray[np.float64]:
         """Distance between the firmware's final position and the truth: float64[runs]."""
