@@ -90,8 +90,8 @@ def _show(findings: Sequence[Finding]) -> None:
         for check in found.evidence.checks:
             name, predicted, measured, tolerance, unit, verdict = check_row(check)
             rows.append([name, unit, verdict, predicted, measured, tolerance])
-    name, predicted, measured, tolerance, unit, verdict = CHECK_HEAD
-    show_table([name, unit, verdict, predicted, measured, tolerance], rows, words=3)
+    name, predicted, measured, tolerance, unit = CHECK_HEAD
+    show_table([name, unit, "", predicted, measured, tolerance], rows, words=3)
 
 
 def _write_page(out: Path, findings: Sequence[Finding], runs: int) -> Path:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -36,13 +39,28 @@ def law_picture(finding: Finding) -> Picture:
     """Draw the panels of one law for both screen widths."""
     law, evidence = finding.law, finding.evidence
     titles = ". ".join(panel.title for panel in evidence.panels)
-    return picture(
+    drawn = picture(
         law.name.replace("_", "-"),
         law.title,
         evidence.caption,
         lambda canvas: _draw(canvas, evidence.panels),
         alt=f"{titles}. {evidence.caption}",
     )
+    return replace(drawn, markup=_with_subscripts(drawn.markup))
+
+
+def _with_subscripts(markup: Markup) -> Markup:
+    """Return the drawing in which labels such as ``ε_r·S`` have real subscripts."""
+
+    def label(text: re.Match[str]) -> str:
+        lowered = re.sub(
+            r"_([A-Za-zα-ω]+)([^_]*)",
+            r'<tspan dy="2.5" font-size="80%">\1</tspan><tspan dy="-2.5">\2</tspan>',
+            text[1],
+        )
+        return f"{lowered}</text>"
+
+    return Markup(re.sub(r"(?<=>)([^<>]*_[^<>]*)</text>", label, markup))
 
 
 def _draw(canvas: Canvas, panels: Sequence[Panel]) -> Figure:

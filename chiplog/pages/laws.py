@@ -15,7 +15,7 @@ from chiplog.pages.rendering import render
 from hil_harness.laws import Check, Finding, Split
 from hil_harness.lesson import lesson_choices
 
-CHECK_HEAD = ("number", "predicted", "measured", "tolerance", "unit", "")
+CHECK_HEAD = ("number", "predicted", "measured", "tolerance", "unit")
 SPLIT_HEAD = ("error", "runs", "systematic: mean", "random: spread")
 CHOICE_HEAD = (
     "encoder",
@@ -33,8 +33,7 @@ def laws_page(findings: Sequence[Finding], *, runs: int) -> str:
     return render(
         "laws.html.j2",
         {
-            "answer": answer(checks),
-            "is_lawful": all(check.passed for check in checks),
+            "answer": answer(checks).split(" agree", 1),
             "runs": runs,
             "false_alarm_percent": f"{100 * sum(check.false_alarm for check in checks):.2g}",
             "check_head": CHECK_HEAD,
@@ -130,12 +129,18 @@ def _law(finding: Finding) -> dict[str, Any]:
         "source": law.source,
         "picture": law_picture(finding),
         "caption": with_subscripts(evidence.caption),
-        "checks": [check_row(check) for check in evidence.checks],
+        "checks": [_marked_row(check) for check in evidence.checks],
         "derivations": [
             (check.law, with_subscripts(_derivation(check))) for check in evidence.checks
         ],
         "splits": [split_row(split) for split in evidence.splits],
     }
+
+
+def _marked_row(check: Check) -> list[str]:
+    """Return the row with the verdict as a mark before the name: a phone shows the first column."""
+    name, *numbers, _ = check_row(check)
+    return [f"{'✓' if check.passed else '✗'} {name}", *numbers]
 
 
 def _derivation(check: Check) -> str:

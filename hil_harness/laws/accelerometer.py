@@ -123,8 +123,8 @@ def _measure(bench: Bench) -> Evidence:
                 ),
             ),
         ),
-        "Left: white noise integrated once and twice at rest; in the first few ticks (shaded) t³ "
-        "does not hold yet, since the first samples have had no time to be integrated. Right: a "
+        "First: white noise integrated once and twice at rest; in the first few ticks (shaded) t³ "
+        "does not hold yet, since the first samples have had no time to be integrated. Second: a "
         "silent sensor's ADC rounds the bias to whole codes and breaks b_a·t; noise dithers it.",
         (
             split_error(velocity[:, -1], f"velocity error after {end_s:g} s", "m/s"),

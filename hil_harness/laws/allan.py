@@ -167,8 +167,8 @@ def _read_back(bench: Bench) -> Evidence:
                 y_limits=(2e-5, 4e-3),
             ),
         ),
-        "Left: white noise falls with slope −½, the walking bias rises with +½, and both "
-        "coefficients are read where one of them rules. Right: from a tenth of the record on "
+        "First: white noise falls with slope −½, the walking bias rises with +½, and both "
+        "coefficients are read where one of them rules. Second: from a tenth of the record on "
         "(shaded) a single run has too few clusters to tell; and a gyro that warms up leaves the "
         "model altogether, for its drift is a trend and no noise.",
         (

@@ -105,8 +105,8 @@ def _biased(bench: Bench) -> Evidence:
                 broken=(SLIP_WINDOW_S[1], DURATION_S),
             ),
         ),
-        "Left: contact adds the same 10 µm to each left and takes 20 µm from each right ground "
-        "step. Right: the right wheel slips by 1 % for 20 s. The law counts steps under slip, not "
+        "First: contact adds the same 10 µm to each left and takes 20 µm from each right ground "
+        "step. Second: the right wheel slips by 1 % for 20 s. The law counts steps under slip, not "
         "steps: after the window (shaded) the error stays and does not grow.",
     )
 
@@ -191,7 +191,7 @@ def _noisy(bench: Bench) -> Evidence:
                 broken=(float(at[1]), float(at[-1])),
             ),
         ),
-        "Left: the spread of the distance error grows with √k. Right: the heading walks as well, "
+        "First: the spread of the distance error grows with √k. Second: the heading walks as well, "
         "and the error across the track adds it up step by step: √k breaks there from the first "
         "steps on, and k^(3/2) holds.",
         (

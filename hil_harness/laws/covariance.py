@@ -126,9 +126,9 @@ def _covariance(bench: Bench) -> Evidence:
                 ),
             ),
         ),
-        "Left: the normalised squared error of the pose over many runs, with the band in which "
+        "First: the normalised squared error of the pose over many runs, with the band in which "
         "its mean lies if the covariance is right. Small contact noise stays inside; noise forty "
-        "times as large leaves it. Right: there the true end points bend round in a banana that "
+        "times as large leaves it. Second: there the true end points bend round in a banana that "
         "no ellipse describes.",
         tuple(
             split_error(errors[:, k, axis], f"{name} error after {k} steps", unit)

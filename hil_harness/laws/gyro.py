@@ -111,8 +111,8 @@ def _heading(bench: Bench) -> Evidence:
                 ),
             ),
         ),
-        "Left: mean and spread of the heading error over seeds. The mean drifts, the spread "
-        "walks. Right: a bias below half a code of a silent sensor is never seen and one above "
+        "First: mean and spread of the heading error over seeds. The mean drifts, the spread "
+        "walks. Second: a bias below half a code of a silent sensor is never seen and one above "
         "counts as a whole code; the noise of a real gyro dithers the converter and restores the "
         "law.",
         (split_error(error_rad[:, -1], f"heading error after {end_s:g} s", "rad"),),

@@ -150,8 +150,8 @@ def _quantisation(bench: Bench) -> Evidence:
                 ),
             ),
         ),
-        "Left: how the error of one reading is spread when the wheel's phase is, and when it is "
-        "not. Right: at a constant speed of p/q of a tick per step beyond whole ticks, only q "
+        "First: how the error of one reading is spread when the wheel's phase is, and when it is "
+        "not. Second: at a constant speed of p/q of a tick per step beyond whole ticks, only q "
         "phases occur and the variance is 1 − 1/q² of Δ²/12: nothing at whole ticks and at rest, "
         "three quarters at half ticks.",
         (split_error(error_m, "error of a distance reading, over readings", "m"),),

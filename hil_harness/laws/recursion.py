@@ -115,7 +115,7 @@ def _heading_increment(bench: Bench) -> Evidence:
                 broken=(1 / abs(large_rad), float(steps[-1])),
             ),
         ),
-        "A constant error β in every heading step. Right: the position error grows with k² while "
+        "A constant error β in every heading step. Second: the position error grows with k² while "
         "kβ is below about a radian; then the believed path closes its circle and the error grows "
         "like the distance driven.",
     )
@@ -213,8 +213,8 @@ def _recursion(bench: Bench) -> Evidence:
                 broken=(1.0, float(shares[-1])),
             ),
         ),
-        "Left: the lesson's robot; first order follows until the heading is off by some 0.3 rad. "
-        "Right: the remainder falls with the square of the errors, the error itself in "
+        "First: the lesson's robot; first order follows until the heading is off by some 0.3 rad. "
+        "Second: the remainder falls with the square of the errors, the error itself in "
         "proportion; at the lesson's full size and above (shaded) the remainder is a tenth of the "
         "error and more.",
     )

@@ -91,8 +91,8 @@ def _distance_drift(bench: Bench) -> Evidence:
                 broken=(1.0, float(path_m[-1])),
             ),
         ),
-        "Left: distance by the firmware minus true distance for four radius errors, with ε_r·S "
-        "dashed. Right: the law speaks of distance along the path. On a circle with a right "
+        "First: distance by the firmware minus true distance for four radius errors, with ε_r·S "
+        "dashed. Second: the law speaks of distance along the path. On a circle with a right "
         "heading the position error is ε_r times the chord: it leaves ε_r·S after about a radian "
         "and is gone after each turn.",
     )
@@ -183,8 +183,8 @@ def _curvature(bench: Bench) -> Evidence:
                 log_y=True,
             ),
         ),
-        "Left: true paths when both wheels turn alike, with the parabola ½κS² dashed: the arc is "
-        "exact, the parabola breaks where the turn is no longer small. Right: twelve decades of "
+        "First: true paths when both wheels turn alike, with the parabola ½κS² dashed: the arc is "
+        "exact, the parabola breaks where the turn is no longer small. Second: twelve decades of "
         "mismatch; no mismatch is small enough for a straight line.",
     )
 
@@ -251,9 +251,9 @@ def _heading_drift(bench: Bench) -> Evidence:
                 broken=(0.1, float(small[-1])),
             ),
         ),
-        "Left: a spin of 60 rad with wrong wheelbases. Right: the gap between measurement and the "
-        "first-order law is its remainder ε_b²; above 10 % the law is wrong by more than a tenth "
-        "of itself (shaded), below 0.3 % one encoder tick hides the difference.",
+        "First: a spin of 60 rad with wrong wheelbases. Second: the gap between measurement and "
+        "the first-order law is its remainder ε_b²; above 10 % the law is wrong by more than a "
+        "tenth of itself (shaded), below 0.3 % one encoder tick hides the difference.",
     )
 
 
