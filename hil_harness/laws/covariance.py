@@ -127,7 +127,7 @@ def _covariance(bench: Bench) -> Evidence:
             ),
         ),
         "First: the normalised squared error of the pose over many runs, with the band in which "
-        "its mean lies if the covariance is right. Small contact noise stays inside; noise forty "
+        "its mean lies if the covariance is right. Small contact noise stays inside; noise sixty "
         "times as large leaves it. Second: there the true end points bend round in a banana that "
         "no ellipse describes.",
         tuple(
