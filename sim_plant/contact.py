@@ -231,6 +231,7 @@ def move(
     if p.cross_slope_ratio != 0.0:
         downhill = math.sin(p.cross_slope_direction_rad - middle_rad)
         lateral_m += p.cross_slope_ratio * abs(forward_m) * downhill
+    s.lateral_acceleration_m_s2 = forward_m / tick_s * yaw_rate_rad_s
     if bumped:
         forward_m += p.bump_forward_m
     cosine = math.cos(middle_rad)
@@ -243,4 +244,3 @@ def move(
     s.step_right_rad = step[1]
     s.yaw_rate_rad_s = yaw_rate_rad_s
     s.forward_acceleration_m_s2 = 0.5 * (accel_left_m_s2 + accel_right_m_s2)
-    s.lateral_acceleration_m_s2 = forward_m / tick_s * yaw_rate_rad_s
