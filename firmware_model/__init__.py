@@ -18,6 +18,7 @@ from firmware_model.state import (
     STATE_FIELDS,
     EncoderDecision,
     HeadingSource,
+    State,
     StatusBit,
 )
 
@@ -35,6 +36,7 @@ __all__ = [
     "HeadingSource",
     "Kernel",
     "KernelConfig",
+    "State",
     "StatusBit",
     "build_config",
     "pose_m_rad",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from firmware_model.compiled import compiled_kernel
+from firmware_model.compiled import compiled_batch
 from firmware_model.config import KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.kernel import config_record, initial_state
@@ -150,7 +150,7 @@ def run_batch(
     source = np.empty((kept, ticks), dtype=np.int8)
     twin_pose = np.empty((kept if twin else 0, ticks, 3), dtype=np.float64)
 
-    batch = compiled_kernel().batch
+    batch = compiled_batch()
 
     def run_chunk(part: slice) -> None:
         batch(

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, Final, Literal, NamedTuple, cast
+from typing import Any, Final, Literal, cast
 
 import numba
 from numba import types
@@ -18,23 +18,20 @@ from firmware_model.step import step_kernel
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, step_twin
 
 
-class Compiled(NamedTuple):
-    """The compiled entry points; arguments as those of the Python functions in this module."""
-
-    step: Callable[..., None]
-    batch: Callable[..., None]
-
-
 @lru_cache(maxsize=1)
-def compiled_kernel() -> Compiled:
-    """Return the compiled kernel: from numba's cache if there is one, else compiled now.
+def compiled_step() -> Callable[..., None]:
+    """Return one tick as machine code: from numba's cache if it is there, else compiled now.
 
     The cache lies beside the package or, where that is read-only, in the user's cache folder;
     where neither can be written the code is compiled anew in each process.
     """
-    source = _source_digest()
-    step, batch = _entry_points(source)
-    return Compiled(_compile(step, _STEP_SIGNATURE), _compile(batch, _BATCH_SIGNATURE))
+    return _compile(_step_entry(_source_digest()), _STEP_SIGNATURE)
+
+
+@lru_cache(maxsize=1)
+def compiled_batch() -> Callable[..., None]:
+    """Return many runs of many ticks as machine code, cached like `compiled_step`."""
+    return _compile(_batch_entry(_source_digest()), _BATCH_SIGNATURE)
 
 
 def _source_digest() -> int:
@@ -107,8 +104,8 @@ _BATCH_SIGNATURE: Final = types.void(
 )
 
 
-def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[..., None]]:
-    """Return the two functions that numba compiles.
+def _step_entry(source_digest: int) -> Callable[..., None]:
+    """Return the function that numba compiles for one tick.
 
     numba keys its disk cache on a function's own file and closure, not on the functions that it
     calls. The digest of all sources is therefore part of the closure: an edited kernel is never
@@ -136,6 +133,12 @@ def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[...
                 gyro_code,
                 gyro_validity,
             )
+
+    return step
+
+
+def _batch_entry(source_digest: int) -> Callable[..., None]:
+    """Return the function that numba compiles for a batch; the digest is as in `_step_entry`."""
 
     def batch(
         states: Any,
@@ -184,4 +187,4 @@ def _entry_points(source_digest: int) -> tuple[Callable[..., None], Callable[...
                         twin_pose[run, tick, 1] = twins[run].y_m
                         twin_pose[run, tick, 2] = twins[run].heading_rad
 
-    return step, batch
+    return batch

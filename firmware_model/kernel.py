@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from firmware_model.compiled import compiled_kernel
+from firmware_model.compiled import compiled_step
 from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.state import STATE_DTYPE, STATE_FIELDS, HeadingSource, State, StatusBit
@@ -60,7 +60,7 @@ class Kernel:
             self._pose = self._states.view(np.int64)[: len(_POSE_FIELDS)]
             self._configs = config_record(config)
             self._table = np.array(config.table, dtype=np.int64)
-            self._step = compiled_kernel().step
+            self._step = compiled_step()
             self.load_state(_state_dict(initial_state(config)))
         else:
             raise FirmwareError(
