@@ -1,0 +1,95 @@
+"""`effects`, `schema`, `doctor`, `node`, and the names that `import chiplog` offers."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import Chiplog
+
+import chiplog as package
+from chiplog.commands import doctor
+from hil_harness.effects import catalogue
+
+
+def test_effects_lists_the_whole_catalogue(chiplog: Chiplog) -> None:
+    listed = chiplog("effects").out
+    for effect in catalogue().values():
+        assert re.search(rf"(^|  ){effect.name}  ", listed, flags=re.M)
+
+
+def test_effects_of_one_stage_are_those_alone(chiplog: Chiplog) -> None:
+    effects = json.loads(chiplog("effects", "--stage", "gyro", "--json", "-").out)
+    assert {effect["stage"] for effect in effects} == {"gyro"}
+    assert "gyro_bias" in {effect["name"] for effect in effects}
+
+
+def test_one_effect_is_shown_with_signature_twins_and_meanings(chiplog: Chiplog) -> None:
+    shown = chiplog("effects", "radius_scale").out
+    effect = catalogue()["radius_scale"]
+    assert effect.signature in shown
+    assert "Leaves the same data as ticks_per_rev." in shown
+    assert effect.parameters[0].meaning in shown
+
+
+def test_the_robot_schema_describes_every_table(chiplog: Chiplog) -> None:
+    schema = json.loads(chiplog("schema", "robot").out)
+    assert {"wheels", "encoder", "gyro", "firmware", "tolerance"} <= schema["properties"].keys()
+    assert schema["$defs"]["Wheels"]["properties"]["radius_m"]["description"]
+
+
+def test_doctor_says_ok_or_what_to_do(chiplog: Chiplog) -> None:
+    said = chiplog("doctor")
+    assert said.status == 0
+    for line in said.out.splitlines():
+        assert re.match(r"(ok|missing) +\S", line)
+    assert re.search(r"^ok +virtual bus +a frame went round$", said.out, flags=re.M)
+
+
+def test_doctor_answers_no_when_something_indispensable_is_missing(
+    chiplog: Chiplog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = doctor.Finding("virtual bus", False, "no frame came back", is_needed=True)
+    monkeypatch.setattr(doctor, "examine", lambda: iter([broken]))
+    said = chiplog("doctor")
+    assert said.status == 1
+    assert said.out == "missing   virtual bus   no frame came back\n"
+
+
+def test_plant_and_firmware_meet_as_two_processes(chiplog: Chiplog, tmp_path: Path) -> None:
+    group = ("--interface", "udp_multicast", "--channel", "239.74.163.77")
+    ending = ("--duration-s", "0.5", "--log", str(tmp_path / "ecu.log"))
+    with subprocess.Popen(
+        [sys.executable, "-m", "chiplog", "node", "firmware", *group, *ending],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as firmware:
+        while firmware.poll() is None:  # the plant drives again until the firmware was listening
+            plant = chiplog("node", "plant", *group, "--duration-s", "1")
+            assert plant.status == 0
+            assert plant.out.startswith("plant: 100 ticks, ")
+        said, _ = firmware.communicate()
+    assert firmware.returncode == 0
+    assert said.startswith("firmware: 50 ticks, ")
+    assert chiplog("replay", str(tmp_path / "ecu.log")).status == 0
+
+
+@pytest.mark.parametrize("name", package.__all__)
+def test_every_public_name_is_there(name: str) -> None:
+    assert getattr(package, name) is not None
+    assert name in dir(package)
+
+
+def test_importing_chiplog_loads_nothing_heavy() -> None:
+    check = "import sys, chiplog; print([m for m in ('numpy', 'can', 'typer') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'simulate'"):
+        _ = package.simulate
