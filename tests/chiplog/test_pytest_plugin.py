@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hil_harness.rig import Rig
+
 pytest_plugins = ["pytester"]
 
 FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"
@@ -22,13 +24,29 @@ class Node:
 HEAVY = ("can", "cantools", "matplotlib", "numba", "numpy", "pydantic", "scipy", "typer")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def everything_is_imported() -> None:
+    """Import what rigs import, and late: pytester forgets modules that an inner run imports."""
+    for interface in ("virtual", "udp_multicast"):
+        with Rig(interface=interface) as rig:
+            rig.expect("STATUS", within_s=60.0)
+            rig.recent_frames(1)
+
+
 def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
+    """Run a test file in this process, where what is heavy has been imported once for all."""
+    pytester.makepyfile(test)
+    return pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
+
+
+def run_apart(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
+    """Run a test file in a process of its own, and workers of its own."""
     pytester.makepyfile(test)
     return pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
 
 
 def test_a_test_drives_a_robot_over_the_bus(pytester: pytest.Pytester) -> None:
-    result = run(
+    result = run_apart(
         pytester,
         """
         import pytest
@@ -284,7 +302,7 @@ def test_a_log_is_kept_when_the_test_leaks_a_bus_too(pytester: pytest.Pytester) 
 
 
 def test_workers_of_xdist_do_not_meet(pytester: pytest.Pytester) -> None:
-    result = run(
+    result = run_apart(
         pytester,
         """
         import pytest
@@ -305,7 +323,7 @@ def test_workers_of_xdist_do_not_meet(pytester: pytest.Pytester) -> None:
 
 
 def test_workers_of_xdist_do_not_meet_in_real_time_either(pytester: pytest.Pytester) -> None:
-    result = run(
+    result = run_apart(
         pytester,
         """
         import pytest
@@ -324,7 +342,7 @@ def test_workers_of_xdist_do_not_meet_in_real_time_either(pytester: pytest.Pytes
 
 
 def test_failures_in_a_worker_show_their_frames_too(pytester: pytest.Pytester) -> None:
-    result = run(
+    result = run_apart(
         pytester,
         """
         def test_fails(chiplog_rig):
@@ -338,13 +356,16 @@ def test_failures_in_a_worker_show_their_frames_too(pytester: pytest.Pytester) -
     result.stdout.fnmatch_lines(["*chiplog: the last 30 frames on the bus*", "*the log is kept*"])
 
 
-def test_workers_that_would_share_one_bus_are_refused(pytester: pytest.Pytester) -> None:
-    test = "def test_it(chiplog_rig): assert chiplog_rig.channel == '239.98.0.0'"
-    options = ("--chiplog-interface=udp_multicast", "-n", "1")
-    result = run(pytester, test, *options, "--chiplog-channel=239.98.0.0")
+def test_workers_that_would_share_one_bus_are_refused(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTEST_XDIST_WORKER", "gw3")
+    test = "def test_it(chiplog_rig): assert chiplog_rig.channel == '239.98.0.3'"
+    udp = "--chiplog-interface=udp_multicast"
+    result = run(pytester, test, udp, "--chiplog-channel=239.98.0.3")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["chiplog: --chiplog-channel 239.98.0.0: the workers of *"])
-    result = run(pytester, test, *options, "--chiplog-channel=239.98.0.{worker}")
+    result.stdout.fnmatch_lines(["chiplog: --chiplog-channel 239.98.0.3: the workers of *"])
+    result = run(pytester, test, udp, "--chiplog-channel=239.98.0.{worker}")
     result.assert_outcomes(passed=1)
 
 
@@ -364,8 +385,8 @@ def test_nothing_heavy_is_imported_before_a_fixture_is_asked_for(tmp_path: Path)
 
 
 def test_the_options_and_the_marker_explain_themselves(pytester: pytest.Pytester) -> None:
-    result = pytester.runpytest_subprocess("--help")
+    result = pytester.runpytest_inprocess("--help")
     for option in ("interface", "channel", "bitrate", "dbc", "signals", "robot", "device"):
         result.stdout.fnmatch_lines([f"*--chiplog-{option}=*"])
-    result = pytester.runpytest_subprocess("--markers")
+    result = pytester.runpytest_inprocess("--markers")
     result.stdout.fnmatch_lines(["@pytest.mark.chiplog(robot=None, device=None, *"])
