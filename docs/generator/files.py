@@ -9,6 +9,7 @@ from pydantic.fields import FieldInfo
 
 from firmware_model import FirmwareDescription
 from generator.tables import number, table
+from hil_harness.robot import RobotFile
 from hil_harness.scenarios.named import NAMED
 from hil_harness.scenarios.scenario_file import ScenarioTable, SegmentTable
 from hil_harness.signal_map import REQUIRED, SHIPPED
@@ -20,7 +21,6 @@ from hil_harness.signal_roles import (
     UNITS,
     Role,
 )
-from sim_plant import PlantDescription
 
 
 def robot() -> str:
@@ -31,17 +31,20 @@ def robot() -> str:
         "be left out; what is not there is the lesson's robot, which `chiplog init` writes with "
         "comments. `chiplog schema robot` prints the JSON schema. How to fill it in: "
         "[Describe my robot](../how-to/my-robot.md).",
+        "A file may begin with `schema = 1`, the version of this format.",
         "## The robot as its owner describes it",
     ]
-    parts += list(_tables(PlantDescription))
+    parts += list(_tables(RobotFile, without="firmware"))
     parts += ["## The firmware", "How the kernel computes.", *_tables_of_firmware()]
     return "\n\n".join(part.strip() for part in parts)
 
 
-def _tables(model: type[BaseModel]) -> Iterator[str]:
+def _tables(model: type[BaseModel], *, without: str) -> Iterator[str]:
+    """Yield a heading and a table for each table of the file."""
     for name, field in model.model_fields.items():
-        yield f"### [{name}]"
-        yield _fields(_model_of(field))
+        if name != without and _is_table(field):
+            yield f"### [{name}]"
+            yield _fields(_model_of(field))
 
 
 def _tables_of_firmware() -> Iterator[str]:
