@@ -17,7 +17,7 @@ from sim_plant.errors import PlantError
 from sim_plant.kernel import DriveModel, EncoderModel
 from sim_plant.mechanisms import Mechanisms
 from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
-from sim_plant.streams import MOTION_STREAMS, NORMALS, Noise, Stream
+from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream
 
 Outputs = Literal["all", "odometry"]
 
@@ -111,7 +111,7 @@ def simulate(
         noise,
         everything=outputs == "all",
     )
-    threads = workers or len(os.sched_getaffinity(0))
+    threads = workers or _processors()
     shares = np.array_split(np.arange(len(run_seeds)), max(1, min(threads, len(run_seeds))))
     if len(shares) == 1:
         batch.work(shares[0])
@@ -119,6 +119,12 @@ def simulate(
         with ThreadPoolExecutor(len(shares)) as pool:
             list(pool.map(batch.work, shares))
     return batch.runs()
+
+
+def _processors() -> int:
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _check_commands(commands: ArrayLike) -> NDArray[np.float64]:
@@ -180,7 +186,7 @@ class _Batch:
     def work(self, runs: NDArray[np.int64]) -> None:
         """Fill the rows of these runs."""
         shared = self._shared is not None
-        samples = self._shared if self._shared is not None else np.zeros(1, kernel.SAMPLE)
+        samples = self._shared if self._shared is not None else np.zeros(BLOCK_TICKS, kernel.SAMPLE)
         truth = np.empty((0, 0, 3)) if shared else self._truth
         motion_state = np.zeros(1, kernel.MOTION_STATE)
         sensor_state = np.zeros(1, kernel.SENSOR_STATE)

@@ -276,32 +276,38 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         """Read a whole run into row `run` of the arrays.
 
         Where `truth` is empty, `samples` is the shared motion; otherwise the run moves on its own,
-        with one sample to write to, and its pose goes to `truth`. Where `gyro_rate` is empty,
+        with room for a block of samples, and its pose goes to `truth`. Where `gyro_rate` is empty,
         only counters and gyro code are written.
         """
-        own_motion = truth.size > 0
+        state = sensor_state[0]
+        ticks = commands.shape[0]
         everything = gyro_rate.size > 0
-        for tick in range(commands.shape[0]):
-            k = tick % BLOCK_TICKS
-            if k == 0:
-                fill_block(sources, raws, seed, active, columns, tick // BLOCK_TICKS)
-            if own_motion:
-                _move_to(p[0], motion_state[0], normals[k], commands, tick)
-                _observe(p[0], motion_state[0], samples[0])
-                truth[run, tick, 0] = samples[0].x_m
-                truth[run, tick, 1] = samples[0].y_m
-                truth[run, tick, 2] = samples[0].heading_rad
-            sample = samples[0 if own_motion else tick]
-            _read(p[0], sensor_state[0], sample, normals[k])
-            left[run, tick] = sensor_state[0].left_count
-            right[run, tick] = sensor_state[0].right_count
-            gyro_code[run, tick] = sensor_state[0].gyro_code
+        for first in range(0, ticks, BLOCK_TICKS):
+            fill_block(sources, raws, seed, active, columns, first // BLOCK_TICKS)
+            count = min(BLOCK_TICKS, ticks - first)
+            sampled = first
+            if truth.size > 0:
+                sampled = 0
+                for k in range(count):
+                    _move_to(p[0], motion_state[0], normals[k], commands, first + k)
+                    _observe(p[0], motion_state[0], samples[k])
+                    truth[run, first + k, 0] = samples[k].x_m
+                    truth[run, first + k, 1] = samples[k].y_m
+                    truth[run, first + k, 2] = samples[k].heading_rad
+            for k in range(count):
+                _read(p[0], state, samples[sampled + k], normals[k])
+                left[run, first + k] = state.left_count
+                right[run, first + k] = state.right_count
+                gyro_code[run, first + k] = state.gyro_code
+                if everything:
+                    gyro_rate[run, first + k] = state.gyro_rate_rad_s
             if everything:
-                gyro_rate[run, tick] = sensor_state[0].gyro_rate_rad_s
-                accel_x[run, tick] = accel_code(p[0], sample.accel_x_m_s2, normals[k].accel_x)
-                accel_y[run, tick] = accel_code(p[0], sample.accel_y_m_s2, normals[k].accel_y)
-                temperature[run, tick] = temperature_code(p[0], sample, normals[k])
-                supply[run, tick] = supply_code(p[0], sample, normals[k])
+                for k in range(count):
+                    m, n = samples[sampled + k], normals[k]
+                    accel_x[run, first + k] = accel_code(p[0], m.accel_x_m_s2, n.accel_x)
+                    accel_y[run, first + k] = accel_code(p[0], m.accel_y_m_s2, n.accel_y)
+                    temperature[run, first + k] = temperature_code(p[0], m, n)
+                    supply[run, first + k] = supply_code(p[0], m, n)
         return sources_digest
 
     return fill_noise, read, step, run_motion, run
