@@ -110,11 +110,8 @@ def chiplog_rig(
 
     rig_of_test = RigOfTest.open(request, chiplog_settings, tmp_path_factory)
     request.node.stash[_RIG_OF_TEST] = rig_of_test
-    try:
-        yield rig_of_test.rig
-    finally:
-        rig_of_test.close()
-    rig_of_test.fail_if_a_bus_leaked()
+    yield rig_of_test.rig
+    rig_of_test.finish()
 
 
 @pytest.fixture

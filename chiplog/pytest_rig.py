@@ -79,18 +79,19 @@ class RigOfTest:
             pytest.fail(f"chiplog: {error}", pytrace=False)
         return cls(rig, log, watch)
 
-    def close(self) -> None:
-        """Close the rig; throw its log away if nothing has failed so far."""
-        self.rig.close()
-        self._watch.stop()
+    def finish(self) -> None:
+        """Close the rig, and throw its log away unless something has failed.
 
-    def fail_if_a_bus_leaked(self) -> None:
-        """Fail the test if it left a bus open on the rig's channel; shut that bus down."""
+        A bus that the test left open on the rig's channel fails it, and is shut down.
+        """
+        try:
+            self.rig.close()
+        finally:
+            self._watch.stop()
         leaked = self._watch.still_open(self.rig.channel)
         for bus in leaked:
             bus.shutdown()
         if leaked:
-            self._failed = True
             kinds = ", ".join(sorted({type(bus).__name__ for bus in leaked}))
             pytest.fail(
                 f"chiplog: {len(leaked)} python-can bus left open on channel {self.rig.channel} "
@@ -102,15 +103,14 @@ class RigOfTest:
 
     def failure_sections(self) -> list[tuple[str, str]]:
         """Return the report's sections: the last frames decoded, and where the log is."""
-        first = not self._failed
+        if self._failed:
+            return []  # a second phase of the same test: all is said
         self._failed = True
-        if not first:
-            return []
         lines = self.rig.recent_frames(SHOWN_FRAMES)
-        return [
-            (f"chiplog: the last {len(lines)} frames on the bus", "\n".join(lines)),
-            ("chiplog: the log is kept", str(self.log)),
-        ]
+        sections = [(f"chiplog: the last {len(lines)} frames on the bus", "\n".join(lines))]
+        if self.log.exists():
+            sections.append(("chiplog: the log is kept", str(self.log)))
+        return sections
 
 
 def _rig_arguments(request: pytest.FixtureRequest, settings: dict[str, Any]) -> dict[str, Any]:
@@ -184,10 +184,10 @@ def _log_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     """Return a file name that says which test it is of, and that no other test has."""
     given = request.config.getoption("--chiplog-log-dir")
     if given is None:
-        folder = tmp_path_factory.mktemp("chiplog", numbered=True)
+        folder = tmp_path_factory.getbasetemp() / "chiplog-logs"
     else:
         folder = request.config.invocation_params.dir / given
-        folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     test = request.node.nodeid
     readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", test)[-100:].strip("_")
     return folder / f"{readable}-{zlib.crc32(test.encode()):08x}.log"

@@ -12,7 +12,7 @@ from can_bus import Database, MessageSpec, Raw, SignalSpec
 Value = float | int | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DecodedFrame(Mapping[str, Value]):
     """One frame of the bus: ``frame["x_m"]`` is the scaled value, or None if marked invalid.
 
@@ -55,6 +55,10 @@ class DecodedFrame(Mapping[str, Value]):
         """Return one line: time, who sends it by the DBC, name, and each signal with its unit."""
         sender = "".join(f"{name}  " for name in self.spec.senders[:1])
         return f"{self.time_s:.6f} s  {sender}{self.name}  {self.show()}"
+
+    def __repr__(self) -> str:
+        """Return the same line: what a failed assertion shows."""
+        return f"<{self}>"
 
     def show(self, signals: tuple[str, ...] | None = None) -> str:
         """Return the given signals, or all but counter and CRC, as ``name = value unit``."""

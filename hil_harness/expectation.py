@@ -43,13 +43,13 @@ class Expectation:
         return f"{self.message} with {wanted}"
 
     def was_not_met(
-        self, start_us: int, stop_us: int, came: Sequence[DecodedFrame], bus: Mapping[str, int]
+        self, span_us: tuple[int, int], came: Sequence[DecodedFrame], bus: Mapping[str, int]
     ) -> str:
         """Say that no such frame came, and what came instead.
 
         *came* are the frames of the message in that time; *bus* counts the frames of each message.
         """
-        text = f"no {self} {_span(start_us, stop_us)}: "
+        text = f"no {self} {_span(*span_us)}: "
         if not came:
             busiest = sorted(bus.items(), key=lambda item: -item[1])[:_SHOWN_MESSAGES]
             others = ", ".join(f"{name} ({count})" for name, count in busiest)
@@ -63,10 +63,10 @@ class Expectation:
             lines.insert(2, "  …")
         return "\n".join(lines)
 
-    def was_met(self, start_us: int, stop_us: int, frame: DecodedFrame) -> str:
+    def was_met(self, span_us: tuple[int, int], frame: DecodedFrame) -> str:
         """Say that a frame came that should not have come."""
         return (
-            f"expected no {self} {_span(start_us, stop_us)}, but it came:\n"
+            f"expected no {self} {_span(*span_us)}, but it came:\n"
             f"  {_one(frame, tuple(self.signals))}"
         )
 

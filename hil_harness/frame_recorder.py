@@ -35,7 +35,7 @@ class Wait:
         spec = database.message(expectation.message)
         self.came: list[DecodedFrame] = []
         self.found: DecodedFrame | None = None
-        self._expectation = expectation
+        self.expectation = expectation
         self._database = database
         self._key: FrameKey = (spec.frame_id, spec.is_extended)
         self._counts: Counter[FrameKey] = Counter()
@@ -48,7 +48,7 @@ class Wait:
         frame = decode(self._database, seen.message, seen.time_us) if key == self._key else None
         if frame is not None:
             self.came.append(frame)
-            if self._expectation.matches(frame):
+            if self.expectation.matches(frame):
                 self.found = frame
 
     def counts(self) -> Mapping[str, int]:

@@ -85,6 +85,7 @@ class RestBus:
         self._raw: dict[str, dict[str, Raw]] = {}
         self._due_us: dict[str, int] = {}
         self._active: set[str] = set()
+        self._stopped = False
         database = builder.database
         for spec in database.sent_by(*senders):
             if not spec.cycle_time_us or spec.name in without:
@@ -123,13 +124,15 @@ class RestBus:
 
     def stop(self) -> None:
         """Send nothing any more."""
-        self._due_us.clear()
+        self._stopped = True
 
     def due(self, now_us: int) -> list[can.Message]:
         """Return the frames that became due since the last call, in the order of their time.
 
         Frames due at the same time come in the order of arbitration: lowest identifier first.
         """
+        if self._stopped:
+            return []
         due: list[tuple[int, str]] = []
         for name, first_us in self._due_us.items():
             cycle_us = self._builder.database.message(name).cycle_time_us

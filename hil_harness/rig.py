@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,6 +18,7 @@ from can_bus import (
     FaultInjector,
     FaultKind,
     LogWriter,
+    Raw,
     load_database,
     open_bus,
     open_log_writer,
@@ -107,6 +109,8 @@ class Rig:
         self._bitrate = bitrate if bitrate is not None else self.database.bitrate
         self._bus_args = dict(bus_args or {})
         self._builder = FrameBuilder(self.database, self.tick_period_us)
+        # In real time the loop's thread takes out what the test's thread puts in.
+        self._outbox: deque[tuple[str, Mapping[str, Raw]]] = deque()
         self._restbuses: list[RestBus] = []
         self._recorder = FrameRecorder(self.database)
         self._faults = FaultInjector(self.database, seed)
@@ -142,8 +146,7 @@ class Rig:
         Signals not given take the DBC's initial value; counter and CRC are right. Raises
         HarnessError or CanBusError for names and values that the DBC does not have.
         """
-        raw = self._builder.raw_values(message, signals)
-        self._loop.inject(self._builder.build(message, raw, self.now_us))
+        self._outbox.append((message, self._builder.raw_values(message, signals)))
 
     def expect(
         self, message: str, /, *, within_s: float | None = None, **signals: object
@@ -154,13 +157,9 @@ class Rig:
         message, or one second if it has none). What a signal should be: see `Expectation`.
         Raises AssertionError, saying what came instead.
         """
-        expectation = Expectation(message, signals)
-        start_us = self.now_us
-        wait = self._wait_for(expectation, within_s)
+        wait, span_us = self._wait_for(Expectation(message, signals), within_s)
         if wait.found is None:
-            raise AssertionError(
-                expectation.was_not_met(start_us, self.now_us, wait.came, wait.counts())
-            )
+            raise AssertionError(wait.expectation.was_not_met(span_us, wait.came, wait.counts()))
         return wait.found
 
     def expect_none(
@@ -170,11 +169,9 @@ class Rig:
 
         Raises AssertionError as soon as one does.
         """
-        expectation = Expectation(message, signals)
-        start_us = self.now_us
-        found = self._wait_for(expectation, within_s).found
-        if found is not None:
-            raise AssertionError(expectation.was_met(start_us, self.now_us, found))
+        wait, span_us = self._wait_for(Expectation(message, signals), within_s)
+        if wait.found is not None:
+            raise AssertionError(wait.expectation.was_met(span_us, wait.found))
 
     def latest(self, message: str) -> DecodedFrame:
         """Return the last frame of a message. Raises AssertionError if none has come yet."""
@@ -292,15 +289,19 @@ class Rig:
         """Close the rig."""
         self.close()
 
-    def _wait_for(self, expectation: Expectation, within_s: float | None) -> Wait:
+    def _wait_for(
+        self, expectation: Expectation, within_s: float | None
+    ) -> tuple[Wait, tuple[int, int]]:
+        """Let time pass until the expectation is met; also return from when to when at most."""
         wait = Wait(expectation, self.database)
         if within_s is not None:
             duration_us = microseconds(within_s, "within_s")
         else:
             cycle_us = self.database.message(expectation.message).cycle_time_us
             duration_us = 1_000_000 if cycle_us is None else 2 * cycle_us
+        start_us = self.now_us
         self._recorder.wait(wait, lambda is_over: self._loop.advance(duration_us, is_over))
-        return wait
+        return wait, (start_us, start_us + duration_us)
 
     def _last_value(self, role: Role) -> float:
         if self.signal_map is None:
@@ -312,8 +313,15 @@ class Rig:
             raise AssertionError(f"{mapped.path} is marked invalid at {frame.time_s:.6f} s")
         return mapped.to_si(raw)
 
-    def _due_frames(self, now_us: int) -> list[can.Message]:
-        return [frame for restbus in self._restbuses for frame in restbus.due(now_us)]
+    def _frames_to_send(self, now_us: int) -> list[can.Message]:
+        """Return what the test has sent since the last tick, and what its rest buses send now."""
+        frames = []
+        while self._outbox:
+            message, raw = self._outbox.popleft()
+            frames.append(self._builder.build(message, raw, now_us))
+        for restbus in self._restbuses:
+            frames += restbus.due(now_us)
+        return frames
 
     def _open_device(self, device: Any, channel: str, folder: Path | None) -> Device:
         if device is None:
@@ -356,5 +364,5 @@ class Rig:
             faults=self._faults,
             outgoing_faults=self._outgoing_faults,
             seen=self._recorder.see,
-            source=self._due_frames,
+            source=self._frames_to_send,
         )

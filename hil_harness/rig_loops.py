@@ -24,7 +24,7 @@ Seen = Callable[[int, can.Message], None]
 """Called with each frame on the bus: bus time in microseconds since the start, and the frame."""
 
 Source = Callable[[int], Iterable[can.Message]]
-"""Asked once a tick, with the bus time, for further frames to send."""
+"""Asked once a tick, with the bus time, for the frames that the tester sends in it."""
 
 _NEVER = frozenset({(-1, False)})
 """An identifier that no frame has: waiting for it is waiting until the deadline."""
@@ -45,10 +45,6 @@ class RigLoop(Protocol):
 
     def advance(self, duration_us: int, enough: Callable[[], bool]) -> None:
         """Let so much bus time pass, or less if `enough()` becomes true."""
-        ...
-
-    def inject(self, message: can.Message) -> None:
-        """Send a frame on the tester's behalf, at the next tick."""
         ...
 
     def close(self) -> None:
@@ -108,10 +104,6 @@ class LockstepLoop:
                 self._lockstep.inject(message)
             self._lockstep.step()
 
-    def inject(self, message: can.Message) -> None:
-        """Send a frame at the next tick, before the plant's own."""
-        self._lockstep.inject(message)
-
     def close(self) -> None:
         """Shut the handles down."""
         self._lockstep.close()
@@ -149,7 +141,6 @@ class RealTimeLoop:
         self._seen = seen
         self._source = source
         self._news = threading.Condition()
-        self._injected: list[can.Message] = []
         self._failure: BaseException | None = None
         self._stopping = False
         self._clock = WallClock()
@@ -183,12 +174,6 @@ class RealTimeLoop:
                     return
                 self._news.wait(left_s)
 
-    def inject(self, message: can.Message) -> None:
-        """Send a frame at the thread's next tick."""
-        with self._news:
-            self._raise_failure()
-            self._injected.append(message)
-
     def close(self) -> None:
         """Stop the thread and shut the handles down."""
         self._stopping = True
@@ -212,9 +197,7 @@ class RealTimeLoop:
     def _tick(self, answers: list[can.Message]) -> list[can.Message]:
         """Plant and tester send, a device in the loop answers, and its frames come back."""
         now_us = self.now_us
-        with self._news:
-            injected, self._injected = self._injected, []
-            injected.extend(self._source(now_us))
+        injected = list(self._source(now_us))
         # Everybody's clock here is the wall clock, by which the driver stamps what arrives.
         wall_us = self._clock.now_us()
         for message in injected:

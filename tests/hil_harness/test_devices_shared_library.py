@@ -2,11 +2,15 @@
 
 import math
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import can
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from can_bus import timestamp_us
 from hil_harness.devices import DeviceSetup, SharedLibraryDevice, include_dir
 from hil_harness.devices import shared_library as adapter
 from hil_harness.errors import HarnessError
@@ -66,6 +70,26 @@ def test_a_frame_goes_through_a_library_and_back_unchanged(echo: Path, sent: can
     (back,) = SharedLibraryDevice(echo, SETUP).step(20_000, [sent])
     assert back.equals(sent, timestamp_delta=None)
     assert back.timestamp == 0.02
+
+
+@given(
+    identifier=st.integers(0, 0x1FFFFFFF),
+    data=st.binary(max_size=8),
+    now_us=st.integers(0, 2**52),
+)
+def test_any_classic_frame_goes_through_unchanged(
+    echo: Path, identifier: int, data: bytes, now_us: int
+) -> None:
+    extended = identifier > 0x7FF
+    sent = frame(arbitration_id=identifier, is_extended_id=extended, data=data)
+    (back,) = _shared(echo).step(now_us, [sent])
+    assert back.equals(sent, timestamp_delta=None)
+    assert timestamp_us(back) == now_us
+
+
+@cache
+def _shared(library: Path) -> SharedLibraryDevice:
+    return SharedLibraryDevice(library, SETUP)
 
 
 def test_frames_keep_their_order(echo: Path) -> None:
