@@ -12,6 +12,7 @@ from chiplog.pages import quantities as q
 from hil_harness.results import RunResult
 
 ERROR_PARTS = ("arithmetic", "model", "total")
+OUR_DEVICE = "chiplog firmware"
 _NEGLIGIBLE = 1e-3  # below this share of the error, firmware and float are "both" equally far off
 
 
@@ -41,9 +42,10 @@ def answer(result: RunResult) -> list[Words]:
             Words(q.length(total), strong=True),
             Words(" from the truth."),
         ]
+    subject = "the fixed-point firmware" if is_ours(result) else "the firmware under test"
     words = [
         after,
-        Words("the fixed-point firmware is "),
+        Words(f"{subject} is "),
         Words(q.length(arithmetic), strong=True),
         Words(" from its float twin. "),
     ]
@@ -62,6 +64,11 @@ def answer(result: RunResult) -> list[Words]:
         Words(q.length(model), strong=True),
         Words("."),
     ]
+
+
+def is_ours(result: RunResult) -> bool:
+    """Tell whether the firmware was Chiplog's own, not a user's device."""
+    return result.configuration.get("device", OUR_DEVICE) == OUR_DEVICE
 
 
 def driven_m(result: RunResult) -> float:

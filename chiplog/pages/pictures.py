@@ -8,6 +8,7 @@ import numpy as np
 
 from chiplog.pages import quantities as q
 from chiplog.pages.drawing import BLUE, GREEN, INK, ORANGE, ROSE, Picture, picture
+from chiplog.pages.findings import is_ours
 from chiplog.pages.plots import Curve, Floats, Track, draw_map, draw_over_time, draw_timeline
 from hil_harness.results import Poses, RunResult
 
@@ -81,8 +82,10 @@ def arithmetic_errors(result: RunResult) -> Picture:
     heading = [Curve("heading", GREEN, part[:, 2])]
     return picture(
         "arithmetic",
-        "What fixed point costs",
-        "Firmware minus its float64 twin on the same counts and decisions: arithmetic alone.",
+        "What fixed point costs" if is_ours(result) else "Firmware against float",
+        "Firmware minus its float64 twin on the same counts and decisions: arithmetic alone."
+        if is_ours(result)
+        else "The firmware under test minus our float64 reference on the same counts.",
         lambda canvas: draw_over_time(
             canvas,
             result.time_s,

@@ -159,6 +159,12 @@ def test_a_firmware_that_kept_silent_is_said_to_have() -> None:
     assert "the firmware under test had sent no odometry" in page_of(silent)
 
 
+def test_a_users_firmware_is_not_called_ours() -> None:
+    page = page_of(replace(run_result(ticks=100), configuration={"device": "lib:node.so"}))
+    assert "the firmware under test is" in page
+    assert "fixed-point firmware" not in page
+
+
 def test_quiet_status_bits_alone_make_no_timeline() -> None:
     result = replace(run_result(ticks=100), status=np.ones(100, dtype=np.int64))
     assert "No fault bit was set" in page_of(result)
