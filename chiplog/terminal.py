@@ -79,10 +79,13 @@ def show_error(text: str) -> None:
 
 
 @contextmanager
-def progress(description: str, total: int | None = None) -> Iterator[Progress | None]:
+def progress(
+    description: str, total: int | None = None, *, then: str | None = None
+) -> Iterator[Progress | None]:
     """Show a progress bar on standard error inside this context, if that is a terminal.
 
-    Yields a function that moves the bar, or None where nobody watches.
+    Yields a function that moves the bar, or None where nobody watches. `then` names the work that
+    is left once the bar is full.
     """
     if not sys.stderr.isatty():
         yield None
@@ -98,6 +101,10 @@ def progress(description: str, total: int | None = None) -> Iterator[Progress | 
         task = bar.add_task(description, total=total)
 
         def move(done: int, of: int | None = None, /) -> None:
-            bar.update(task, completed=done, total=total if of is None else of)
+            end = total if of is None else of
+            is_full = done == end and then is not None
+            bar.update(
+                task, completed=done, total=end, description=then if is_full else description
+            )
 
         yield move

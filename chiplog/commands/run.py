@@ -119,7 +119,7 @@ def execute(config: RunConfig, folder: RunFolder) -> RunResult:
     with (
         folder.recording(config.scenario.name, config.seed_in_use),
         stoppable(),
-        progress(config.scenario.name) as report_progress,
+        progress(config.scenario.name, then="comparing") as report_progress,
     ):
         result = run(config, report_progress)
     folder.write(result)

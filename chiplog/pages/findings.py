@@ -68,7 +68,7 @@ def answer(result: RunResult) -> list[Words]:
 
 def is_ours(result: RunResult) -> bool:
     """Tell whether the firmware was Chiplog's own, not a user's device."""
-    return result.configuration.get("device", OUR_DEVICE) == OUR_DEVICE
+    return bool(result.configuration.get("device", OUR_DEVICE) == OUR_DEVICE)
 
 
 def driven_m(result: RunResult) -> float:
