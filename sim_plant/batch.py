@@ -32,22 +32,22 @@ class PlantRuns:
     Attributes:
         truth: float64[runs, ticks, 3], (x_m, y_m, heading_rad); float64[1, ticks, 3] where all runs
             share one motion. The heading is not wrapped.
-        left_count, right_count: int32[runs, ticks], wrapping counters [ticks].
-        gyro_code: int32[runs, ticks] [LSB].
+        left_count, right_count: int64[runs, ticks], wrapping counters [ticks].
+        gyro_code: int64[runs, ticks] [LSB].
         gyro_rate_rad_s: float64[runs, ticks], the analogue rate before the ADC; None where only
             "odometry" was asked for, like the codes that follow.
-        accel_x_code, accel_y_code, temperature_code, supply_code: int32[runs, ticks] [LSB].
+        accel_x_code, accel_y_code, temperature_code, supply_code: int64[runs, ticks] [LSB].
     """
 
     truth: NDArray[np.float64]
-    left_count: NDArray[np.int32]
-    right_count: NDArray[np.int32]
-    gyro_code: NDArray[np.int32]
+    left_count: NDArray[np.int64]
+    right_count: NDArray[np.int64]
+    gyro_code: NDArray[np.int64]
     gyro_rate_rad_s: NDArray[np.float64] | None
-    accel_x_code: NDArray[np.int32] | None
-    accel_y_code: NDArray[np.int32] | None
-    temperature_code: NDArray[np.int32] | None
-    supply_code: NDArray[np.int32] | None
+    accel_x_code: NDArray[np.int64] | None
+    accel_y_code: NDArray[np.int64] | None
+    temperature_code: NDArray[np.int64] | None
+    supply_code: NDArray[np.int64] | None
 
 
 def simulate(
@@ -160,10 +160,10 @@ class _Batch:
         runs, ticks = len(seeds), commands.shape[0]
         shape = (runs, ticks)
         # One allocation: large ones come in huge pages, and their first touch is quicker.
-        self._left, self._right, self._gyro = np.empty((3, *shape), np.int32)
+        self._left, self._right, self._gyro = np.empty((3, *shape), np.int64)
         extra = shape if everything else (0, 0)
         self._rates = np.empty(extra, np.float64)
-        self._others = np.empty((4, *extra), np.int32)
+        self._others = np.empty((4, *extra), np.int64)
         self._shared: NDArray[Any] | None = None
         one_for_all = len({id(record) for record in parameters}) == 1
         if one_for_all and not kernel.active_streams(parameters[0]) & MOTION_STREAMS:

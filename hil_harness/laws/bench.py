@@ -186,7 +186,7 @@ class Bench:
             raise ValueError("the batch kept no history of the twin")
         return poses
 
-    def wheel_angle_rad(self, counts: NDArray[np.int32]) -> FloatArray:
+    def wheel_angle_rad(self, counts: NDArray[np.int64]) -> FloatArray:
         """Return the angle that wrapping *counts* (runs, ticks) have covered since the first."""
         half = 1 << (self.robot.plant.encoder.counter_bits - 1)
         wide = counts.astype(np.int64)

@@ -53,7 +53,7 @@ def drive(
     )
 
 
-def unwrapped(count: NDArray[np.int32]) -> NDArray[np.int64]:
+def unwrapped(count: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return a wrapping 16-bit count as a running one, from its first value."""
     steps = np.diff(count.astype(np.int64), prepend=count[..., :1])
     signed: NDArray[np.int64] = np.remainder(steps + 32768, 65536) - 32768
