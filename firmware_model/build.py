@@ -48,7 +48,8 @@ _ROUNDINGS: Final = {
 }
 _OVERFLOWS: Final = {"wrap": WRAP, "saturate": SATURATE}
 
-_BLEND_FRAC_BITS: Final = 16
+_MAX_BLEND_FRAC_BITS: Final = 30
+_MIN_BLEND_FRAC_BITS: Final = 8
 _TICK_RATE_FRAC_BITS: Final = 16
 _MAX_CONSTANT_FRAC_BITS: Final = 60
 _VELOCITY_WORD_BITS: Final = 32
@@ -134,7 +135,7 @@ class _Builder:
         gyro_turn = min(sensitivity.bound(rate_bound_q), -turn_low)
         one_tick_turn = 1 + max(min(tick_turn.bound(2 * max_step_ticks), -turn_low), gyro_turn)
         self._require_angle_fits((gap_limit_ticks + 1) * gyro_turn, max(wheel_turn, one_tick_turn))
-        self._require_blend_fits(one_tick_turn)
+        blend_frac_bits = self._blend_frac_bits(one_tick_turn)
 
         position_low, position_high = _word(one.position.word_bits)
         position_shift = self._position_shift(step_bound, position_high)
@@ -153,8 +154,8 @@ class _Builder:
         return KernelConfig(
             mode=_MODES[one.mode],
             integration=_RULES[one.integration],
-            blend_weight_q=_round(Fraction(one.blend_weight), _BLEND_FRAC_BITS),
-            blend_frac_bits=_BLEND_FRAC_BITS,
+            blend_weight_q=_round(Fraction(one.blend_weight), blend_frac_bits),
+            blend_frac_bits=blend_frac_bits,
             counter_bits=known.counter_bits,
             max_step_ticks=max_step_ticks,
             gap_limit_ticks=gap_limit_ticks,
@@ -377,14 +378,17 @@ class _Builder:
                 f"expected at most {bits - excess}"
             )
 
-    def _require_blend_fits(self, one_tick_turn: int) -> None:
-        bits = self.description.turn_step.frac_bits
-        excess = (2 * one_tick_turn << _BLEND_FRAC_BITS).bit_length() - 62
-        if self.description.mode == "blend" and excess > 0:
+    def _blend_frac_bits(self, one_tick_turn: int) -> int:
+        """Return how many fraction bits the weight may have: difference · weight below 2^62."""
+        bits = min(_MAX_BLEND_FRAC_BITS, 62 - (2 * one_tick_turn).bit_length())
+        missing = _MIN_BLEND_FRAC_BITS - bits
+        if self.description.mode == "blend" and missing > 0:
+            fraction_bits = self.description.turn_step.frac_bits
             raise FirmwareError(
-                f"firmware.turn_step.frac_bits = {bits}: the blend of two turns leaves 64 bits: "
-                f"expected at most {bits - excess}"
+                f"firmware.turn_step.frac_bits = {fraction_bits}: the blend of two turns leaves "
+                f"64 bits: expected at most {fraction_bits - missing}"
             )
+        return max(bits, 0)
 
     # Position -----------------------------------------------------------------------------
 
