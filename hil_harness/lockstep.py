@@ -26,9 +26,9 @@ _channel_numbers = itertools.count()
 
 
 class Observer(Protocol):
-    """Sees each frame as it leaves a node: simulated time, the frame, and who sent it."""
+    """Sees each frame on the bus: simulated time and the frame, after the firmware's faults."""
 
-    def __call__(self, now_us: int, message: can.Message, from_firmware: bool, /) -> None:
+    def __call__(self, now_us: int, message: can.Message, /) -> None:
         """Take note of one frame."""
 
 
@@ -97,7 +97,8 @@ class Lockstep:
         """Run one tick. Raises CanBusError if the bus goes away."""
         now_us, log = self.now_us, self._log
         sent: Sequence[can.Message] = self.plant.step(now_us, self._with_injected(now_us))
-        self._send(self._plant_bus, sent, now_us, from_firmware=False)
+        self._observe(now_us, sent)
+        self._send(self._plant_bus, sent)
 
         arrived: Sequence[can.Message] = _drain(self._firmware_bus, now_us)
         if self.faults is not None:
@@ -111,8 +112,10 @@ class Lockstep:
                 log.write(message, False)
         if self.outgoing_faults is not None:
             answered = self.outgoing_faults.transfer(now_us, answered)
-        self._send(self._firmware_bus, answered, now_us, from_firmware=True)
+        self._send(self._firmware_bus, answered)
+        # Here come the firmware's frames and those of any other handle on the channel.
         self._to_plant = _drain(self._plant_bus, now_us)
+        self._observe(now_us, self._to_plant)
         self.ticks += 1
 
     def _with_injected(self, now_us: int) -> list[can.Message]:
@@ -122,24 +125,20 @@ class Lockstep:
         injected, self._injected = self._injected, []
         for message in injected:
             message.timestamp = now_us * 1e-6
-        self._send(self._plant_bus, injected, now_us, from_firmware=False)
+        self._observe(now_us, injected)
+        self._send(self._plant_bus, injected)
         return self._to_plant + injected
 
-    def _send(
-        self,
-        bus: can.BusABC,
-        messages: Sequence[can.Message],
-        now_us: int,
-        *,
-        from_firmware: bool,
-    ) -> None:
-        for observer in self.observers:
-            for message in messages:
-                observer(now_us, message, from_firmware)
+    def _send(self, bus: can.BusABC, messages: Sequence[can.Message]) -> None:
         if self._meter is not None:
             self._meter.note(messages)
         for message in messages:
             bus.send(message)
+
+    def _observe(self, now_us: int, messages: Sequence[can.Message]) -> None:
+        for observer in self.observers:
+            for message in messages:
+                observer(now_us, message)
 
     def run(self, ticks: int, progress: Callable[[int], None] | None = None) -> None:
         """Run so many ticks; `progress` hears the number done, about a hundred times."""

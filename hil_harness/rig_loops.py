@@ -83,7 +83,7 @@ class LockstepLoop:
             faults=faults,
             outgoing_faults=outgoing_faults,
         )
-        self._lockstep.observers.append(lambda now_us, message, _: seen(now_us, message))
+        self._lockstep.observers.append(seen)
         self._source = source
 
     @property

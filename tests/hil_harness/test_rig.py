@@ -6,7 +6,7 @@ from pathlib import Path
 import can
 import pytest
 
-from can_bus import CanBusError, read_log
+from can_bus import CanBusError, make_message, protect, read_log
 from hil_harness.errors import HarnessError
 from hil_harness.rig import Rig
 
@@ -133,6 +133,17 @@ def test_a_raw_bus_meets_the_rig_on_its_channel(rig: Rig) -> None:
             identifiers.add(frame.arbitration_id)
         assert rig.database.message("ENCODER").frame_id in identifiers
         assert rig.database.message("ODOMETRY_X").frame_id in identifiers
+
+
+def test_frames_of_a_node_that_the_test_runs_itself_can_be_expected(rig: Rig) -> None:
+    spec = rig.database.message("COMMAND")
+    data = spec.encode_scaled({"v_m_s": 0.5})
+    protect(spec, data, 0)
+    with rig.open_bus() as bus:
+        bus.send(make_message(spec, data, 0))
+        rig.expect("COMMAND", v_m_s=pytest.approx(0.5))
+    rig.run_for(1.0)
+    assert rig.truth.x_m > 0.1
 
 
 def test_garbage_on_the_bus_moves_nothing(rig: Rig) -> None:
