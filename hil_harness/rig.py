@@ -153,8 +153,10 @@ class Rig:
     ) -> DecodedFrame:
         """Wait for a frame whose signals are as given; return it.
 
-        Only frames from now on count, for *within_s* of bus time (default: two cycles of the
-        message, or one second if it has none). What a signal should be: see `Expectation`.
+        A signal should be a number, ``pytest.approx(…)``, a word of its value table, None for
+        marked invalid, or what a function of its scaled value says yes to. Only frames from now on
+        count, for *within_s* of bus time (default: two cycles of the message, or one second if it
+        has none).
         Raises AssertionError, saying what came instead.
         """
         wait, span_us = self._wait_for(Expectation(message, signals), within_s)

@@ -7,6 +7,7 @@ import math
 import shutil
 import struct
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -84,6 +85,8 @@ class SharedLibraryDevice(Device):
         self._guard = _GUARD_BYTE * (_GUARD_FRAMES * FRAME.size)
         ctypes.memmove(ctypes.byref(self._sent, _ROOM_BYTES), self._guard, len(self._guard))
         self._pose = ctypes.create_string_buffer(POSE.size)
+        # In real time the rig's thread steps the device while a test asks for its pose.
+        self._lock = threading.Lock()
 
         version = self._init(setup.tick_period_us)
         if version < 0:
@@ -104,25 +107,15 @@ class SharedLibraryDevice(Device):
                 f"device {self.name}: {len(frames)} frames came in one tick {at_time(now_us)}; "
                 f"chiplog_step takes {MAX_FRAMES} at the most"
             )
-        for index, frame in enumerate(frames):
-            self._put(index, frame, now_us)
-        count = self._step(now_us, self._received, len(frames), self._sent, MAX_FRAMES)
-        if count < 0:
-            raise HarnessError(
-                f"device {self.name}: chiplog_step failed with {count} {at_time(now_us)}"
-            )
-        guard = bytes(memoryview(self._sent)[_ROOM_BYTES:])
-        if count > MAX_FRAMES or guard != self._guard:
-            raise HarnessError(
-                f"device {self.name}: chiplog_step wrote more frames than the {MAX_FRAMES} "
-                f"it was given room for (returned {count}) {at_time(now_us)}"
-            )
-        return [self._take(index, now_us) for index in range(count)]
+        with self._lock:
+            return self._answer(now_us, frames)
 
     def odometry(self) -> DevicePose | None:
         """Call ``chiplog_odometry``. Raises HarnessError if it fails or answers nonsense."""
-        kind = self._odometry(self._pose)
-        x_m, y_m, heading_rad, x_m_q32, y_m_q32, heading_turn_q32 = POSE.unpack(self._pose.raw)
+        with self._lock:
+            kind = self._odometry(self._pose)
+            values = POSE.unpack(self._pose.raw)
+        x_m, y_m, heading_rad, x_m_q32, y_m_q32, heading_turn_q32 = values
         if kind == POSE_NONE:
             return None
         if kind == POSE_RAW:
@@ -138,6 +131,22 @@ class SharedLibraryDevice(Device):
         if not all(map(math.isfinite, pose)):
             raise HarnessError(f"device {self.name}: chiplog_odometry gave the pose {tuple(pose)}")
         return pose
+
+    def _answer(self, now_us: int, frames: Sequence[can.Message]) -> Sequence[can.Message]:
+        for index, frame in enumerate(frames):
+            self._put(index, frame, now_us)
+        count = self._step(now_us, self._received, len(frames), self._sent, MAX_FRAMES)
+        if count < 0:
+            raise HarnessError(
+                f"device {self.name}: chiplog_step failed with {count} {at_time(now_us)}"
+            )
+        guard = bytes(memoryview(self._sent)[_ROOM_BYTES:])
+        if count > MAX_FRAMES or guard != self._guard:
+            raise HarnessError(
+                f"device {self.name}: chiplog_step wrote more frames than the {MAX_FRAMES} "
+                f"it was given room for (returned {count}) {at_time(now_us)}"
+            )
+        return [self._take(index, now_us) for index in range(count)]
 
     def _put(self, index: int, frame: can.Message, now_us: int) -> None:
         if frame.is_fd or len(frame.data) > 8:

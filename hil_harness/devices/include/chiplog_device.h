@@ -1,8 +1,8 @@
 /* chiplog_device.h: the C interface of a device under test that chiplog loads as a shared library.
  *
  * A device exports three functions: chiplog_init, chiplog_step and chiplog_odometry. The harness
- * calls chiplog_init once, then chiplog_step once per tick, all from one thread. Every loaded
- * device has its own copy of the library, so static variables are the device's own state.
+ * calls chiplog_init once, then chiplog_step once per tick, and never two of them at a time. Every
+ * loaded device has its own copy of the library, so static variables are the device's own state.
  *
  *     gcc -std=c99 -Wall -Wextra -pedantic -shared -fPIC -I"$(python -m hil_harness.devices)" \
  *         -o node.so node.c
