@@ -11,12 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim_plant import kernel
+from sim_plant import kernel, records
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
-from sim_plant.kernel import DriveModel, EncoderModel
 from sim_plant.mechanisms import Mechanisms
 from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
+from sim_plant.records import DriveModel, EncoderModel
 from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream
 
 Outputs = Literal["all", "odometry"]
@@ -94,8 +94,8 @@ def simulate(
                 f"mechanisms: expected one for all or one for each of the {len(run_seeds)} seeds, "
                 f"got {len(per_run)}"
             )
-    records = {
-        id(item): kernel.build_parameters(
+    built = {
+        id(item): records.build_parameters(
             description,
             item,
             tick_s=tick_period_us / 1e6,
@@ -105,7 +105,7 @@ def simulate(
         for item in {id(item): item for item in per_run}.values()
     }
     batch = _Batch(
-        [records[id(item)] for item in per_run],
+        [built[id(item)] for item in per_run],
         run_seeds,
         rows,
         noise,
@@ -166,17 +166,17 @@ class _Batch:
         self._others = np.empty((4, *extra), np.int64)
         self._shared: NDArray[Any] | None = None
         one_for_all = len({id(record) for record in parameters}) == 1
-        if one_for_all and not kernel.active_streams(parameters[0]) & MOTION_STREAMS:
+        if one_for_all and not records.active_streams(parameters[0]) & MOTION_STREAMS:
             self._shared = self._move_once(parameters[0])
             self._truth = self._shared.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
         else:
             self._truth = np.empty((runs, ticks, 3))
 
     def _move_once(self, parameters: NDArray[Any]) -> NDArray[Any]:
-        samples = np.zeros(self._commands.shape[0], kernel.SAMPLE)
+        samples = np.zeros(self._commands.shape[0], records.SAMPLE)
         kernel.run_motion(
             parameters,
-            np.zeros(1, kernel.MOTION_STATE),
+            np.zeros(1, records.MOTION_STATE),
             samples,
             np.zeros(1, NORMALS),
             self._commands,
@@ -186,10 +186,12 @@ class _Batch:
     def work(self, runs: NDArray[np.int64]) -> None:
         """Fill the rows of these runs."""
         shared = self._shared is not None
-        samples = self._shared if self._shared is not None else np.zeros(BLOCK_TICKS, kernel.SAMPLE)
+        samples = (
+            self._shared if self._shared is not None else np.zeros(BLOCK_TICKS, records.SAMPLE)
+        )
         truth = np.empty((0, 0, 3)) if shared else self._truth
-        motion_state = np.zeros(1, kernel.MOTION_STATE)
-        sensor_state = np.zeros(1, kernel.SENSOR_STATE)
+        motion_state = np.zeros(1, records.MOTION_STATE)
+        sensor_state = np.zeros(1, records.SENSOR_STATE)
         parameters: NDArray[Any] | None = None
         for run in runs.tolist():
             if self._parameters[run] is not parameters:
@@ -220,7 +222,7 @@ class _Batch:
             )
 
     def _noise_for(self, parameters: NDArray[Any]) -> Noise:
-        active = kernel.active_streams(parameters)
+        active = records.active_streams(parameters)
         if not self._rates.size:
             active -= _UNREAD_STREAMS
         return Noise(active, lesson=self._noise == "lesson")

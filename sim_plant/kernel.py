@@ -10,115 +10,25 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from sim_plant import (
-    accelerometer,
-    actuation,
-    adc,
-    contact,
-    encoder,
-    environment,
-    generators,
-    gyro,
-    streams,
-)
+from sim_plant import compiled, generators, streams
 from sim_plant.accelerometer import accel_code, observe_accelerometer
 from sim_plant.actuation import drive
 from sim_plant.compiled import inlined
 from sim_plant.contact import move, radii_m
-from sim_plant.description import PlantDescription
 from sim_plant.encoder import observe_encoders, read_encoders
 from sim_plant.environment import observe_environment, supply_code, temperature_code
 from sim_plant.gyro import observe_gyro, read_gyro
-from sim_plant.mechanisms import Mechanisms
-from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, Stream, fill_block
-
-DriveModel = Literal["motor", "ideal"]
-EncoderModel = Literal["counter", "lesson_counter"]
-
-# In the order in which data flows.
-_STAGES = (actuation, contact, adc, environment, encoder, gyro, accelerometer)
-
-PARAMETERS = np.dtype(
-    [
-        ("tick_s", "f8"),
-        ("ideal", "i8"),
-        *(item for stage in _STAGES for item in stage.PARAMETERS),
-    ]
-)
-MOTION_STATE = np.dtype([("tick", "i8"), *actuation.STATE, *contact.STATE, *gyro.FILTER_STATE])
-# What a tick leaves for the sensors: the true pose, and their readings before noise and rounding.
-SAMPLE = np.dtype(
-    [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("heading_rad", "f8"),
-        *environment.SAMPLE,
-        *encoder.SAMPLE,
-        *gyro.SAMPLE,
-        *accelerometer.SAMPLE,
-    ]
-)
-SENSOR_STATE = np.dtype([("tick", "i8"), *encoder.STATE, *gyro.STATE])
-
-# The codes of one tick, in the order of SensorCounts.
-CODES = 7
-
-
-def build_parameters(
-    description: PlantDescription,
-    mechanisms: Mechanisms,
-    *,
-    tick_s: float,
-    drive_model: DriveModel,
-    encoder_model: EncoderModel,
-) -> NDArray[Any]:
-    """Return the one-element record of `PARAMETERS` that every stage reads."""
-    values: dict[str, float] = {
-        "tick_s": tick_s,
-        "ideal": drive_model == "ideal",
-        "lesson_counter": encoder_model == "lesson_counter",
-    }
-    for stage in _STAGES:
-        values |= stage.parameters(description, mechanisms, tick_s)
-    record = np.zeros(1, PARAMETERS)
-    for name in PARAMETERS.names or ():
-        record[name] = values[name]
-    return record
-
-
-def active_streams(parameters: NDArray[Any]) -> frozenset[Stream]:
-    """Return the streams whose level is not zero: the others draw nothing."""
-    levels = {
-        Stream.ENCODER_LEFT: "noise_ticks",
-        Stream.ENCODER_RIGHT: "noise_ticks",
-        Stream.GYRO_NOISE: "gyro_noise_rad_s",
-        Stream.GYRO_BIAS_WALK: "gyro_walk_step_rad_s",
-        Stream.MICRO_SLIP_LEFT: "noise_left_m_per_sqrt_m",
-        Stream.MICRO_SLIP_RIGHT: "noise_right_m_per_sqrt_m",
-        Stream.MICRO_SLIP_STEP_LEFT: "step_noise_left_m",
-        Stream.MICRO_SLIP_STEP_RIGHT: "step_noise_right_m",
-        Stream.ACCEL_X: "accel_noise_m_s2",
-        Stream.ACCEL_Y: "accel_noise_m_s2",
-        Stream.TEMPERATURE: "temperature_noise_k",
-        Stream.SUPPLY: "supply_noise_v",
-    }
-    return frozenset(stream for stream, name in levels.items() if parameters[name][0] != 0.0)
-
-
-def has_motion_noise(parameters: NDArray[Any]) -> bool:
-    """Return whether two seeds give two motions."""
-    return bool(active_streams(parameters) & MOTION_STREAMS)
+from sim_plant.records import STAGES
+from sim_plant.streams import BLOCK_TICKS, fill_block
 
 
 def _sources_digest() -> int:
     digest = hashlib.sha256()
-    for module in (*_STAGES, generators, streams):
+    for module in (*STAGES, compiled, generators, streams):
         digest.update(Path(str(module.__file__)).read_bytes())
     return int.from_bytes(digest.digest()[:7], "little")
 

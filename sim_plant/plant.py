@@ -7,11 +7,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sim_plant import kernel
+from sim_plant import kernel, records
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
-from sim_plant.kernel import DriveModel, EncoderModel
 from sim_plant.mechanisms import Mechanisms
+from sim_plant.records import DriveModel, EncoderModel
 from sim_plant.streams import BLOCK_TICKS, Noise
 
 NoiseModel = Literal["streams", "lesson"]
@@ -70,23 +70,23 @@ class Plant:
         """Build the plant and read its sensors at tick 0."""
         check_choices(tick_period_us, encoder_model, noise, drive)
         self._tick_period_us = tick_period_us
-        self._parameters = kernel.build_parameters(
+        self._parameters = records.build_parameters(
             description,
             mechanisms or Mechanisms(),
             tick_s=tick_period_us / 1e6,
             drive_model=drive,
             encoder_model=encoder_model,
         )
-        self._noise = Noise(kernel.active_streams(self._parameters), lesson=noise == "lesson")
+        self._noise = Noise(records.active_streams(self._parameters), lesson=noise == "lesson")
         self._noise.start(check_seed(seed))
         delay_ticks = 0 if drive == "ideal" else int(self._parameters["delay_ticks"][0])
         # commands k − delay − 1 … k; the robot was told to rest before the first
         self._commands = deque([(0.0, 0.0)] * (delay_ticks + 2), maxlen=delay_ticks + 2)
-        self._motion_state = np.zeros(1, kernel.MOTION_STATE)
-        self._sensor_state = np.zeros(1, kernel.SENSOR_STATE)
-        self._sample = np.zeros(1, kernel.SAMPLE)
+        self._motion_state = np.zeros(1, records.MOTION_STATE)
+        self._sensor_state = np.zeros(1, records.SENSOR_STATE)
+        self._sample = np.zeros(1, records.SAMPLE)
         self._sample_values = self._sample.view(np.float64)
-        self._codes = np.zeros(kernel.CODES, np.int64)
+        self._codes = np.zeros(records.CODES, np.int64)
         self._tick = 0
         self._fill_noise(0)
         # a motion of one tick, tick 0, is only observed

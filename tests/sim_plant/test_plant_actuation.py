@@ -20,7 +20,7 @@ from quiet_robot import (
 
 from sim_plant import Mechanisms, PlantDescription
 from sim_plant.actuation import turn_wheel
-from sim_plant.kernel import build_parameters
+from sim_plant.records import build_parameters
 
 V_M_S = 0.5
 RATE_RAD_S = V_M_S / RADIUS_M

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from sim_plant import Mechanisms, simulate
 from sim_plant.adc import to_code
-from sim_plant.kernel import build_parameters
+from sim_plant.records import build_parameters
 
 RATES = st.floats(-3.0, 3.0)
 LSB_PER_RAD_S = 131 * 180 / math.pi

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from quiet_robot import drive, held, quiet
 
-from sim_plant import Mechanisms, PlantDescription, kernel
+from sim_plant import Mechanisms, PlantDescription, kernel, records
 from sim_plant.streams import BLOCK_TICKS, LESSON_STREAMS, Noise, Stream
 
 SEEDS = st.integers(0, 2**64 - 1)
@@ -61,18 +61,18 @@ def test_the_streams_of_lesson_noise_other_than_its_three_are_the_usual_ones() -
 
 
 def test_a_mechanism_that_is_off_draws_nothing() -> None:
-    on = kernel.build_parameters(
+    on = records.build_parameters(
         PlantDescription(),
         Mechanisms(),
         tick_s=0.01,
         drive_model="motor",
         encoder_model="counter",
     )
-    off = kernel.build_parameters(
+    off = records.build_parameters(
         quiet(), Mechanisms(), tick_s=0.01, drive_model="motor", encoder_model="counter"
     )
-    assert kernel.active_streams(on) == LESSON_STREAMS | {Stream.ACCEL_X, Stream.ACCEL_Y}
-    assert not kernel.active_streams(off)
+    assert records.active_streams(on) == LESSON_STREAMS | {Stream.ACCEL_X, Stream.ACCEL_Y}
+    assert not records.active_streams(off)
     assert not blocks(Noise([], lesson=False), 3, range(1)).any()
 
 
