@@ -103,8 +103,8 @@ def parameters(
 
 @inlined
 def radii_m(p: Any, time_s: float) -> tuple[float, float]:
-    """Return the true rolling radii (left, right) at a time."""
-    growth = 1.0 + p.radius_drift_per_s * time_s
+    """Return the true rolling radii (left, right) at a time; wear ends at a tenth of the wheel."""
+    growth = max(1.0 + p.radius_drift_per_s * time_s, 0.1)
     return p.radius_left_m * growth, p.radius_right_m * growth
 
 

@@ -153,7 +153,7 @@ class Supply(_Table):
     sensitivity_lsb_per_v: _Sensitivity = Field(
         default=4096.0, description="codes per volt; code 0 is 0 V", examples=[4096.0]
     )
-    nominal_v: float = _number("described supply voltage [V]", 12.0, gt=0, le=1000)
+    nominal_v: float = _number("described supply voltage [V]", 12.0, ge=0.1, le=1000)
     noise_v: float = _number("white noise of one reading [V]", 0.0, ge=0, le=100)
 
 

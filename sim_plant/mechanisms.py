@@ -72,7 +72,7 @@ class Mechanisms:
     wheelbase_scale: float = _ratio("+ turns less than counted")
     payload_left: float = _mechanism("1", "left radius × (1 − compression)", low=0.0, high=0.9)
     payload_right: float = _mechanism("1", "right radius × (1 − compression)", low=0.0, high=0.9)
-    tyre_drift_per_s: float = _signed("1/s", "both radii × (1 + rate·t)", 1e-3)
+    tyre_drift_per_s: float = _signed("1/s", "both radii × (1 + rate·t), at least × 0.1", 1e-3)
     turn_scrub: float = _mechanism(
         "1", "wheelbase × (1 + scrub·|ω|b/(|ω|b + 2|v|)): full in a spin", low=-0.9, high=9.0
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from quiet_robot import PERIOD_S, RADIUS_M, WHEELBASE_M, drive, held, quiet
 from scipy.stats import chi2
 
-from sim_plant import Mechanisms
+from sim_plant import Mechanisms, simulate
 
 TICKS = 501
 STEPS = TICKS - 1
@@ -78,6 +78,21 @@ def test_tyre_drift_grows_the_radii_with_time() -> None:
     end = drive(STRAIGHT, grown, description=AT_ONCE, ideal=False).truth[0, -1]
     seconds = STEPS * PERIOD_S
     assert end[0] == pytest.approx(DISTANCE_M * (1 + 1e-3 * seconds / 2), rel=START_UP)
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_a_tyre_never_wears_down_to_nothing(ideal: bool) -> None:
+    hours = held(0.5, 0.0, 2000)
+    worn = simulate(
+        quiet(),
+        Mechanisms(tyre_drift_per_s=-1e-3),
+        hours,
+        [1],
+        tick_period_us=1_000_000,
+        drive="ideal" if ideal else "motor",
+    ).truth[0, :, 0]
+    last_step = 0.5 if ideal else 0.05
+    assert worn[-1] - worn[-2] == pytest.approx(last_step, rel=1e-9)
 
 
 def test_an_ideal_drive_makes_up_for_any_geometry() -> None:
