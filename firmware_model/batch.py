@@ -6,17 +6,17 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_model.compiled import compiled_batch
-from firmware_model.config import KernelConfig
+from firmware_model.config import CONFIG_DTYPE, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.kernel import config_record, initial_state
-from firmware_model.state import FRESH, STATE_DTYPE, STATE_FIELDS
+from firmware_model.state import FRESH, STATE_DTYPE
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
 Int64Array = npt.NDArray[np.int64]
@@ -114,7 +114,8 @@ def run_batch(
     }
     configs = (config,) if isinstance(config, KernelConfig) else tuple(config)
     ticks = inputs["left_count"].shape[1]
-    runs = max(len(configs), *(one.shape[0] for one in inputs.values()))
+    sizes = {one.shape[0] for one in inputs.values()} - {1} or {1}
+    runs = max(sizes) if sizes != {1} else len(configs)
     if len(configs) == 1:
         configs = configs * runs
     if len(configs) != runs:
@@ -132,17 +133,9 @@ def run_batch(
 
     config_records, table = _records(configs)
     states = np.zeros(runs, STATE_DTYPE)
-    for name in STATE_FIELDS:
-        states[name] = getattr(initial_state(configs[0]), name) if runs else 0
-    states["gyro_offset_q"] = config_records["zero_rate_code_q"]
-    twin_configs = np.zeros(runs if twin else 0, TWIN_CONFIG_DTYPE)
-    cache: dict[int, Any] = {}
-    for run in range(twin_configs.shape[0]):
-        one = configs[run]
-        if id(one) not in cache:
-            built = build_twin_config(one)
-            cache[id(one)] = tuple(getattr(built, name) for name in TWIN_CONFIG_DTYPE.names or ())
-        twin_configs[run] = cache[id(one)]
+    for run, one in enumerate(configs):
+        states[run] = astuple(initial_state(one))
+    twin_configs = _twin_records(configs if twin else ())
     twins = np.zeros(runs if twin else 0, TWIN_DTYPE)
     kept = runs if history else 0
     pose_q = np.empty((kept, ticks, 3), dtype=np.int64)
@@ -204,21 +197,29 @@ def _core_count() -> int:
 
 def _records(configs: tuple[KernelConfig, ...]) -> tuple[npt.NDArray[np.void], Int64Array]:
     """Return one record per run and the tables of all, each table once."""
+    records = np.zeros(len(configs), CONFIG_DTYPE)
     starts: dict[tuple[int, ...], int] = {}
-    tables: list[tuple[int, ...]] = []
-    known: dict[int, npt.NDArray[np.void]] = {}
-    length = 0
-    parts: list[npt.NDArray[np.void]] = []
-    for config in configs:
-        if id(config) not in known:
-            if config.table not in starts:
-                starts[config.table] = length
-                tables.append(config.table)
-                length += len(config.table)
-            known[id(config)] = config_record(config, table_start=starts[config.table])
-        parts.append(known[id(config)])
-    flat = [value for table in tables for value in table]
-    return np.concatenate(parts), np.array(flat, dtype=np.int64)
+    flat: list[int] = []
+    for run, config in enumerate(configs):
+        if run > 0 and config is configs[run - 1]:
+            records[run] = records[run - 1]
+            continue
+        if config.table not in starts:
+            starts[config.table] = len(flat)
+            flat.extend(config.table)
+        records[run] = config_record(config, table_start=starts[config.table])[0]
+    return records, np.array(flat, dtype=np.int64)
+
+
+def _twin_records(configs: tuple[KernelConfig, ...]) -> npt.NDArray[np.void]:
+    """Return the twin's constants, one record per run."""
+    records = np.zeros(len(configs), TWIN_CONFIG_DTYPE)
+    for run, config in enumerate(configs):
+        if run > 0 and config is configs[run - 1]:
+            records[run] = records[run - 1]
+        else:
+            records[run] = astuple(build_twin_config(config))
+    return records
 
 
 def _counts(name: str, values: npt.ArrayLike) -> Int64Array:

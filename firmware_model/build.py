@@ -89,6 +89,10 @@ class _Scale:
         """Return a bound of |shift_round(value_q · n + remainder, shift)| for |n| ≤ factor."""
         return ((self.value_q * factor + (1 << self.shift)) >> self.shift) + 1
 
+    def largest_factor(self, bound: int) -> int:
+        """Return the largest factor whose `bound` is at most *bound*."""
+        return max(((bound - 1) << self.shift) - 1, 0) // self.value_q
+
 
 def _word(bits: int) -> tuple[int, int]:
     return -(1 << (bits - 1)), (1 << (bits - 1)) - 1
@@ -117,11 +121,9 @@ class _Builder:
         one = self.description
         known = self.constants
         max_step_ticks = self._max_step_ticks()
-        count_limit = self._count_limit(max_step_ticks)
-        gap_limit_ticks = count_limit // max_step_ticks
+        half_tick, count_limit = self._half_tick(max_step_ticks)
 
         step_low, step_high = _word(one.step.word_bits)
-        half_tick = self._half_tick(count_limit)
         step_bound = min(half_tick.bound(2 * count_limit), -step_low)
 
         turn_low, turn_high = _word(one.turn_step.word_bits)
@@ -134,7 +136,10 @@ class _Builder:
         wheel_turn = min(tick_turn.bound(2 * count_limit), -turn_low)
         gyro_turn = min(sensitivity.bound(rate_bound_q), -turn_low)
         one_tick_turn = 1 + max(min(tick_turn.bound(2 * max_step_ticks), -turn_low), gyro_turn)
-        self._require_angle_fits((gap_limit_ticks + 1) * gyro_turn, max(wheel_turn, one_tick_turn))
+        gap_limit_ticks = min(
+            count_limit // max_step_ticks,
+            self._gap_limit_ticks(gyro_turn, max(wheel_turn, one_tick_turn)),
+        )
         blend_frac_bits = self._blend_frac_bits(one_tick_turn)
 
         position_low, position_high = _word(one.position.word_bits)
@@ -239,8 +244,12 @@ class _Builder:
         fastest = turns_per_tick * known.ticks_per_rev * Fraction(rules.rate_margin)
         return math.ceil(fastest) + rules.extra_ticks
 
-    def _count_limit(self, max_step_ticks: int) -> int:
-        """Return the largest increment of one wheel that is ever accepted [encoder ticks]."""
+    def _half_tick(self, max_step_ticks: int) -> tuple[_Scale, int]:
+        """Return half a tick's distance and the largest increment ever accepted [encoder ticks].
+
+        The increment stays within half the counter's range, and so small that a step of both
+        wheels fits its word.
+        """
         known, step = self.constants, self.description.step
         half_range = (1 << (known.counter_bits - 1)) - 1
         if max_step_ticks > half_range:
@@ -250,35 +259,31 @@ class _Builder:
                 f"{known.counter_bits} bits tells at most {half_range} apart: expected a wider "
                 "counter, fewer ticks_per_rev, a shorter tick or a slower wheel"
             )
-        if self.allow_overflow:
-            return half_range
-        capacity = _step_capacity(self.half_tick_m, step.word_bits, step.frac_bits)
-        if capacity < max_step_ticks:
-            bits = step.frac_bits
-            while bits >= 0 and _step_capacity(self.half_tick_m, step.word_bits, bits) < (
-                max_step_ticks
-            ):
-                bits -= 1
-            right = f"at most {bits}" if bits >= 0 else "a wider step.word_bits"
-            farthest_m = float(2 * max_step_ticks * self.half_tick_m)
-            raise FirmwareError(
-                f"firmware.step.frac_bits = {step.frac_bits}: the longest step of a tick, "
-                f"{farthest_m:.4g} m, does not fit {step.word_bits} bits: expected {right}"
-            )
-        return min(half_range, capacity)
-
-    # Scales -------------------------------------------------------------------------------
-
-    def _half_tick(self, count_limit: int) -> _Scale:
-        step = self.description.step
-        return self._scale(
+        _, high = _word(step.word_bits)
+        longest = math.ceil(high / (2 * self.half_tick_m * (1 << step.frac_bits)))
+        roughly = half_range if self.allow_overflow else min(half_range, longest)
+        scale = self._scale(
             "firmware.step.constant_frac_bits",
             self.half_tick_m,
             "m",
             step.constant_frac_bits,
             kept=("firmware.step.frac_bits", step.frac_bits),
-            factor=2 * count_limit,
+            factor=2 * max(roughly, max_step_ticks),
         )
+        if self.allow_overflow:
+            return scale, half_range
+        capacity = scale.largest_factor(high) // 2
+        if capacity < max_step_ticks:
+            farthest_m = 2 * max_step_ticks * self.half_tick_m
+            bits = math.floor(math.log2(max(high - 2, 1) / farthest_m))
+            right = f"at most {bits}" if bits >= 0 else "a wider step.word_bits"
+            raise FirmwareError(
+                f"firmware.step.frac_bits = {step.frac_bits}: the longest step of a tick, "
+                f"{float(farthest_m):.4g} m, does not fit {step.word_bits} bits: expected {right}"
+            )
+        return scale, min(half_range, capacity)
+
+    # Scales -------------------------------------------------------------------------------
 
     def _tick_turn(self, count_limit: int) -> _Scale:
         turn = self.description.turn_step
@@ -367,16 +372,22 @@ class _Builder:
                 f"{largest.bit_length() + 1}, or fewer frac_bits"
             )
 
-    def _require_angle_fits(self, gap_turn: int, turn: int) -> None:
-        """Prove pose.move's angle and pose.turn_heading's total: below 2^62."""
+    def _gap_limit_ticks(self, gyro_turn: int, turn: int) -> int:
+        """Return the longest gap whose gyro turn leaves pose.move's angle below 2^62.
+
+        The angle is 2 · (heading − gap) + 2 · (gap + turn); the gap's turn is gyro_turn a tick.
+        """
         bits = self.description.turn_step.frac_bits
-        excess = (2 * ((1 << bits) + 2 * gap_turn + turn)).bit_length() - 62
-        if excess > 0:
+        room = (INTERMEDIATE_LIMIT >> 1) - (1 << bits) - turn - 1
+        limit = room // (2 * gyro_turn) - 1
+        if limit < 1:
+            excess = (2 * ((1 << bits) + 4 * gyro_turn + turn)).bit_length() - 62
             raise FirmwareError(
-                f"firmware.turn_step.frac_bits = {bits}: the turn of the longest gap, "
-                f"{(gap_turn + turn) / (1 << bits):.4g} turn, leaves 64 bits: "
+                f"firmware.turn_step.frac_bits = {bits}: the largest turn, "
+                f"{max(gyro_turn, turn) / (1 << bits):.4g} turn, leaves 64 bits: "
                 f"expected at most {bits - excess}"
             )
+        return limit
 
     def _blend_frac_bits(self, one_tick_turn: int) -> int:
         """Return how many fraction bits the weight may have: difference · weight below 2^62."""
@@ -466,9 +477,3 @@ class _Builder:
 def _round(value: Fraction, frac_bits: int) -> int:
     """Return value · 2^frac_bits to the nearest integer, ties to even."""
     return round(value * (1 << frac_bits))
-
-
-def _step_capacity(half_tick_m: Fraction, word_bits: int, frac_bits: int) -> int:
-    """Return how many encoder ticks of both wheels a step's word holds, constant rounded up."""
-    high = (1 << (word_bits - 1)) - 1
-    return max(math.floor((high - 2) / (2 * half_tick_m * (1 << frac_bits) + 1)), 0)

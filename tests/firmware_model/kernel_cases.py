@@ -75,41 +75,49 @@ _ROUNDING = st.sampled_from(["floor", "half_up", "half_even", "toward_zero"])
 _OVERFLOW = st.sampled_from(["wrap", "saturate"])
 
 
-def _optional(most: int) -> st.SearchStrategy[int | None]:
-    return st.none() | st.integers(0, most)
+def _seldom(low: int, high: int) -> st.SearchStrategy[int | None]:
+    """Draw None four times in five: a constant's fraction bits seldom fit by chance."""
+    return st.integers(0, 4).flatmap(lambda n: st.none() if n else st.integers(low, high))
 
 
 @st.composite
 def tables(draw: st.DrawFn) -> dict[str, Any]:
-    """Draw a table [firmware] anywhere in its documented ranges, small waiting times preferred."""
+    """Draw a table [firmware] anywhere in its documented ranges, small waiting times preferred.
+
+    Formats that depend on each other are drawn so that most tables are admitted.
+    """
+    step_bits = draw(st.integers(0, 40))
+    trig_bits = draw(st.integers(2, 30))
+    turn_bits = draw(st.integers(4, 52))
+    product_bits = step_bits + trig_bits
     return {
         "mode": draw(st.sampled_from(["wheel", "gyro", "blend"])),
         "blend_weight": draw(st.floats(0.0, 1.0)),
         "integration": draw(st.sampled_from(["euler_before", "midpoint", "euler_after"])),
         "position": {
             "word_bits": draw(st.sampled_from([64, 48, 32, 24, 16]) | st.integers(8, 64)),
-            "frac_bits": draw(st.integers(0, 48)),
+            "frac_bits": draw(st.integers(max(product_bits - 61, 0), min(product_bits, 48))),
             "rounding": draw(_ROUNDING),
             "overflow": draw(_OVERFLOW),
             "carry_remainder": draw(st.booleans()),
         },
         "step": {
             "word_bits": draw(st.sampled_from([32, 24, 16]) | st.integers(8, 32)),
-            "frac_bits": draw(st.integers(0, 40)),
-            "constant_frac_bits": draw(_optional(60)),
+            "frac_bits": step_bits,
+            "constant_frac_bits": draw(_seldom(step_bits, 50)),
             "rounding": draw(_ROUNDING),
             "overflow": draw(_OVERFLOW),
             "carry_remainder": draw(st.booleans()),
         },
         "heading": {
-            "frac_bits": draw(st.integers(4, 32)),
+            "frac_bits": draw(st.integers(4, min(turn_bits, 32))),
             "rounding": draw(_ROUNDING),
             "carry_remainder": draw(st.booleans()),
         },
         "turn_step": {
             "word_bits": draw(st.sampled_from([64, 48, 32]) | st.integers(8, 64)),
-            "frac_bits": draw(st.integers(4, 52)),
-            "constant_frac_bits": draw(_optional(60)),
+            "frac_bits": turn_bits,
+            "constant_frac_bits": draw(_seldom(turn_bits, 54)),
             "rounding": draw(_ROUNDING),
             "overflow": draw(_OVERFLOW),
             "carry_remainder": draw(st.booleans()),
@@ -119,12 +127,12 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
             "entries": 1 << draw(st.integers(0, 10)),
             "interpolated": draw(st.booleans()),
             "iterations": draw(st.integers(1, 34)),
-            "frac_bits": draw(st.integers(2, 30)),
+            "frac_bits": trig_bits,
             "rounding": draw(_ROUNDING),
         },
         "gyro": {
             "offset_frac_bits": draw(st.integers(0, 16)),
-            "sensitivity_frac_bits": draw(_optional(60)),
+            "sensitivity_frac_bits": draw(_seldom(20, 50)),
             "rounding": draw(_ROUNDING),
         },
         "standstill": {
@@ -146,7 +154,7 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
             "span_ticks": draw(st.integers(1, 20)),
         },
         "velocity": {
-            "frac_bits": draw(st.integers(0, 24)),
+            "frac_bits": draw(st.integers(0, min(step_bits + 16, 24))),
             "filter_log2": draw(st.integers(0, 8)),
         },
     }
