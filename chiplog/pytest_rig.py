@@ -73,11 +73,12 @@ class RigOfTest:
         watch = BusWatch()
         try:
             log = _log_path(request, tmp_path_factory)
-            rig = Rig(log=log, **_rig_arguments(request, settings))
+            return cls(Rig(log=log, **_rig_arguments(request, settings)), log, watch)
         except (ValueError, OSError) as error:
             watch.stop()
-            pytest.fail(f"chiplog: {error}", pytrace=False)
-        return cls(rig, log, watch)
+            line = str(error)
+        # Outside the handler, so that the report has this line and no chain of exceptions.
+        pytest.fail(f"chiplog: {line}", pytrace=False)
 
     def finish(self) -> None:
         """Close the rig, and throw its log away unless something has failed.

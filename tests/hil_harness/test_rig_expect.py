@@ -1,6 +1,7 @@
 """Expectations: what counts as met, how long bus time is waited for, and what a failure shows."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -109,7 +110,7 @@ def test_a_failure_says_what_else_was_on_the_bus_when_the_message_never_came(rig
     ],
 )
 def test_a_name_that_the_dbc_does_not_have_is_a_mistake_and_no_failure(
-    rig: Rig, message: str, signals: dict[str, object], complaint: str
+    rig: Rig, message: str, signals: dict[str, Any], complaint: str
 ) -> None:
     with pytest.raises(CanBusError) as caught:
         rig.expect(message, **signals)
