@@ -4,7 +4,12 @@ The database (a DBC file) is the one home of everything that is true of the wire
 never raise: they are dropped and counted. Wrong local arguments raise `CanBusError`.
 """
 
-from can_bus.backends import CONNECTING_INTERFACES, IN_PROCESS_INTERFACES, open_bus
+from can_bus.backends import (
+    CONNECTING_INTERFACES,
+    IN_PROCESS_INTERFACES,
+    check_interface,
+    open_bus,
+)
 from can_bus.checker import REASONS, Accepted, FrameChecker, Reason
 from can_bus.columns import decode_columns, decode_columns_scaled, present_columns
 from can_bus.database import Database, load_database, parse_database, shipped_path
@@ -52,6 +57,7 @@ __all__ = [
     "Raw",
     "Reason",
     "SignalSpec",
+    "check_interface",
     "crc8_profile1",
     "crc8_profile1_array",
     "decode_columns",

@@ -120,6 +120,13 @@ def _open(
     return plain(can.Bus(channel, interface=interface, ignore_config=True, **arguments))
 
 
+def check_interface(interface: str) -> None:
+    """Raise CanBusError, with the names there are, for an interface that python-can has not."""
+    known = sorted(can.VALID_INTERFACES)
+    if interface not in known:
+        raise CanBusError(f"no interface {interface!r}: python-can knows {', '.join(known)}")
+
+
 def plain(bus: can.BusABC) -> can.BusABC:
     """Return the same bus, its errors from now on CanBusError in one sentence."""
     kind = type(bus)
@@ -139,9 +146,10 @@ def _cannot_open(
 ) -> CanBusError:
     if interface == "socketcan":
         return _cannot_open_socketcan(channel, bitrate, error)
-    known = sorted(can.VALID_INTERFACES)
-    if interface not in known:
-        return CanBusError(f"no interface {interface!r}: python-can knows {', '.join(known)}")
+    try:
+        check_interface(interface)
+    except CanBusError as unknown:
+        return unknown
     return CanBusError(f"cannot open {interface} channel {channel!r}: {one_line(error)}")
 
 

@@ -105,13 +105,14 @@ class RunFolder:
 
 
 def reference_tum(result: RunResult) -> str:
-    """Return the truth as `t x y z qx qy qz qw`, one row per tick, 17 significant digits.
+    """Return the truth as `t x y z qx qy qz qw`, one row per tick, on the clock of the log.
 
     17 digits give every float64 back bit for bit. The quaternion is a turn about z by the heading.
     """
+    stamps_s = (result.stamp_us / 1e6).tolist()
     return "".join(
         f"{t:.17g} {x:.17g} {y:.17g} 0 0 0 {math.sin(h / 2):.17g} {math.cos(h / 2):.17g}\n"
-        for t, (x, y, h) in zip(result.time_s.tolist(), result.truth.tolist(), strict=True)
+        for t, (x, y, h) in zip(stamps_s, result.truth.tolist(), strict=True)
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from can.interfaces.udp_multicast import UdpMulticastBus
 from numpy.typing import NDArray
 
-from can_bus import CanBusError, Database, load_database
+from can_bus import CanBusError, Database, check_interface, load_database
 from hil_harness.effects import EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import LOCKSTEP_INTERFACES, unique_channel
@@ -180,11 +180,12 @@ def build_plant_node(config: RunConfig, wire: Wire, tick_count: int) -> PlantNod
 def default_channel(interface: str) -> str:
     """Return the channel where the user names none: one of our own, or python-can's own group.
 
-    Raises HarnessError for an interface that has no such thing.
+    Raises HarnessError for an interface that has no such thing, CanBusError for an unknown one.
     """
     if interface in LOCKSTEP_INTERFACES:
         return unique_channel()
     if interface == "udp_multicast":
         return UdpMulticastBus.DEFAULT_GROUP_IPv4
+    check_interface(interface)
     example = "vcan0" if interface == "socketcan" else "the name of your adapter's channel"
     raise HarnessError(f"--interface {interface} needs a channel: expected --channel {example}")

@@ -81,9 +81,11 @@ class Timing:
 class RunResult:
     """A finished (or interrupted) run.
 
-    `time_s` is float64[n], from 0; the poses are float64[n, 3]: x_m, y_m, heading_rad (unwrapped),
-    one row per tick. `estimators` holds the lesson's two, wheel only and gyro heading, on the same
-    accepted counts. `kernel_state` is the integer firmware's full final state.
+    `time_s` is float64[n], from 0; `stamp_us` is int64[n], the same ticks on the clock of the log:
+    simulated time, or in real time the wall clock. The poses are float64[n, 3]: x_m, y_m,
+    heading_rad (unwrapped), one row per tick. `estimators` holds the lesson's two, wheel only and
+    gyro heading, on the same accepted counts. `kernel_state` is the integer firmware's full final
+    state.
     """
 
     scenario: str
@@ -91,6 +93,7 @@ class RunResult:
     time: str
     tick_period_us: int
     time_s: NDArray[np.float64]
+    stamp_us: NDArray[np.int64]
     truth: Poses
     float_twin: Poses
     firmware: Poses

@@ -236,6 +236,7 @@ def _result(
         time=config.time_base,
         tick_period_us=period_us,
         time_s=np.arange(ticks) * period_us / 1e6,
+        stamp_us=parts.plant.stamp_us[:ticks],
         truth=parts.plant.truth[:ticks],
         float_twin=ours.float_twin[:ticks],
         firmware=firmware,

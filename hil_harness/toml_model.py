@@ -78,7 +78,9 @@ def _problem(
         name = str(location[-1])
         above = _real_path(source, table, location[:-1])
         field = _field_at(model, (*above[len(table) :], name))
-        return (*above, name), above, f"{dotted((*above, name))} is missing: {wanted(field)}"
+        key = dotted((*above, name))
+        words = wanted(field) or f"expected a table [{key}]"
+        return (*above, name), above, f"{key} is missing: {words}"
     path = _real_path(source, table, location)
     shown = dotted(path)
     if kind == "extra_forbidden":

@@ -55,6 +55,7 @@ class PlantNode:
         self._command = (0.0, 0.0)
         self._tick = 0
         self._truth: list[tuple[float, float, float]] = []
+        self._stamp_us: list[int] = []
 
         def schedule(messages: Sequence[MessageSpec]) -> list[tuple[MessageSpec, int, int]]:
             cycles = [(spec, cycle_of(spec, tick_period_us)) for spec in messages]
@@ -85,6 +86,11 @@ class PlantNode:
         return np.array(self._truth, dtype=np.float64).reshape(-1, 3)
 
     @property
+    def stamp_us(self) -> NDArray[np.int64]:
+        """When each tick so far was, on the clock that the node was called with: int64[n]."""
+        return np.array(self._stamp_us, dtype=np.int64)
+
+    @property
     def command(self) -> tuple[float, float]:
         """The command in force: v_m_s, w_rad_s."""
         return self._command
@@ -96,6 +102,7 @@ class PlantNode:
             plant.step(*self._command)
         counts = plant.counts
         self._truth.append(plant.pose)
+        self._stamp_us.append(now_us)
         if frames:
             self._obey(frames, now_us)
         if self._commands is not None:

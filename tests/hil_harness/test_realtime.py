@@ -8,7 +8,7 @@ import can
 import numpy as np
 import pytest
 
-from can_bus import read_log
+from can_bus import CanBusError, read_log
 from hil_harness import (
     HarnessError,
     RunConfig,
@@ -34,7 +34,9 @@ def config(**arguments: object) -> RunConfig:
     )
 
 
-@pytest.mark.parametrize(("interface", "channel"), [("virtual", None), ("udp_multicast", GROUP)])
+@pytest.mark.parametrize(
+    ("interface", "channel"), [("virtual", None), ("udp_multicast", GROUP)], ids=["virtual", "udp"]
+)
 def test_a_real_time_run_replays_bit_for_bit_from_its_log(
     tmp_path: Path, interface: str, channel: str | None
 ) -> None:
@@ -109,6 +111,11 @@ class FakeTime:
         self.now_ns += round(seconds * 1e9)
 
 
+def test_an_unknown_interface_is_named_before_a_channel_is_asked_for() -> None:
+    with pytest.raises(CanBusError, match="no interface 'canalyzer': python-can knows"):
+        run(config(interface="canalyzer"))
+
+
 def test_a_tick_that_starts_a_period_late_has_missed_its_deadline() -> None:
     clock = FakeTime()
     pacer = Pacer(1000, monotonic_ns=clock.monotonic_ns, sleep=clock.sleep)
@@ -146,7 +153,9 @@ def test_the_log_of_a_real_time_run_carries_the_wall_clock(tmp_path: Path) -> No
     path = tmp_path / "bus.log"
     clock = WallClock()
     before_s = clock.now_us() * 1e-6
-    run(config(log=path))
+    result = run(config(log=path))
+    assert before_s <= result.stamp_us[0] / 1e6
+    assert (np.diff(result.stamp_us) > 0).all()
     stamps = [message.timestamp for message in read_log(path)]
     assert before_s <= stamps[0]
     assert stamps == sorted(stamps)

@@ -69,6 +69,10 @@ def test_every_tick_sends_encoder_imu_and_pose_and_nothing_else_so_often(
     assert "REFERENCE_POSE" not in frames
 
 
+def test_in_lockstep_the_clock_of_the_log_is_simulated_time(lesson: RunResult) -> None:
+    assert np.array_equal(lesson.stamp_us / 1e6, lesson.time_s)
+
+
 def test_nothing_is_rejected_on_a_healthy_bus(lesson: RunResult) -> None:
     assert set(lesson.bus.rejected.values()) == {0}
 
