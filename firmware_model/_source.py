@@ -17,3 +17,11 @@ def kernel_function(function: _Function) -> _Function:
     function numba translates the same text to 64-bit machine integers.
     """
     return register_jitable(forceinline=True)(function)
+
+
+def rare_kernel_function(function: _Function) -> _Function:
+    """Mark a function like `kernel_function`, for what few ticks need: it stays a call.
+
+    Keeping it out of line keeps the path of a usual tick short and dense.
+    """
+    return register_jitable(function)

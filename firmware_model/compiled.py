@@ -163,16 +163,18 @@ def _batch_entry(source_digest: int) -> Callable[..., None]:
         for run in range(states.shape[0]):
             state = states[run]
             config = configs[run]
-            for tick in range(left_count.shape[1]):
+            lefts, rights, codes = left_count[run], right_count[run], gyro_code[run]
+            encoders, gyros = encoder_validity[run], gyro_validity[run]
+            for tick in range(lefts.shape[0]):
                 step_kernel(
                     state,
                     config,
                     pointer,
-                    left_count[run, tick],
-                    right_count[run, tick],
-                    encoder_validity[run, tick],
-                    gyro_code[run, tick],
-                    gyro_validity[run, tick],
+                    lefts[tick],
+                    rights[tick],
+                    encoders[tick],
+                    codes[tick],
+                    gyros[tick],
                 )
                 if pose_q.shape[0] > 0:
                     pose_q[run, tick, 0] = state.x_m_q

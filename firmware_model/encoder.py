@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import KernelConfig
 from firmware_model.integers import wrap_signed
 from firmware_model.state import FRESH, STALE, EncoderDecision, State, StatusBit
@@ -85,7 +85,7 @@ def take_encoder(
     consider_new_baseline(state, config, left_count, right_count)
 
 
-@kernel_function
+@rare_kernel_function
 def consider_new_baseline(
     state: State, config: KernelConfig, left_count: int, right_count: int
 ) -> None:
@@ -109,7 +109,7 @@ def consider_new_baseline(
         rebase(state, left_count, right_count)
 
 
-@kernel_function
+@rare_kernel_function
 def rebase(state: State, left_count: int, right_count: int) -> None:
     """Take the counts as the new baseline; nothing moves."""
     state.encoder_decision = REBASED

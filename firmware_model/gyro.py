@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import KernelConfig
 from firmware_model.encoder import ACCEPTED
 from firmware_model.state import FRESH, STALE, State, StatusBit
@@ -81,7 +81,7 @@ def watch_for_stuck_code(state: State, config: KernelConfig) -> int:
     return 0
 
 
-@kernel_function
+@rare_kernel_function
 def close_block(state: State) -> None:
     """Add a full block to the range of the wheels' turning and start the next."""
     if state.turn_blocks == 0:

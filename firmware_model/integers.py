@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 
 FLOOR: Final = 0
 """Round toward −∞: what a bare arithmetic shift does."""
@@ -72,7 +72,7 @@ def exceeds(value: int, low: int, high: int) -> int:
     return 0
 
 
-@kernel_function
+@rare_kernel_function
 def limit(value: int, low: int, high: int, overflow: int) -> int:
     """Return *value* brought into a two's complement word [low, high] by WRAP or SATURATE.
 
@@ -105,7 +105,7 @@ def sum_exceeds(accumulator: int, increment: int, low: int, high: int) -> int:
     return 0
 
 
-@kernel_function
+@rare_kernel_function
 def add_limited(accumulator: int, increment: int, low: int, high: int, overflow: int) -> int:
     """Return accumulator + increment in the word [low, high] by WRAP or SATURATE.
 

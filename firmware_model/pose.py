@@ -182,8 +182,9 @@ def move(
     start_q = heading_with_remainder(state, config) - state.gap_turn_q
     angle_q = 2 * start_q + config.integration * (state.gap_turn_q + turn_q)
     angle_q = shift_round(angle_q, config.heading_shift + 1, config.heading_rounding)
-    one_turn = 1 << config.heading_frac_bits
-    phase_turn_q32 = (angle_q & (one_turn - 1)) * (1 << (32 - config.heading_frac_bits))
+    phase_turn_q32 = (angle_q & ((1 << config.heading_frac_bits) - 1)) * (
+        1 << (32 - config.heading_frac_bits)
+    )
     find_direction(state, config, table, phase_turn_q32)
 
     total = step_q * state.cosine_q + state.x_remainder_q

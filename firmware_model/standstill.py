@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import KernelConfig
 from firmware_model.encoder import ACCEPTED
 from firmware_model.integers import shift_round
@@ -74,7 +74,7 @@ def stop_resting(state: State) -> None:
     state.pending_ticks = 0
 
 
-@kernel_function
+@rare_kernel_function
 def learn_offset(state: State, config: KernelConfig, gyro_is_usable: int) -> None:
     """Add this tick's code to the sum; prepare an estimate, or take one into use.
 
@@ -108,7 +108,7 @@ def learn_offset(state: State, config: KernelConfig, gyro_is_usable: int) -> Non
         state.rest_samples = 0
 
 
-@kernel_function
+@rare_kernel_function
 def use_estimate(state: State, config: KernelConfig) -> None:
     """Make the pending mean the offset in use.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import TRIG_CORDIC, KernelConfig
 from firmware_model.integers import shift_round
 from firmware_model.state import State
@@ -64,7 +64,7 @@ def quarter_sine(config: KernelConfig, table: Sequence[int], angle_turn_q32: int
     return table[index] + shift_round(step * fraction, fraction_bits, config.trig_rounding)
 
 
-@kernel_function
+@rare_kernel_function
 def rotate(state: State, config: KernelConfig, table: Sequence[int], angle_turn_q32: int) -> None:
     """Set sine and cosine of an angle of 0 to 2^30 in 2^−32 turn, by CORDIC rotations.
 
