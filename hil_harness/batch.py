@@ -111,7 +111,9 @@ def run_scenario_batch(
 
     Raises HarnessError, PlantError or FirmwareError for what does not fit together.
     """
-    plant = simulate_batch(scenario, robot, wire, seeds, ticks=ticks, effects=effects)
+    plant = simulate_batch(
+        scenario, robot, wire, seeds, ticks=ticks, effects=effects, outputs="odometry"
+    )
     config = firmware_config(robot, wire.signal_map, wire.tick_period_us)
     firmware = run_batch(
         config, plant.left_count, plant.right_count, plant.gyro_code, twin=twin, history=history

@@ -18,6 +18,12 @@ LogFormat = Literal["candump", "asc", "blf"]
 
 _FORMATS: Final[dict[str, LogFormat]] = {".log": "candump", ".asc": "asc", ".blf": "blf"}
 _SNIFFED_BYTES: Final = 4096
+_ASC_LINE: Final = re.compile(
+    r"\s*(?:$|//|date\b|base\b|(?:no )?internal\b|begin\b|end\b|previous\b|\d+\.\d+\s)",
+    re.IGNORECASE,
+)
+"""How the lines of an ASC log begin: its heading, its blocks, and events at a time."""
+
 _MAX_LINE_CHARACTERS: Final = 1000
 _EXCERPT_CHARACTERS: Final = 60
 
@@ -206,6 +212,7 @@ class _CountedLines:
     def __init__(self, path: Path, file: TextIO) -> None:
         self.number = 0
         self.line = ""
+        self._path = path
         self._lines = _bounded_lines(path, file)
 
     def __iter__(self) -> _CountedLines:
@@ -214,6 +221,9 @@ class _CountedLines:
     def __next__(self) -> str:
         self.line = next(self._lines)
         self.number += 1
+        if not _ASC_LINE.match(self.line):
+            # python-can passes over whatever it does not know.
+            raise _bad_line(self._path, self.number, self.line, "a line of an ASC log")
         return self.line
 
     def close(self) -> None:

@@ -72,6 +72,12 @@ DeviceOption = Annotated[
         "process:COMMAND, or none (the ECU is on the bus already).",
     ),
 ]
+ReferenceFramesOption = Annotated[
+    bool,
+    typer.Option(
+        "--reference-frames", help="Put the truth on the bus too, as REFERENCE_POSE frames."
+    ),
+]
 JsonFileOption = Annotated[
     Path | None, typer.Option("--json", help="Write the result to this file as well.")
 ]

@@ -18,6 +18,7 @@ from chiplog.commands.options import (
     EffectOption,
     EffectsFileOption,
     InterfaceOption,
+    ReferenceFramesOption,
     RobotOption,
     SeedOption,
     SignalsOption,
@@ -74,6 +75,7 @@ def command(
     dbc: DbcOption = None,
     signals: SignalsOption = None,
     device: DeviceOption = None,
+    reference_frames: ReferenceFramesOption = False,
 ) -> None:
     """Run a scenario: simulated robot, CAN bus and fixed-point firmware in one loop.
 
@@ -103,6 +105,7 @@ def command(
         dbc=dbc,
         signals=signals,
         device=device,
+        send_reference=reference_frames,
         log=folder.file(BUS_LOG),
     )
     if execute(config, folder).interrupted:

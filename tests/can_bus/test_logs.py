@@ -260,6 +260,15 @@ def test_a_broken_asc_line_is_named_with_file_and_line(tmp_path: Path) -> None:
         list(read_log(path))
 
 
+def test_a_line_that_is_no_asc_is_not_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "bus.asc"
+    write(path, SAMPLES)
+    path.write_text(path.read_text() + "0.1garbage\n")
+    number = len(path.read_text().splitlines())
+    with pytest.raises(CanBusError, match=rf"bus.asc:{number}: '0.1garbage': expected a line of"):
+        list(read_log(path))
+
+
 @pytest.mark.parametrize("cut", [1, 30, 200])
 def test_a_blf_log_cut_short_says_so(cut: int, tmp_path: Path) -> None:
     path = tmp_path / "bus.blf"

@@ -247,6 +247,12 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "chiplog run --signals map.toml",
             "map.toml: no such file: expected a TOML file",
         ),
+        Row(
+            "a map without its table",
+            "chiplog run --signals map.toml",
+            "map.toml: signals is missing: expected a table [signals]",
+            {"map.toml": "schema = 1\n"},
+        ),
     ),
     "Firmware under test": (
         Row(
@@ -350,6 +356,12 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "bus.blf: truncated or corrupt BLF file after 0 frames: unpack requires a buffer of 72 "
             "bytes",
             {"bus.blf": b"LOGG" + bytes(20)},
+        ),
+        Row(
+            "a damaged ASC log",
+            "chiplog replay bus.asc",
+            "bus.asc:2: 'bas#!': expected a line of an ASC log",
+            {"bus.asc": "date Mon Jan 01 00:00:00.000 2024\nbas#!\n"},
         ),
         Row(
             "a log without odometry",
