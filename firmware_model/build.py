@@ -152,7 +152,7 @@ class _Builder:
         w_narrowing = one.turn_step.frac_bits + _TICK_RATE_FRAC_BITS - one.velocity.frac_bits
         w_pre_shift = max((one_tick_turn * w_rate).bit_length() - 61, w_narrowing - 60, 0)
         w_shift = w_narrowing - w_pre_shift
-        self._require_w_fits(w_shift)
+        self._require_w_fits(w_shift, one_tick_turn)
         velocity_low, velocity_high = _word(_VELOCITY_WORD_BITS)
 
         offset_scale = 1 << one.gyro.offset_frac_bits
@@ -448,8 +448,16 @@ class _Builder:
                 "64 bits: expected a longer tick"
             )
 
-    def _require_w_fits(self, shift: int) -> None:
+    def _require_w_fits(self, shift: int, one_tick_turn: int) -> None:
+        """Prove that the turn's filter, 2^n times its largest input, stays below 2^62."""
         one = self.description
+        most = 61 - (one_tick_turn + 2).bit_length()
+        if one.velocity.filter_log2 > most:
+            raise FirmwareError(
+                f"firmware.velocity.filter_log2 = {one.velocity.filter_log2}: the filter of the "
+                f"largest turn leaves 64 bits: expected at most {most}, or fewer "
+                "turn_step.frac_bits"
+            )
         if shift < 0:
             raise FirmwareError(
                 f"firmware.velocity.frac_bits = {one.velocity.frac_bits}: expected at most "

@@ -3,7 +3,7 @@
 Every function here takes and returns what C99 calls ``int64_t``. "Scaling and overflow" says why
 no intermediate leaves that type, so that Python's unbounded integers, numba's wrapping ones and
 C's undefined ones agree. Python's ``>>`` of a negative number is the floor shift; C99 leaves it
-to the implementation, so this module is the one place that uses it on signed values.
+to the implementation, so `floor_shift` is the one place that uses it on signed values.
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ that adding half a quantum before a shift cannot overflow. `build_config` proves
 
 
 @kernel_function
+def floor_shift(value: int, bits: int) -> int:
+    """Return ⌊value / 2^bits⌋, for *bits* of 0 to 62."""
+    return value >> bits
+
+
+@kernel_function
 def shift_round(value: int, bits: int, rounding: int) -> int:
     """Return value / 2^bits rounded as *rounding* says.
 
@@ -40,8 +46,8 @@ def shift_round(value: int, bits: int, rounding: int) -> int:
     """
     if rounding <= HALF_UP:
         # FLOOR is 0 and HALF_UP is 1, so this adds nothing or half a quantum, for 0 bits too.
-        return (value + ((rounding << bits) >> 1)) >> bits
-    quotient = value >> bits
+        return floor_shift(value + ((rounding << bits) >> 1), bits)
+    quotient = floor_shift(value, bits)
     fraction = value & ((1 << bits) - 1)
     if rounding == TOWARD_ZERO:
         if value < 0 and fraction != 0:

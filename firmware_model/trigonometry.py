@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import TRIG_CORDIC, KernelConfig
-from firmware_model.integers import shift_round
+from firmware_model.integers import floor_shift, shift_round
 from firmware_model.state import State
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 
@@ -69,15 +69,15 @@ def rotate(state: State, config: KernelConfig, table: Sequence[int], angle_turn_
     """Set sine and cosine of an angle of 0 to 2^30 in 2^−32 turn, by CORDIC rotations.
 
     Scaling and overflow: the vector has 4 guard bits and stays below 1.65 in length, so below
-    2^35; the residual angle is below 2^39 in 2^−40 turn. Shifts of negative values are floors.
+    2^35; the residual angle is below 2^39 in 2^−40 turn.
     Results are held to ±2^T: CORDIC may end a few units beyond.
     """
     x = table[config.table_start]
     y = 0
     residual = angle_turn_q32 * _ANGLE_SCALE
     for i in range(config.cordic_iterations):
-        x_part = x >> i
-        y_part = y >> i
+        x_part = floor_shift(x, i)
+        y_part = floor_shift(y, i)
         if residual >= 0:
             x = x - y_part
             y = y + x_part

@@ -5,7 +5,7 @@ from __future__ import annotations
 from firmware_model._source import kernel_function
 from firmware_model.config import KernelConfig
 from firmware_model.encoder import ACCEPTED
-from firmware_model.integers import HALF_UP, SATURATE, limit, shift_round
+from firmware_model.integers import HALF_UP, SATURATE, floor_shift, limit, shift_round
 from firmware_model.pose import HELD, WHEELS
 from firmware_model.state import State
 
@@ -25,14 +25,14 @@ def filter_velocity(state: State, config: KernelConfig, step_q: int, turn_q: int
     state.v_is_valid = 0
     if is_one_tick:
         state.v_filter_q = (
-            state.v_filter_q - (state.v_filter_q >> config.velocity_filter_log2) + step_q
+            state.v_filter_q - floor_shift(state.v_filter_q, config.velocity_filter_log2) + step_q
         )
         state.v_is_valid = 1
     source = state.heading_source
     state.w_is_valid = 0
     if is_one_tick or source not in (HELD, WHEELS):
         state.w_filter_q = (
-            state.w_filter_q - (state.w_filter_q >> config.velocity_filter_log2) + turn_q
+            state.w_filter_q - floor_shift(state.w_filter_q, config.velocity_filter_log2) + turn_q
         )
         state.w_is_valid = 1
 

@@ -167,6 +167,17 @@ def test_a_robot_that_cannot_be_is_refused(change: dict[str, Any], message: str)
     assert str(caught.value) == message
 
 
+def test_a_velocity_filter_too_long_for_its_word_is_refused() -> None:
+    wild_gyro = replace(ROBOT, gyro_sensitivity_rad_s_per_lsb=1.0)
+    table = {"velocity": {"filter_log2": 8}, "turn_step": {"frac_bits": 50}}
+    with pytest.raises(FirmwareError) as caught:
+        build_config(FirmwareDescription.from_table(table), wild_gyro)
+    assert str(caught.value) == (
+        "firmware.velocity.filter_log2 = 8: the filter of the largest turn leaves 64 bits: "
+        "expected at most 4, or fewer turn_step.frac_bits"
+    )
+
+
 def test_a_wheel_too_fast_for_its_counter_is_refused() -> None:
     robot = replace(ROBOT, counter_bits=8, max_wheel_rate_rad_s=100.0)
     with pytest.raises(FirmwareError) as caught:
