@@ -166,7 +166,12 @@ class Kernel:
     @property
     def status(self) -> StatusBit:
         """The status word."""
-        return StatusBit(self._get("status"))
+        return StatusBit(self.status_word)
+
+    @property
+    def status_word(self) -> int:
+        """The status word as a plain integer, for those who read it bit by bit."""
+        return self._get("status")
 
     @property
     def heading_source(self) -> HeadingSource:

@@ -40,7 +40,8 @@ def status_values(spec: MessageSpec, kernel: Kernel) -> Mapping[str, Source]:
 
 
 def _status_bit(kernel: Kernel, bit: StatusBit) -> Source:
-    return lambda: int(kernel.status & bit != 0)
+    shift = bit.value.bit_length() - 1
+    return lambda: kernel.status_word >> shift & 1
 
 
 def _rescaled(signal: SignalSpec, value: Callable[[], int | None], unit: Fraction) -> Source:
