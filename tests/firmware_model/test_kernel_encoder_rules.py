@@ -154,3 +154,17 @@ def test_any_validity_but_fresh_and_stale_counts_as_invalid() -> None:
         kernel.step(10, 10, validity, ZERO_CODE, FRESH)
         assert kernel.status & StatusBit.ENCODER_INVALID
         assert pose(kernel) == (0, 0, 0)
+
+
+def test_each_refused_sample_must_agree_with_the_one_just_before_it() -> None:
+    kernel = initialised(mode="wheel", plausibility={"jump_confirm_samples": 3})
+    for count in (10_000, 10_000 + FASTEST, 10_000 + 2 * FASTEST + FASTEST // 2):
+        kernel.step(count, count, FRESH, ZERO_CODE, FRESH)
+        assert decision(kernel) == EncoderDecision.NOT_USED
+
+
+def test_an_accepted_sample_in_between_starts_the_count_of_refused_ones_afresh() -> None:
+    kernel = initialised(mode="wheel", plausibility={"jump_confirm_samples": 2})
+    for count in (10_000, 0, 10_000, 0, 10_000):
+        kernel.step(count, count, FRESH, ZERO_CODE, FRESH)
+        assert decision(kernel) != EncoderDecision.REBASED

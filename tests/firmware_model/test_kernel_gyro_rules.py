@@ -160,6 +160,27 @@ def test_a_live_gyro_in_the_same_drive_is_not_stuck() -> None:
     assert not np.any(runs.status & StatusBit.GYRO_STUCK)
 
 
+def test_dropouts_that_beat_with_the_counter_do_not_make_a_steady_gyro_look_stuck() -> None:
+    """Two samples, one lost, again: single increments do not average out, so no block is built."""
+    ticks = np.arange(6_000)
+    left = 39 * ticks
+    right = np.floor((39 + 1 / 3 + 0.0008) * ticks).astype(np.int64)
+    codes = np.full_like(left, ZERO_CODE + 123)
+    lost = np.where(ticks % 3 == 2, STALE, FRESH)
+    runs = run_batch(config_of(), left[None], right[None], codes[None], lost[None], twin=False)
+    assert runs.status is not None
+    assert not np.any(runs.status & StatusBit.GYRO_STUCK)
+
+
+def test_a_code_is_stuck_when_it_has_repeated_for_so_many_ticks_and_no_sooner() -> None:
+    kernel = initialised(stuck={"ticks": 20, "block_log2": 1, "span_ticks": 1})
+    kernel.step(0, 0, FRESH, ZERO_CODE + 7, FRESH)
+    for repeated in range(1, 30):
+        difference = 20 if (repeated - 1) % 4 < 2 else -20
+        drive(kernel, [(30, 30 + difference)], code=ZERO_CODE + 7)
+        assert bool(kernel.status & StatusBit.GYRO_STUCK) == (repeated >= 20)
+
+
 # Standstill and offset -------------------------------------------------------------------------
 
 STANDSTILL = {"ticks": 10, "settle_ticks": 5, "block_log2": 4, "max_log2": 6}
@@ -253,6 +274,24 @@ def test_a_robot_turned_by_hand_is_not_at_rest() -> None:
     drive(kernel, [(0, 0)] * 100, code=ZERO_CODE + too_fast)
     assert not kernel.status & (StatusBit.STANDSTILL | StatusBit.OFFSET_VALID)
     assert turns(kernel) == pytest.approx(100 * too_fast * LSB_TURN, abs=2 / Q32)
+
+
+def test_an_estimate_that_waits_is_not_pushed_out_by_the_next() -> None:
+    """Blocks of one sample come every tick, the wait is twenty: the first still gets its turn."""
+    waiting = {"ticks": 1, "settle_ticks": 20, "block_log2": 0, "max_log2": 0}
+    kernel = initialised(standstill=waiting)
+    drive(kernel, [(0, 0)] * 60, code=ZERO_CODE + 40)
+    assert kernel.gyro_offset_q == (ZERO_CODE + 40) * OFFSET_Q
+
+
+def test_a_nudge_by_hand_starts_the_wait_for_rest_afresh() -> None:
+    kernel = initialised(standstill=STANDSTILL)
+    drive(kernel, [(0, 0)] * 9, code=ZERO_CODE)
+    drive(kernel, [(0, 0)], code=ZERO_CODE + 5_000)
+    drive(kernel, [(0, 0)] * 9, code=ZERO_CODE)
+    assert not kernel.status & StatusBit.STANDSTILL
+    drive(kernel, [(0, 0)], code=ZERO_CODE)
+    assert kernel.status & StatusBit.STANDSTILL
 
 
 def test_missing_gyro_samples_at_rest_only_delay_the_estimate() -> None:
