@@ -247,6 +247,7 @@ def test_samples_taken_just_before_the_robot_moves_are_never_in_an_estimate() ->
         drive(kernel, [(0, 0)] * rest, code=ZERO_CODE + 40)
         drive(kernel, [(0, 0)] * 5, code=ZERO_CODE + 600)
         drive(kernel, [(20, 20)] * 30, code=ZERO_CODE + 600)
+        drive(kernel, [(0, 0)] * 18, code=ZERO_CODE + 40)  # too short for an estimate of its own
         offset = kernel.gyro_offset_q / OFFSET_Q
         assert offset in (ZERO_CODE, ZERO_CODE + 40), rest
 
@@ -282,6 +283,14 @@ def test_an_estimate_that_waits_is_not_pushed_out_by_the_next() -> None:
     kernel = initialised(standstill=waiting)
     drive(kernel, [(0, 0)] * 60, code=ZERO_CODE + 40)
     assert kernel.gyro_offset_q == (ZERO_CODE + 40) * OFFSET_Q
+
+
+def test_in_a_very_long_standstill_the_estimate_follows_the_drift() -> None:
+    kernel = initialised(standstill={**STANDSTILL, "max_log2": 4})
+    drive(kernel, [(0, 0)] * 100, code=ZERO_CODE + 40)
+    assert kernel.gyro_offset_q == (ZERO_CODE + 40) * OFFSET_Q
+    drive(kernel, [(0, 0)] * 60, code=ZERO_CODE + 50)
+    assert kernel.gyro_offset_q == (ZERO_CODE + 50) * OFFSET_Q
 
 
 def test_a_nudge_by_hand_starts_the_wait_for_rest_afresh() -> None:
