@@ -9,6 +9,7 @@ from can_bus.backends import (
     IN_PROCESS_INTERFACES,
     check_interface,
     open_bus,
+    vcan_commands,
 )
 from can_bus.checker import REASONS, Accepted, FrameChecker, Reason
 from can_bus.columns import decode_columns, decode_columns_scaled, present_columns
@@ -75,4 +76,5 @@ __all__ = [
     "read_log_columns",
     "shipped_path",
     "timestamp_us",
+    "vcan_commands",
 ]

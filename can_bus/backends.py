@@ -127,6 +127,11 @@ def check_interface(interface: str) -> None:
         raise CanBusError(f"no interface {interface!r}: python-can knows {', '.join(known)}")
 
 
+def vcan_commands(channel: str) -> str:
+    """Return the three commands, for root, that make a virtual CAN interface."""
+    return f"modprobe vcan; ip link add dev {channel} type vcan; ip link set up {channel}"
+
+
 def plain(bus: can.BusABC) -> can.BusABC:
     """Return the same bus, its errors from now on CanBusError in one sentence."""
     kind = type(bus)
@@ -162,9 +167,7 @@ def _cannot_open_socketcan(channel: str, bitrate: int | None, error: Exception) 
     else:
         problem = f"cannot open {channel!r}: {one_line(error)}"
     if channel.startswith("vcan"):
-        remedy = (
-            f"as root: modprobe vcan; ip link add dev {channel} type vcan; ip link set up {channel}"
-        )
+        remedy = f"as root: {vcan_commands(channel)}"
     else:
         rate = bitrate if bitrate is not None else "BITRATE"
         remedy = f"as root: ip link set {channel} up type can bitrate {rate}"

@@ -70,7 +70,7 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int
 
 def show_line(text: str = "") -> None:
     """Print one line as it is."""
-    print(text)
+    print(text, flush=True)
 
 
 def show_error(text: str) -> None:

@@ -159,6 +159,7 @@ class Rig:
         has none).
         Raises AssertionError, saying what came instead.
         """
+        __tracebackhide__ = True  # pytest then shows the line of the test
         wait, span_us = self._wait_for(Expectation(message, signals), within_s)
         if wait.found is None:
             raise AssertionError(wait.expectation.was_not_met(span_us, wait.came, wait.counts()))
@@ -171,6 +172,7 @@ class Rig:
 
         Raises AssertionError as soon as one does.
         """
+        __tracebackhide__ = True  # pytest then shows the line of the test
         wait, span_us = self._wait_for(Expectation(message, signals), within_s)
         if wait.found is not None:
             raise AssertionError(wait.expectation.was_met(span_us, wait.found))

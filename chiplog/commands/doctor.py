@@ -19,9 +19,6 @@ import typer
 
 _NETWORK_CLASS: Final = Path("/sys/class/net")
 _ARPHRD_CAN: Final = "280"  # linux/if_arp.h
-_VCAN_COMMANDS: Final = (
-    "sudo modprobe vcan; sudo ip link add dev vcan0 type vcan; sudo ip link set up vcan0"
-)
 _PACING_TICKS: Final = 40
 _PACING_PERIOD_US: Final = 5_000
 
@@ -145,7 +142,9 @@ def _can_interfaces() -> Finding:
     ]
     if found:
         return Finding(subject, True, ", ".join(found))
-    return Finding(subject, False, f"for a virtual one: {_VCAN_COMMANDS}")
+    from can_bus import vcan_commands
+
+    return Finding(subject, False, f"for a virtual one, as root: {vcan_commands('vcan0')}")
 
 
 def _read(path: Path) -> str:

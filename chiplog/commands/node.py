@@ -104,12 +104,14 @@ def command(
 
 def run_node(role: Role, config: RunConfig) -> NodeOutcome:
     """Run one node until its time is up or somebody stops it."""
+    from chiplog.terminal import show_line
     from hil_harness.assembly import load_wire
     from hil_harness.standalone import run_firmware_alone, run_plant_alone
 
     if role is Role.PLANT:
         return run_plant_alone(config)
     ticks = None
+    show_line(f"firmware: waiting for the first sensor frame on {config.interface}")
     if config.duration_s is not None:
         ticks = config.tick_count(load_wire(config.dbc, config.signals).tick_period_us)
     return run_firmware_alone(config, ticks=ticks)
