@@ -74,7 +74,9 @@ def test_plant_and_firmware_meet_as_two_processes(chiplog: Chiplog, tmp_path: Pa
             assert plant.out.startswith("plant: 100 ticks, ")
         said, _ = firmware.communicate()
     assert firmware.returncode == 0
-    assert said.startswith("firmware: 50 ticks, ")
+    waiting, done = said.splitlines()
+    assert waiting.startswith("firmware: waiting for the first sensor frame")
+    assert done.startswith("firmware: 50 ticks, ")
     assert chiplog("replay", str(tmp_path / "ecu.log")).status == 0
 
 

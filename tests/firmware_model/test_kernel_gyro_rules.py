@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_cases import ROBOT, ZERO_CODE, config_of, drive, initialised
 
-from firmware_model import FRESH, INVALID, STALE, HeadingSource, Kernel, StatusBit, run_batch
+from firmware_model import (
+    FRESH,
+    INVALID,
+    STALE,
+    FirmwareDescription,
+    HeadingSource,
+    Kernel,
+    StatusBit,
+    build_config,
+    run_batch,
+)
 
 TICK_TURN = ROBOT.wheel_radius_m / (ROBOT.ticks_per_rev * ROBOT.wheelbase_m)
 LSB_TURN = ROBOT.gyro_sensitivity_rad_s_per_lsb * ROBOT.tick_period_s / (2 * math.pi)
@@ -156,6 +167,28 @@ def test_a_live_gyro_in_the_same_drive_is_not_stuck() -> None:
     rate = 0.1 * np.sin(2 * np.pi * np.arange(2_000) / 2000)
     codes = np.rint(ZERO_CODE + rate / ROBOT.gyro_sensitivity_rad_s_per_lsb).astype(np.int64)
     runs = run_batch(config_of(), left[None], right[None], codes[None])
+    assert runs.status is not None
+    assert not np.any(runs.status & StatusBit.GYRO_STUCK)
+
+
+def test_a_gyro_too_coarse_to_see_a_sway_is_not_stuck() -> None:
+    """An 8-bit gyro has an LSB of 2 °/s; a sway within half of it on each side changes no code."""
+    lsb_rad_s = 8.726646 / 256
+    coarse = replace(
+        ROBOT,
+        gyro_sensitivity_rad_s_per_lsb=lsb_rad_s,
+        gyro_zero_rate_code=128,
+        gyro_min_code=0,
+        gyro_max_code=255,
+    )
+    rate = 0.45 * lsb_rad_s * np.sin(2 * np.pi * np.arange(4_000) / 2_000)
+    half = np.cumsum(rate * 0.01) / (2 * np.pi) / TICK_TURN / 2
+    left = np.floor(39.0 * np.arange(4_000) - half).astype(np.int64)
+    right = np.floor(39.0 * np.arange(4_000) + half).astype(np.int64)
+    codes = np.rint(128 + rate / lsb_rad_s).astype(np.int64)
+    assert set(codes.tolist()) == {128}
+    config = build_config(FirmwareDescription(), coarse)
+    runs = run_batch(config, left[None], right[None], codes[None], twin=False)
     assert runs.status is not None
     assert not np.any(runs.status & StatusBit.GYRO_STUCK)
 
