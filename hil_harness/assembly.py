@@ -154,7 +154,9 @@ def commands_on_the_wire(scenario: Scenario, tick_count: int, wire: Wire) -> NDA
     return commands
 
 
-def build_plant_node(config: RunConfig, wire: Wire, tick_count: int) -> PlantNode:
+def build_plant_node(
+    config: RunConfig, wire: Wire, tick_count: int, *, keep_truth: bool = True
+) -> PlantNode:
     """Return the plant of a run, driven by its scenario."""
     scenario = config.scenario
     plant = Plant(
@@ -174,6 +176,7 @@ def build_plant_node(config: RunConfig, wire: Wire, tick_count: int) -> PlantNod
         tick_period_us=wire.tick_period_us,
         commands=commands_on_the_wire(scenario, tick_count, wire),
         send_reference=config.send_reference,
+        keep_truth=keep_truth,
     )
 
 

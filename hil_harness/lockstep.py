@@ -19,6 +19,7 @@ from can_bus import FaultInjector, LogWriter, open_bus
 from hil_harness.errors import HarnessError
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import Node
+from hil_harness.stopping import StopRequest
 
 LOCKSTEP_INTERFACES = ("virtual",)
 
@@ -140,10 +141,17 @@ class Lockstep:
             for message in messages:
                 observer(now_us, message)
 
-    def run(self, ticks: int, progress: Callable[[int], None] | None = None) -> None:
-        """Run so many ticks; `progress` hears the number done, about a hundred times."""
+    def run(
+        self,
+        ticks: int,
+        progress: Callable[[int], None] | None = None,
+        stop: StopRequest | None = None,
+    ) -> None:
+        """Run so many ticks, or until asked to stop; `progress` hears how far, now and then."""
         every = max(1, ticks // 100)
         for done in range(1, ticks + 1):
+            if stop is not None and stop.is_made:
+                return
             self.step()
             if progress is not None and (done % every == 0 or done == ticks):
                 progress(done)
@@ -168,10 +176,10 @@ class Lockstep:
 
 
 def _drain(bus: can.BusABC, now_us: int) -> list[can.Message]:
-    """Take all that has arrived. A frame of a stranger's handle without a stamp arrived now."""
+    """Take all that has arrived: now, in simulated time, whatever a stranger's clock stamped."""
     arrived: list[can.Message] = []
+    now_s = now_us * 1e-6
     while (message := bus.recv(0)) is not None:
-        if message.timestamp == 0.0:
-            message.timestamp = now_us * 1e-6
+        message.timestamp = now_s
         arrived.append(message)
     return arrived

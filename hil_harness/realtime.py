@@ -16,7 +16,9 @@ from can_bus import FaultInjector, LogWriter
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import Node, TriggeredNode
 from hil_harness.results import Timing
+from hil_harness.stopping import StopRequest
 
+_MOST_LATENESS_US = 100_000
 _SPIN_NS = 200_000  # sleep() oversleeps by about this much on a stock kernel: spin for the rest
 
 
@@ -29,6 +31,27 @@ class WallClock:
     def now_us(self) -> int:
         """Return the wall clock, whole microseconds."""
         return (time.monotonic_ns() + self._offset_ns) // 1000
+
+
+class LatenessCount:
+    """How late ticks started, counted by the microsecond: memory does not grow with the run."""
+
+    def __init__(self) -> None:
+        self._ticks_by_us = np.zeros(_MOST_LATENESS_US + 1, dtype=np.int64)
+        self._most_us = 0.0
+
+    def add(self, lateness_us: float) -> None:
+        """Count one tick; beyond a tenth of a second only the largest is told apart."""
+        self._ticks_by_us[min(max(int(lateness_us), 0), _MOST_LATENESS_US)] += 1
+        self._most_us = max(self._most_us, lateness_us)
+
+    def timing(self, missed_deadlines: int) -> Timing:
+        """Return median, 99th percentile (to the microsecond below) and largest lateness."""
+        up_to = np.cumsum(self._ticks_by_us)
+        if up_to[-1] == 0:
+            return Timing(missed_deadlines)
+        p50_us, p99_us = np.searchsorted(up_to, np.array([0.5, 0.99]) * up_to[-1]).tolist()
+        return Timing(missed_deadlines, float(p50_us), float(p99_us), self._most_us)
 
 
 class Pacer:
@@ -49,7 +72,7 @@ class Pacer:
         self.tick_period_us = tick_period_us
         self._period_ns = tick_period_us * 1000
         self._start_ns = monotonic_ns()
-        self._lateness_us: list[float] = []
+        self._lateness = LatenessCount()
         self.missed_deadlines = 0
 
     def wait_for(self, tick: int) -> None:
@@ -61,11 +84,11 @@ class Pacer:
         lateness_ns = self._monotonic_ns() - due_ns
         if lateness_ns > self._period_ns:
             self.missed_deadlines += 1
-        self._lateness_us.append(lateness_ns * 1e-3)
+        self._lateness.add(lateness_ns * 1e-3)
 
     def timing(self) -> Timing:
         """Return lateness percentiles and the number of missed deadlines."""
-        return Timing.of_lateness(np.asarray(self._lateness_us), self.missed_deadlines)
+        return self._lateness.timing(self.missed_deadlines)
 
 
 class Link:
@@ -84,13 +107,16 @@ class Link:
         self._log = log
         self._faults = faults
         self._meter = meter
+        self._kept: can.Message | None = None
 
     def receive(
         self, deadline_ns: int, until: frozenset[tuple[int, bool]] = frozenset()
     ) -> list[can.Message]:
         """Collect frames until one of each of `until` is there, or the deadline has passed.
 
-        With an empty `until`, whatever is waiting is taken and nothing is waited for.
+        A second frame of an identifier in `until` belongs to the next tick and is kept for the next
+        call: after a hiccup the ticks are caught up with one by one and no sample is lost. With an
+        empty `until`, whatever is waiting is taken and nothing is waited for.
         Raises CanBusError if the bus goes away.
         """
         missing = set(until)
@@ -98,10 +124,16 @@ class Link:
         while True:
             left_ns = deadline_ns - time.monotonic_ns()
             waiting = bool(missing) and left_ns > 0
-            message = self._bus.recv(left_ns * 1e-9 if waiting else 0)
+            message, self._kept = self._kept, None
+            if message is None:
+                message = self._bus.recv(left_ns * 1e-9 if waiting else 0)
             if message is not None:
+                key = (message.arbitration_id, message.is_extended_id)
+                if key in until and key not in missing:
+                    self._kept = message
+                    break
                 message.timestamp = self._clock.now_us() * 1e-6
-                missing.discard((message.arbitration_id, message.is_extended_id))
+                missing.discard(key)
                 arrived.append(message)
             elif not waiting:
                 break
@@ -137,12 +169,13 @@ def run_paced(
     meter: BusMeter | None = None,
     pacer: Pacer | None = None,
     progress: Callable[[int], None] | None = None,
+    stop: StopRequest | None = None,
 ) -> Timing:
     """Run plant and firmware in one process, paced; return the timing.
 
     With `firmware=None` the ECU is somebody else's (hardware, another process): `firmware_bus` is
     not used, its frames are taken from the plant's handle, and `log` holds what passed there.
-    A `pacer` handed in can still be asked for its timing after an interruption.
+    Ends early, after a whole tick, when asked to `stop`.
     """
     clock = WallClock()
     plant_link = Link(plant_bus, clock, log if firmware is None else None, meter=meter)
@@ -155,6 +188,8 @@ def run_paced(
     answers: list[can.Message] = []
     every = max(1, ticks // 100)
     for tick in range(ticks):
+        if stop is not None and stop.is_made:
+            break
         pacer.wait_for(tick)
         started_ns = time.monotonic_ns()
         plant_link.send(_stamped(plant.step(clock.now_us(), answers), clock))
@@ -173,15 +208,16 @@ def run_plant_node(
     bus: can.BusABC,
     *,
     pacer: Pacer,
-    ticks: int | None,
+    ticks: int,
+    stop: StopRequest,
     log: LogWriter | None = None,
 ) -> None:
-    """Run the plant alone on a real-time bus, for so many ticks or until interrupted."""
+    """Run the plant alone on a real-time bus, for so many ticks or until asked to stop."""
     clock = WallClock()
     link = Link(bus, clock, log)
     tick = 0
     arrived: list[can.Message] = []
-    while ticks is None or tick < ticks:
+    while tick < ticks and not stop.is_made:
         pacer.wait_for(tick)
         link.send(_stamped(plant.step(clock.now_us(), arrived), clock))
         arrived = link.receive(0)
@@ -194,6 +230,7 @@ def run_firmware_node(
     *,
     tick_period_us: int,
     ticks: int | None,
+    stop: StopRequest,
     log: LogWriter | None = None,
 ) -> Iterator[bool]:
     """Run the firmware alone on a real-time bus; yield after each step whether its input was whole.
@@ -207,7 +244,7 @@ def run_firmware_node(
     one_and_a_half_periods_ns = tick_period_us * 1500
     done = 0
     started = False
-    while ticks is None or done < ticks:
+    while (ticks is None or done < ticks) and not stop.is_made:
         frames = link.receive(time.monotonic_ns() + one_and_a_half_periods_ns, firmware.trigger_ids)
         identifiers = {(frame.arbitration_id, frame.is_extended_id) for frame in frames}
         started = started or bool(identifiers & firmware.trigger_ids)

@@ -2,7 +2,8 @@
 
 The log holds what the firmware received and sent, in its order. Each block of frames that the
 firmware sent is one step: the frames before it are the step's input, and its stamp is the step's
-time, so that every decision (age, loss, order) falls as it did on the day.
+time, so that every decision (age, loss, order) falls as it did on the day. Where the odometry is
+slower than the tick, the stamps of a lockstep run tell the steps apart.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from can_bus import MessageSpec, Raw, read_log, timestamp_us
 from hil_harness.assembly import Wire
 from hil_harness.errors import HarnessError
 from hil_harness.nodes import FirmwareNode
+from hil_harness.nodes.reports import firmware_messages
 from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.robot import Robot
 
@@ -51,8 +53,9 @@ class ReplayResult:
 def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
     """Run the firmware model over a log and compare it with the log's odometry frames.
 
-    Stops comparing at the first difference. Raises CanBusError for a log that cannot be read,
-    HarnessError for one without odometry frames to compare with.
+    Stops comparing at the first difference. A log that ends inside a tick is compared as far as it
+    goes. Raises CanBusError for a log that cannot be read, HarnessError for one without odometry
+    frames, or whose steps cannot be told apart.
     """
     path = Path(log)
     node = FirmwareNode(
@@ -60,80 +63,122 @@ def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
         database=wire.database,
         signal_map=wire.signal_map,
         tick_period_us=wire.tick_period_us,
+        keep_inputs=False,
     )
     wire.signal_map.require(ODOMETRY_ROLES[:1], "a replay")
-    ours = _sent_by_firmware(wire)
-    ticks = fields = 0
+    messages = firmware_messages(wire.database, wire.signal_map)
+    ours = {(spec.frame_id, spec.is_extended): spec for spec in messages}
+    fields = compared_frames = 0
     difference: Difference | None = None
-    for now_us, received, sent in _steps(read_log(path), ours):
-        computed = node.step(now_us, received)
+    for step in _with_last(_steps(path, ours, wire)):
+        computed = node.step(step.now_us, step.received)
+        compared_frames += len(step.sent)
         if difference is None:
-            compared, difference = _compare(ticks, sent, computed, ours)
+            compared, difference = _compare(node.ticks - 1, step, computed, ours)
             fields += compared
-        ticks += 1
-    if ticks == 0:
+    if compared_frames == 0:
         names = ", ".join(spec.name for spec in ours.values())
         raise HarnessError(
             f"{path}: no odometry frames: expected {names} in the log, to compare the replay with"
         )
-    return ReplayResult(
-        path,
-        ticks,
-        fields,
-        difference,
-        {str(why): count for why, count in node.checker.rejected.items()},
-        node.kernel.state(),
-    )
+    rejected = {str(why): count for why, count in node.checker.rejected.items()}
+    return ReplayResult(path, node.ticks, fields, difference, rejected, node.kernel.state())
 
 
 _Key = tuple[int, bool]
 
 
-def _sent_by_firmware(wire: Wire) -> dict[_Key, MessageSpec]:
-    """Return the messages that the firmware sends: odometry, and what shares its sender."""
-    odometry = wire.signal_map.messages(ODOMETRY_ROLES)
-    senders = {sender for spec in odometry for sender in spec.senders}
-    shared = (
-        spec
-        for spec in wire.database.messages.values()
-        if senders & set(spec.senders) and spec.name in ("STATUS", "ODOMETRY_VELOCITY")
-    )
-    return {(spec.frame_id, spec.is_extended): spec for spec in (*odometry, *shared)}
+@dataclass
+class _Step:
+    """One step of the firmware as the log has it."""
+
+    now_us: int
+    received: list[can.Message]
+    sent: list[can.Message]
+    is_last: bool = False
 
 
-def _steps(
+def _with_last(steps: Iterator[_Step]) -> Iterator[_Step]:
+    """Mark the last step: the log may have ended inside it."""
+    before: _Step | None = None
+    for step in steps:
+        if before is not None:
+            yield before
+        before = step
+    if before is not None:
+        before.is_last = True
+        yield before
+
+
+def _steps(path: Path, ours: Mapping[_Key, MessageSpec], wire: Wire) -> Iterator[_Step]:
+    """Return the steps of a log: by what was sent, or, if not every step sends, by the stamps."""
+    period_us = wire.tick_period_us
+    if any((spec.cycle_time_us or period_us) == period_us for spec in ours.values()):
+        return _steps_by_answers(read_log(path), ours)
+    return _steps_by_stamps(path, ours, period_us)
+
+
+def _steps_by_answers(
     messages: Iterator[can.Message], ours: Mapping[_Key, MessageSpec]
-) -> Iterator[tuple[int, list[can.Message], list[can.Message]]]:
-    """Yield each step: its time, what the firmware received before it, and what it then sent."""
+) -> Iterator[_Step]:
+    """Each block of the firmware's frames ends a step; what was received before is its input."""
     received: list[can.Message] = []
     sent: dict[_Key, can.Message] = {}
     for message in messages:
         key = (message.arbitration_id, message.is_extended_id)
         is_ours = key in ours and not message.is_error_frame
         if sent and (not is_ours or key in sent):
-            yield timestamp_us(next(iter(sent.values()))), received, list(sent.values())
+            yield _step(received, sent)
             received, sent = [], {}
         if is_ours:
             sent[key] = message
         else:
             received.append(message)
     if sent:
-        yield timestamp_us(next(iter(sent.values()))), received, list(sent.values())
+        yield _step(received, sent)
+
+
+def _step(received: list[can.Message], sent: Mapping[_Key, can.Message]) -> _Step:
+    frames = list(sent.values())
+    return _Step(timestamp_us(frames[0]), received, frames)
+
+
+def _steps_by_stamps(
+    path: Path, ours: Mapping[_Key, MessageSpec], period_us: int
+) -> Iterator[_Step]:
+    """In a log of a lockstep run each tick has its own stamp; ticks without a frame are steps too.
+
+    Raises HarnessError for a log of a real-time run: there the steps without an answer left no
+    trace.
+    """
+    step = _Step(0, [], [])
+    for message in read_log(path):
+        stamp_us = timestamp_us(message)
+        if stamp_us % period_us or stamp_us < step.now_us:
+            slow = next(iter(ours.values()))
+            raise HarnessError(
+                f"{path}: {slow.name} comes every {slow.cycle_time_us} µs, a tick lasts "
+                f"{period_us} µs, and the stamps are not those of whole ticks: expected the log of "
+                "a lockstep run, or odometry at every tick"
+            )
+        while stamp_us > step.now_us:
+            yield step
+            step = _Step(step.now_us + period_us, [], [])
+        is_ours = (message.arbitration_id, message.is_extended_id) in ours
+        (step.sent if is_ours and not message.is_error_frame else step.received).append(message)
+    yield step
 
 
 def _compare(
-    tick: int,
-    logged: list[can.Message],
-    computed: list[can.Message],
-    ours: Mapping[_Key, MessageSpec],
+    tick: int, step: _Step, computed: list[can.Message], ours: Mapping[_Key, MessageSpec]
 ) -> tuple[int, Difference | None]:
     """Return how many fields were compared, and the first that differs."""
     fields = 0
     expected = {(m.arbitration_id, m.is_extended_id): m for m in computed}
-    found = {(m.arbitration_id, m.is_extended_id): m for m in logged}
+    found = {(m.arbitration_id, m.is_extended_id): m for m in step.sent}
     for key, spec in ours.items():
         there, here = found.get(key), expected.get(key)
-        if there is None and here is None:
+        if there is None and (here is None or step.is_last):
             continue
         if there is None or here is None:
             return fields, _missing(tick, spec, there, here)

@@ -68,14 +68,6 @@ class Timing:
     jitter_p99_us: float = 0.0
     jitter_max_us: float = 0.0
 
-    @classmethod
-    def of_lateness(cls, lateness_us: NDArray[np.float64], missed_deadlines: int) -> Timing:
-        """Summarise how late each tick started."""
-        if lateness_us.size == 0:
-            return cls(missed_deadlines=missed_deadlines)
-        p50, p99 = np.percentile(lateness_us, [50, 99])
-        return cls(missed_deadlines, float(p50), float(p99), float(lateness_us.max()))
-
 
 @dataclass(frozen=True)
 class RunResult:

@@ -26,6 +26,7 @@ from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, RunResult, Timing
+from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 
 Progress = Callable[[int, int], None]
@@ -163,12 +164,10 @@ def _run_lockstep(
         meter=meter,
     ) as loop:
         started = time.perf_counter()
-        interrupted = False
-        try:
-            loop.run(ticks, report)
-        except KeyboardInterrupt:
-            interrupted = True
-        return _Outcome(loop.ticks, time.perf_counter() - started, interrupted=interrupted)
+        with stop_between_ticks() as stop:
+            loop.run(ticks, report, stop)
+        wall_s = time.perf_counter() - started
+        return _Outcome(loop.ticks, wall_s, interrupted=loop.ticks < ticks)
 
 
 def _run_real(
@@ -189,8 +188,7 @@ def _run_real(
             firmware_bus = stack.enter_context(open_bus(config.interface, channel, **arguments))
         pacer = Pacer(period_us)
         started = time.perf_counter()
-        interrupted = False
-        try:
+        with stop_between_ticks() as stop:
             run_paced(
                 parts.plant_side,
                 parts.firmware,
@@ -202,11 +200,11 @@ def _run_real(
                 meter=meter,
                 pacer=pacer,
                 progress=report,
+                stop=stop,
             )
-        except KeyboardInterrupt:
-            interrupted = True
         wall_s = time.perf_counter() - started
-        return _Outcome(len(parts.plant.truth), wall_s, pacer.timing(), interrupted)
+        done = parts.plant.ticks
+        return _Outcome(done, wall_s, pacer.timing(), interrupted=done < ticks)
 
 
 def _reporter(progress: Progress, ticks: int) -> Callable[[int], None]:

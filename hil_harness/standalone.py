@@ -15,14 +15,15 @@ from hil_harness.lockstep import LOCKSTEP_INTERFACES
 from hil_harness.nodes import FirmwareNode
 from hil_harness.realtime import Pacer, run_firmware_node, run_plant_node
 from hil_harness.results import Timing
+from hil_harness.stopping import stop_between_ticks
 
 
 @dataclass(frozen=True)
 class NodeOutcome:
     """How a node's life went.
 
-    `timing` is the plant's: how late its ticks started. `starved_ticks` and `rejected` are the
-    firmware's: ticks without a complete set of sensor frames, and refused frames by reason.
+    `rejected` counts refused frames by reason. `timing` is the plant's: how late its ticks started;
+    `starved_ticks` the firmware's: ticks without a complete set of sensor frames.
     """
 
     ticks: int
@@ -41,15 +42,13 @@ def run_plant_alone(config: RunConfig) -> NodeOutcome:
     _refuse_in_process(config.interface)
     wire = load_wire(config.dbc, config.signals)
     ticks = config.tick_count(wire.tick_period_us)
-    node = build_plant_node(config, wire, ticks)
+    node = build_plant_node(config, wire, ticks, keep_truth=False)
     with _opened(config) as (bus, log):
         pacer = Pacer(wire.tick_period_us)
-        interrupted = False
-        try:
-            run_plant_node(node, bus, pacer=pacer, ticks=ticks, log=log)
-        except KeyboardInterrupt:
-            interrupted = True
-    return NodeOutcome(len(node.truth), interrupted, pacer.timing())
+        with stop_between_ticks() as stop:
+            run_plant_node(node, bus, pacer=pacer, ticks=ticks, stop=stop, log=log)
+    rejected = {str(why): count for why, count in node.checker.rejected.items()}
+    return NodeOutcome(node.ticks, stop.is_made, pacer.timing(), rejected=rejected)
 
 
 def run_firmware_alone(config: RunConfig, *, ticks: int | None = None) -> NodeOutcome:
@@ -65,20 +64,17 @@ def run_firmware_alone(config: RunConfig, *, ticks: int | None = None) -> NodeOu
         database=wire.database,
         signal_map=wire.signal_map,
         tick_period_us=wire.tick_period_us,
+        keep_inputs=False,
     )
-    with _opened(config) as (bus, log):
-        interrupted = False
-        starved = 0
-        try:
-            for is_complete in run_firmware_node(
-                node, bus, tick_period_us=wire.tick_period_us, ticks=ticks, log=log
-            ):
-                starved += not is_complete
-        except KeyboardInterrupt:
-            interrupted = True
+    starved = 0
+    with _opened(config) as (bus, log), stop_between_ticks() as stop:
+        for is_complete in run_firmware_node(
+            node, bus, tick_period_us=wire.tick_period_us, ticks=ticks, stop=stop, log=log
+        ):
+            starved += not is_complete
     return NodeOutcome(
-        len(node.inputs.left_count),
-        interrupted,
+        node.ticks,
+        stop.is_made,
         starved_ticks=starved,
         rejected={str(why): count for why, count in node.checker.rejected.items()},
     )

@@ -21,15 +21,11 @@ from firmware_model import (
 )
 from firmware_model.kernel import Implementation
 from hil_harness.kernel_inputs import KERNEL_ROLES, KernelInputs
-from hil_harness.nodes.reports import status_values, velocity_values
+from hil_harness.nodes.reports import firmware_messages, report_values
 from hil_harness.nodes.schedule import cycle_of
 from hil_harness.odometry_frames import ODOMETRY_ROLES, odometry_converters
 from hil_harness.robot import Robot
 from hil_harness.signal_map import SignalMap
-
-# Messages without a role: sent wherever a DBC has them under the names of the shipped one.
-_STATUS: Final = "STATUS"
-_VELOCITY: Final = "ODOMETRY_VELOCITY"
 
 MAX_AGE_TICKS: Final = 2
 """A frame that waited longer than this in the receive queue is too old to be a sensor's state."""
@@ -69,6 +65,7 @@ class FirmwareNode:
         signal_map: SignalMap,
         tick_period_us: int,
         implementation: Implementation = "compiled",
+        keep_inputs: bool = True,
     ) -> None:
         """Build the kernel from the robot's description and bind it to the signals."""
         self._inputs = KernelInputs(signal_map, robot.plant)
@@ -96,12 +93,18 @@ class FirmwareNode:
         self._counter_source = wheels.name if wheels.is_protected else None
         self._senders = _senders(database, signal_map, self.kernel, tick_period_us)
         self._steps = 0
+        self._keep_inputs = keep_inputs
         self._counter = -1
         self._history: list[tuple[int, int, int, int, int]] = []
 
     @property
+    def ticks(self) -> int:
+        """How many steps have been taken."""
+        return self._steps
+
+    @property
     def inputs(self) -> Inputs:
-        """What the kernel has been handed so far."""
+        """What the kernel has been handed so far; nothing if `keep_inputs` is off."""
         columns = np.array(self._history, dtype=np.int64).reshape(-1, 5).T
         return Inputs(*np.ascontiguousarray(columns))
 
@@ -132,7 +135,8 @@ class FirmwareNode:
             encoder_validity = STALE if left is None or right is None else FRESH
         gyro_validity = INVALID if invalid[2] else STALE if gyro is None else FRESH
         given = (left or 0, right or 0, encoder_validity, gyro or 0, gyro_validity)
-        self._history.append(given)
+        if self._keep_inputs:
+            self._history.append(given)
         self.kernel.step(*given)
         steps = self._steps
         self._steps = steps + 1
@@ -183,14 +187,14 @@ def _senders(
     )
     for role, convert in converters.items():
         sources[signal_map[role].path] = _pose_source(convert, ODOMETRY_ROLES.index(role))
-    messages = {spec.name: spec for spec in signal_map.messages(ODOMETRY_ROLES)}
-    for name, values in ((_VELOCITY, velocity_values), (_STATUS, status_values)):
-        if name in database.messages and name not in messages:
-            spec = messages[name] = database.message(name)
-            for signal, value in values(spec, kernel).items():
-                sources[f"{name}.{signal}"] = _report_source(value)
+    odometry = signal_map.messages(ODOMETRY_ROLES)
+    messages = firmware_messages(database, signal_map)
+    for spec in messages:
+        if spec not in odometry:
+            for signal, value in report_values(spec, kernel).items():
+                sources[f"{spec.name}.{signal}"] = _report_source(value)
     senders = []
-    for spec in sorted(messages.values(), key=lambda spec: spec.frame_id):
+    for spec in sorted(messages, key=lambda spec: spec.frame_id):
         every, phase = cycle_of(spec, tick_period_us)
         values_of = [
             sources.get(signal.path) or _constant(signal.initial_raw) for signal in spec.payload

@@ -34,7 +34,8 @@ class PlantNode:
     With `commands` (float64[n, 2]: v_m_s, w_rad_s; row k drives from t_k to t_(k+1)) it plays the
     host as well: it drives itself and sends the command frames. A command frame that arrives from
     somebody else takes over from then on. Without `commands` it rests until one arrives. `truth`
-    holds the true pose of each tick. With `send_reference` the truth goes on the bus as well.
+    holds the true pose of each tick, unless `keep_truth` is off (a node that runs for days). With
+    `send_reference` the truth goes on the bus as well.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class PlantNode:
         tick_period_us: int,
         commands: NDArray[np.float64] | None = None,
         send_reference: bool = False,
+        keep_truth: bool = True,
     ) -> None:
         """Bind sensors, commands and truth to the signals of the map."""
         self._plant = plant
@@ -56,6 +58,7 @@ class PlantNode:
         self._tick = 0
         self._truth: list[tuple[float, float, float]] = []
         self._stamp_us: list[int] = []
+        self._keep_truth = keep_truth
 
         def schedule(messages: Sequence[MessageSpec]) -> list[tuple[MessageSpec, int, int]]:
             cycles = [(spec, cycle_of(spec, tick_period_us)) for spec in messages]
@@ -81,6 +84,11 @@ class PlantNode:
         )
 
     @property
+    def ticks(self) -> int:
+        """How many ticks have been stepped."""
+        return self._tick
+
+    @property
     def truth(self) -> NDArray[np.float64]:
         """The true pose of each tick so far: float64[n, 3], x_m, y_m, heading_rad unwrapped."""
         return np.array(self._truth, dtype=np.float64).reshape(-1, 3)
@@ -101,8 +109,10 @@ class PlantNode:
         if tick > 0:
             plant.step(*self._command)
         counts = plant.counts
-        self._truth.append(plant.pose)
-        self._stamp_us.append(now_us)
+        pose = plant.pose
+        if self._keep_truth:
+            self._truth.append(pose)
+            self._stamp_us.append(now_us)
         if frames:
             self._obey(frames, now_us)
         if self._commands is not None:
@@ -117,9 +127,9 @@ class PlantNode:
         if self._commands is not None:
             self._send(self._command_schedule, self._command_signals, self._command, now_us, sent)
         if self._reference_schedule:
-            x_m, y_m, heading_rad = self._truth[-1]
-            pose = (x_m, y_m, math.remainder(heading_rad, math.tau))
-            self._send(self._reference_schedule, self._reference_signals, pose, now_us, sent)
+            x_m, y_m, heading_rad = pose
+            seen = (x_m, y_m, math.remainder(heading_rad, math.tau))
+            self._send(self._reference_schedule, self._reference_signals, seen, now_us, sent)
         self._tick = tick + 1
         return sent
 

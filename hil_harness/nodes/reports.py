@@ -5,10 +5,48 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from can_bus import MessageSpec, Raw, SignalSpec
+from can_bus import Database, MessageSpec, Raw, SignalSpec
 from firmware_model import Kernel, StatusBit
+from hil_harness.odometry_frames import ODOMETRY_ROLES
+from hil_harness.signal_map import SignalMap
 
 Source = Callable[[], Raw]
+
+_REPORTS: Mapping[str, frozenset[str]] = {
+    "ODOMETRY_VELOCITY": frozenset({"v_m_s", "w_rad_s"}),
+    "STATUS": frozenset(
+        {str(bit.name).lower() for bit in StatusBit} | {"mode", "heading_source", "gyro_offset_raw"}
+    ),
+}
+"""Messages without a role, and the signals by which they are known to be ours."""
+
+
+def firmware_messages(database: Database, signal_map: SignalMap) -> tuple[MessageSpec, ...]:
+    """Return all that the firmware sends: odometry by the map, and the reports beside it.
+
+    A report counts only when the sender of the odometry sends it and it has the shipped DBC's
+    signals: many a foreign DBC has a STATUS of somebody else's.
+    """
+    odometry = signal_map.messages(ODOMETRY_ROLES)
+    senders = {sender for spec in odometry for sender in spec.senders}
+    reports = (
+        spec
+        for name, signals in _REPORTS.items()
+        if (spec := database.messages.get(name)) is not None
+        and spec not in odometry
+        and senders & set(spec.senders)
+        and signals <= set(spec.signals)
+    )
+    return (*odometry, *reports)
+
+
+def report_values(spec: MessageSpec, kernel: Kernel) -> Mapping[str, Source]:
+    """Return the source of each signal of a report."""
+    return (
+        velocity_values(spec, kernel)
+        if spec.name == "ODOMETRY_VELOCITY"
+        else (status_values(spec, kernel))
+    )
 
 
 def velocity_values(spec: MessageSpec, kernel: Kernel) -> Mapping[str, Source]:

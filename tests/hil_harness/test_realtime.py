@@ -20,7 +20,7 @@ from hil_harness import (
     run_plant_alone,
     scenario,
 )
-from hil_harness.realtime import Link, Pacer, WallClock
+from hil_harness.realtime import LatenessCount, Link, Pacer, WallClock
 from hil_harness.results import Timing
 
 GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF or 1}"
@@ -131,10 +131,34 @@ def test_a_tick_that_starts_a_period_late_has_missed_its_deadline() -> None:
 
 
 def test_lateness_is_summarised_by_percentiles() -> None:
-    timing = Timing.of_lateness(np.arange(101.0), 3)
-    assert (timing.jitter_p50_us, timing.jitter_p99_us, timing.jitter_max_us) == (50, 99, 100)
+    count = LatenessCount()
+    assert count.timing(0) == Timing()
+    for lateness_us in range(1, 101):
+        count.add(lateness_us + 0.25)
+    timing = count.timing(3)
+    assert (timing.jitter_p50_us, timing.jitter_p99_us, timing.jitter_max_us) == (50, 99, 100.25)
     assert timing.missed_deadlines == 3
-    assert Timing.of_lateness(np.array([]), 0) == Timing()
+    count.add(2e6)
+    assert count.timing(0).jitter_max_us == 2e6
+
+
+def test_ticks_that_pile_up_are_caught_up_with_one_by_one() -> None:
+    channel = "backlog"
+    trigger = frozenset({(1, False), (2, False)})
+    with (
+        can.Bus(interface="virtual", channel=channel) as sender,
+        can.Bus(interface="virtual", channel=channel) as receiver,
+    ):
+        link = Link(receiver, WallClock())
+        for tick in range(3):
+            for frame_id in (1, 2, 9):
+                sender.send(can.Message(arbitration_id=frame_id, is_extended_id=False, data=[tick]))
+        for tick in range(3):
+            frames = link.receive(0, trigger)
+            assert [(f.arbitration_id, f.data[0]) for f in frames] == [
+                (1, tick), (2, tick), (9, tick),
+            ]  # fmt: skip
+        assert link.receive(0, trigger) == []
 
 
 def test_frames_are_stamped_when_they_are_taken_not_by_their_sender() -> None:

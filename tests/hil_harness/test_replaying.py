@@ -67,6 +67,65 @@ def test_a_robot_described_otherwise_does_not_replay(tmp_path: Path) -> None:
     assert not result.is_equal
 
 
+def with_cycle(path: Path, names: set[str], cycle_ms: int) -> Path:
+    """Write the shipped DBC with another cycle time of some messages."""
+    database = load_database()
+    text = database.path.read_text()
+    for message in database.messages.values():
+        if message.name in names:
+            line = f'BA_ "GenMsgCycleTime" BO_ {message.frame_id} '
+            start = text.index(line) + len(line)
+            text = text[:start] + str(cycle_ms) + text[text.index(";", start) :]
+    path.write_text(text)
+    return path
+
+
+def test_odometry_slower_than_the_tick_replays_from_a_lockstep_log(tmp_path: Path) -> None:
+    pose_frames = {"ODOMETRY_X", "ODOMETRY_Y", "ODOMETRY_HEADING"}
+    dbc = with_cycle(tmp_path / "slow.dbc", pose_frames, 20)
+    log = tmp_path / "bus.log"
+    config = RunConfig(
+        scenario=scenario("stop_and_go"), robot=load_robot(None), duration_s=6.0, log=log, dbc=dbc
+    )
+    recorded = run(config)
+    result = replay(log, load_robot(None), load_wire(dbc))
+    assert result.is_equal
+    assert (result.ticks, result.state) == (recorded.ticks, recorded.kernel_state)
+    shifted = log.read_text().replace("(0.010000)", "(0.010300)")
+    log.write_text(shifted)
+    with pytest.raises(HarnessError, match="the stamps are not those of whole ticks"):
+        replay(log, load_robot(None), load_wire(dbc))
+
+
+def test_a_log_that_ends_inside_a_tick_is_compared_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    record(path, duration_s=1.0)
+    lines = path.read_text().splitlines(keepends=True)
+    frame_id = f" {load_database().message('ODOMETRY_X').frame_id:03X}#"
+    last = max(number for number, line in enumerate(lines) if frame_id in line)
+    path.write_text("".join(lines[: last + 1]))
+    result = replay(path, load_robot(None), load_wire())
+    assert result.is_equal
+    assert result.ticks == 100
+
+
+def test_a_status_message_of_another_node_is_neither_sent_nor_compared(tmp_path: Path) -> None:
+    database = load_database()
+    text = database.path.read_text()
+    header = f"BO_ {database.message('STATUS').frame_id} STATUS: 8 "
+    assert f"{header}ECU" in text
+    dbc = tmp_path / "other.dbc"
+    dbc.write_text(text.replace(f"{header}ECU", f"{header}PLANT"))
+    log = tmp_path / "bus.log"
+    run(
+        RunConfig(
+            scenario=scenario("spin"), robot=load_robot(None), duration_s=1.0, log=log, dbc=dbc
+        )
+    )
+    assert f" {database.message('STATUS').frame_id:03X}#" not in log.read_text()
+    assert replay(log, load_robot(None), load_wire(dbc)).is_equal
+
+
 def test_a_log_without_odometry_is_refused_and_says_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     path.write_text("(0.000000) vcan0 0C1#4600000000000000 R\n")

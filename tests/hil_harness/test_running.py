@@ -1,6 +1,7 @@
 """A whole run: plant, bus, firmware, and what the result says about them."""
 
 import math
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,16 @@ import numpy as np
 import pytest
 
 from can_bus import read_log
-from hil_harness import HarnessError, RunConfig, load_robot, parse_effect, run, scenario
+from hil_harness import (
+    HarnessError,
+    RunConfig,
+    load_robot,
+    load_wire,
+    parse_effect,
+    replay,
+    run,
+    scenario,
+)
 from hil_harness.results import RunResult
 
 
@@ -139,12 +149,26 @@ def test_the_summary_has_every_field_of_the_contract(lesson: RunResult) -> None:
 
 def test_ctrl_c_ends_a_run_with_what_it_has(tmp_path: Path) -> None:
     def interrupt(done: int, ticks: int) -> None:
-        if done >= ticks // 2:
-            raise KeyboardInterrupt
+        if done == ticks // 2:
+            signal.raise_signal(signal.SIGINT)
 
     path = tmp_path / "bus.log"
     config = RunConfig(scenario=scenario("straight"), robot=load_robot(None), log=path)
     result = run(replace(config, duration_s=4.0), interrupt)
     assert result.interrupted
-    assert 0 < result.ticks < 400
+    assert result.ticks == 200
     assert sum(1 for _ in read_log(path)) == result.bus.frames
+    replayed = replay(path, config.robot, load_wire())
+    assert replayed.is_equal
+    assert (replayed.ticks, replayed.state) == (result.ticks, result.kernel_state)
+
+
+def test_a_second_ctrl_c_interrupts_at_once() -> None:
+    def insist(done: int, ticks: int) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(
+            RunConfig(scenario=scenario("straight"), robot=load_robot(None), duration_s=1.0), insist
+        )
