@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import pytest
@@ -100,6 +103,44 @@ def test_each_rule_takes_the_step_along_its_own_heading(rule: str) -> None:
     step_m = math.pi * ROBOT.wheel_radius_m * 50 / ROBOT.ticks_per_rev
     assert kernel.x_m_q / 2**32 == pytest.approx(step_m * math.cos(share * turn_rad), abs=1e-8)
     assert kernel.y_m_q / 2**32 == pytest.approx(step_m * math.sin(share * turn_rad), abs=1e-8)
+
+
+ROUNDED: dict[str, Callable[[Fraction], int]] = {
+    "floor": math.floor,
+    "half_up": lambda value: math.floor(value + Fraction(1, 2)),
+    "half_even": round,
+    "toward_zero": math.trunc,
+}
+
+
+@pytest.mark.parametrize("rounding", ROUNDINGS)
+@pytest.mark.parametrize("first_turn", [0, 5, -3])
+def test_the_direction_of_travel_is_the_exact_angle_rounded_once_to_the_headings_bits(
+    rounding: str, first_turn: int
+) -> None:
+    """Sixteen directions, a sixteenth of one per encoder tick: heading plus half the turn."""
+    robot = replace(
+        ROBOT,
+        wheel_radius_m=0.0625,
+        wheelbase_m=0.25,
+        ticks_per_rev=64,
+        max_wheel_rate_rad_s=1_000.0,
+    )
+    heading = {"frac_bits": 4, "rounding": rounding}
+    description = FirmwareDescription.from_table(
+        {"mode": "wheel", "integration": "midpoint", "heading": heading}
+    )
+    config = build_config(description, robot)
+    for turn in range(-64, 49):
+        kernel = Kernel(config, "python")
+        kernel.step(0, 0, FRESH, ZERO_CODE, FRESH)
+        drive(kernel, [(0, first_turn)])
+        x_m_q, y_m_q, _ = kernel.pose_q
+        drive(kernel, [(50, 50 + turn)])
+        angle_rad = math.atan2(kernel.y_m_q - y_m_q, kernel.x_m_q - x_m_q)
+        expected = ROUNDED[rounding](Fraction(first_turn, 16) + Fraction(turn, 32))
+        off_rad = math.remainder(angle_rad - expected * math.tau / 16, math.tau)
+        assert abs(off_rad) < 1e-6, turn
 
 
 def test_midpoint_converges_to_the_exact_arc() -> None:
