@@ -467,10 +467,13 @@ class _Builder:
     # Stuck gyro, standstill ---------------------------------------------------------------
 
     def _stuck_span_ticks(self) -> int:
-        """Return the span of block sums that a live gyro could not have missed."""
+        """Return the span of block sums that a live gyro could not have missed.
+
+        Block sums are below 2^45, so a span held to 2^62 is never reached, as the exact one.
+        """
         stuck = self.description.stuck
         two_lsb = 2 * self.sensitivity_turn * (1 << stuck.block_log2) / self.tick_turn
-        return stuck.span_ticks + math.ceil(two_lsb)
+        return min(stuck.span_ticks + math.ceil(two_lsb), INTERMEDIATE_LIMIT)
 
     def _offset_max_log2(self) -> int:
         rest = self.description.standstill

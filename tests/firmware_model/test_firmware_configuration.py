@@ -17,6 +17,7 @@ from firmware_model import (
     KernelConfig,
     build_config,
 )
+from firmware_model.integers import INTERMEDIATE_LIMIT
 
 DESCRIPTION_ROWS: list[tuple[dict[str, Any], str]] = [
     (
@@ -222,3 +223,25 @@ def test_a_kernel_of_another_kind_is_refused() -> None:
         FirmwareError, match="implementation = 'c': expected 'compiled' or 'python'"
     ):
         Kernel(config_of(), "c")  # type: ignore[arg-type]
+
+
+def test_a_stuck_span_that_no_wheel_can_reach_stays_inside_64_bits() -> None:
+    """Two LSB of this gyro are more encoder ticks than int64 holds: the gyro is never stuck."""
+    robot = replace(
+        ROBOT,
+        wheel_radius_m=1e-4,
+        wheelbase_m=1e3,
+        ticks_per_rev=1 << 24,
+        counter_bits=32,
+        tick_period_s=10.0,
+        gyro_sensitivity_rad_s_per_lsb=10.0,
+        max_wheel_rate_rad_s=1e-3,
+    )
+    formats = {
+        "turn_step": {"word_bits": 64, "frac_bits": 36},
+        "heading": {"frac_bits": 32},
+        "stuck": {"block_log2": 12},
+    }
+    config = build_config(FirmwareDescription.from_table(formats), robot)
+    assert config.stuck_span_ticks == INTERMEDIATE_LIMIT
+    assert Kernel(config).state() == Kernel(config, "python").state()
