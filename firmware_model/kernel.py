@@ -229,7 +229,6 @@ class FloatTwin:
     def __init__(self, config: KernelConfig) -> None:
         self.twin = Twin()
         self._config: TwinConfig = build_twin_config(config)
-        self._state = State()
 
     def step(self, kernel: Kernel) -> None:
         """Follow the tick that *kernel* has just taken."""
