@@ -25,7 +25,7 @@ from hil_harness.traces import LESSON_ESTIMATORS
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "hil_harness"))
 from lesson_as_printed import simulate as simulate_as_printed
 
-CHUNK_RUNS = 100  # counts of so many runs fit the cache's neighbourhood and little memory
+CHUNK_RUNS = 500  # the counts of so many runs take 72 MB
 
 
 def lesson_runs(

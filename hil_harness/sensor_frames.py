@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from operator import itemgetter
-from typing import Final
+from typing import Final, cast
 
 from can_bus import MessageSpec, protect
 from can_bus.signals import Raw
@@ -54,6 +54,13 @@ class SensorFrames:
                 for signal in message.payload
             )
 
+        # A plain message has no float signal: its counts and codes are whole numbers.
+        self._plain_readers = {
+            message.name: [_whole(source) for _, source in self._readers[message.name]]
+            for message in self.messages
+            if message.is_plain
+        }
+
     def raw_values(self, message: MessageSpec, counts: SensorCounts) -> dict[str, Raw]:
         """Return the raw value of each signal of *message*; those without a role stand as started.
 
@@ -67,15 +74,22 @@ class SensorFrames:
 
     def encode(self, message: MessageSpec, counts: SensorCounts, counter: int) -> bytearray:
         """Return the frame of *message* with *counter* and CRC where it is protected."""
-        raw = self.raw_values(message, counts)
-        if message.is_plain:
-            # counts and codes are whole numbers on a plain message, which has no float signal
-            values = [int(value) for value in raw.values()]
+        plain = self._plain_readers.get(message.name)
+        if plain is not None:
+            values = [read(counts) for read in plain]
             return message.pack(values, None if message.e2e is None else counter)
+        raw = self.raw_values(message, counts)
         data = message.encode_raw(raw)
         if message.e2e is not None:
             protect(message, data, counter)
         return data
+
+
+def _whole(source: Raw | Reader) -> Callable[[SensorCounts], int]:
+    if callable(source):
+        return cast(Callable[[SensorCounts], int], source)
+    constant = int(source)
+    return lambda counts: constant
 
 
 def _reader(index: int, mapped: MappedSignal, plant: PlantDescription) -> Reader:
