@@ -64,6 +64,7 @@ class _QuickVirtualBus(_PlainErrors, VirtualBus):
         if not self._open or not self.preserve_timestamps:
             super().send(msg, timeout)
             return
+        is_everywhere = True
         for receiver in self.channel:
             if receiver is self.queue and not self.receive_own_messages:
                 continue
@@ -72,8 +73,11 @@ class _QuickVirtualBus(_PlainErrors, VirtualBus):
             copy.is_rx = receiver is not self.queue
             try:
                 receiver.put(copy, True, timeout)
-            except queue.Full as error:
-                raise _gone(self, "send", error) from error
+            except queue.Full:
+                is_everywhere = False
+        if not is_everywhere:
+            full = can.CanOperationError("Could not send message to one or more recipients")
+            raise _gone(self, "send", full)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if timeout != 0 or self._filters is not None or not self._open:
