@@ -75,7 +75,7 @@ class Kernel:
         gyro_code: int,
         gyro_validity: int,
     ) -> None:
-        """Take one tick's inputs.
+        """Take one tick's inputs, each an int64.
 
         Args:
             left_count: left encoder counter [ticks], read modulo its width.
@@ -84,18 +84,15 @@ class Kernel:
                 sample is looked at.
             gyro_code: gyro ADC code [LSB] of the tick that ends now.
             gyro_validity: as encoder_validity, for the gyro.
+
+        Raises:
+            OverflowError: an input outside int64; the state stays as it was.
         """
         if self.implementation == "python":
-            step_kernel(
-                self._state,
-                self.config,
-                self.config.table,
-                left_count,
-                right_count,
-                encoder_validity,
-                gyro_code,
-                gyro_validity,
-            )
+            given = (left_count, right_count, encoder_validity, gyro_code, gyro_validity)
+            if not _fits_int64(min(given)) or not _fits_int64(max(given)):
+                raise OverflowError(f"inputs {given}: expected integers of 64 bits")
+            step_kernel(self._state, self.config, self.config.table, *given)
         else:
             self._step(
                 self._states,
@@ -210,7 +207,7 @@ class Kernel:
                 f"expected exactly the {len(STATE_FIELDS)} fields of firmware_model.State"
             )
         for name, value in state.items():
-            if type(value) is not int or not -(1 << 63) <= value < 1 << 63:
+            if type(value) is not int or not _fits_int64(value):
                 raise FirmwareError(f"state.{name} = {value!r}: expected an integer of 64 bits")
         if self.implementation == "python":
             self._state = State(**state)
@@ -238,6 +235,10 @@ class FloatTwin:
     def pose(self) -> tuple[float, float, float]:
         """Return (x_m, y_m, heading_rad), heading unwrapped."""
         return self.twin.x_m, self.twin.y_m, self.twin.heading_rad
+
+
+def _fits_int64(value: int) -> bool:
+    return -(1 << 63) <= value < 1 << 63
 
 
 def _state_dict(state: State) -> dict[str, int]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_cases import INT64, Inputs, config_of, inputs
@@ -77,6 +80,21 @@ def test_the_value_of_an_input_that_is_not_fresh_leaves_no_trace_anywhere(
         kernel.step(*tick)
         other.step(*garbled)
         assert kernel.state() == other.state()
+
+
+@pytest.mark.parametrize("implementation", ["compiled", "python"])
+@pytest.mark.parametrize("place", range(len(Inputs._fields)))
+@pytest.mark.parametrize("value", [1 << 63, 1 << 70, -(1 << 63) - 1])
+def test_an_input_beyond_64_bits_is_refused_and_leaves_no_trace(
+    implementation: Literal["compiled", "python"], place: int, value: int
+) -> None:
+    kernel = Kernel(config_of(), implementation)
+    before = kernel.state()
+    given_inputs = list(Inputs(0, 0))
+    given_inputs[place] = value
+    with pytest.raises(OverflowError):
+        kernel.step(*given_inputs)
+    assert kernel.state() == before
 
 
 @given(moving_kernels(), st.data())
