@@ -3,4 +3,5 @@
 set -eu
 cd "$(dirname "$0")/.."
 scripts/setup.sh
+echo "installed into .venv; for commands of your own:  . .venv/bin/activate"
 exec .venv/bin/chiplog run --scenario lesson --out out/lesson "$@"

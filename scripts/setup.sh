@@ -4,25 +4,36 @@
 set -eu
 cd "$(dirname "$0")/.."
 
-missing=""
-command -v python3 >/dev/null || missing="$missing python3"
-python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
-if [ "${1:-}" = test ]; then
-    command -v gcc >/dev/null || missing="$missing gcc libc6-dev"  # examples/ holds a node in C
-fi
-if [ -n "$missing" ]; then
+install() {
     as_root=""
     [ "$(id -u)" = 0 ] || as_root="sudo"
     $as_root apt-get update -qq
-    # shellcheck disable=SC2086
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing
-fi
+    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@"
+}
 
-python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
-    echo "chiplog needs Python 3.11 or newer; this is $(python3 --version)" >&2
+# The first Python that is new enough, whatever `python3` itself is.
+find_python() {
+    for python in python3 python3.14 python3.13 python3.12 python3.11; do
+        if command -v "$python" >/dev/null &&
+            "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+            return 0
+        fi
+    done
+    return 1
+}
+
+find_python || install python3 python3-venv
+find_python || {
+    echo "chiplog needs Python 3.11 or newer, and this system's python3 is older: install one, for" \
+        "example with  apt-get install python3.11 python3.11-venv" >&2
     exit 2
 }
-[ -x .venv/bin/python ] || python3 -m venv .venv
+"$python" -c 'import ensurepip, venv' 2>/dev/null || install "$python-venv"
+if [ "${1:-}" = test ] && ! command -v gcc >/dev/null; then
+    install gcc libc6-dev  # examples/ holds a node in C
+fi
+
+[ -x .venv/bin/python ] || "$python" -m venv .venv
 extras=""
 [ "${1:-}" = test ] && extras="[test]"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".$extras"
