@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import importlib
 import importlib.util
 import inspect
@@ -40,11 +41,11 @@ class PythonDevice(Device):
         self.node = node
 
     def step(self, now_us: int, frames: Sequence[can.Message]) -> Sequence[can.Message]:
-        """Call the object's step."""
+        """Call the object's step; check each frame that it answers, and stamp it with the tick."""
         try:
             answer = self.node.step(now_us, frames)
             sent = list(answer) if isinstance(answer, Iterable) else None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise HarnessError(
                 f"device {self.name}: raised {_what_and_where(error)} {at_time(now_us)}"
             ) from error
@@ -53,13 +54,7 @@ class PythonDevice(Device):
                 f"device {self.name}: step returned {type(answer).__name__} {at_time(now_us)}; "
                 "expected a list of can.Message, which may be empty"
             )
-        for message in sent:
-            if not isinstance(message, can.Message):
-                raise HarnessError(
-                    f"device {self.name}: step returned a {type(message).__name__} "
-                    f"{at_time(now_us)} where a can.Message was expected"
-                )
-        return sent
+        return [self._take(message, now_us) for message in sent]
 
     def odometry(self) -> DevicePose | None:
         """Return what the object's ``odometry()`` says, if it has one."""
@@ -70,6 +65,25 @@ class PythonDevice(Device):
         """Call the object's ``close()``, if it has one."""
         if hasattr(self.node, "close"):
             self.node.close()
+
+    def _take(self, message: object, now_us: int) -> can.Message:
+        """Return one frame of the answer, stamped; the device's own object stays as it is."""
+        if not isinstance(message, can.Message):
+            raise HarnessError(
+                f"device {self.name}: step returned a {type(message).__name__} "
+                f"{at_time(now_us)} where a can.Message was expected"
+            )
+        wrong = _what_is_wrong(message)
+        if wrong is not None:
+            raise HarnessError(
+                f"device {self.name}: a frame sent {at_time(now_us)} {wrong}; allowed are classic "
+                "data frames of up to 8 bytes with an identifier of 11 bits, or of 29 if extended"
+            )
+        stamp_s = now_us * 1e-6
+        if message.timestamp != stamp_s:
+            message = copy.deepcopy(message)
+            message.timestamp = stamp_s
+        return message
 
 
 def load_python_device(target: str, setup: DeviceSetup) -> PythonDevice:
@@ -91,7 +105,7 @@ def load_python_device(target: str, setup: DeviceSetup) -> PythonDevice:
         node = factory(setup) if _takes_an_argument(factory) else factory()
     except HarnessError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise HarnessError(
             f"device python:{target}: creating it raised {_what_and_where(error)}"
         ) from error
@@ -116,7 +130,7 @@ def _load_module(name: str, setup: DeviceSetup) -> ModuleType:
             spec.loader.exec_module(module)
     except HarnessError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise HarnessError(
             f"device python:{name}: importing it raised {_what_and_where(error)}"
         ) from error
@@ -147,7 +161,28 @@ def _takes_an_argument(factory: Any) -> bool:
     return any(parameter.kind in positional for parameter in parameters)
 
 
-def _what_and_where(error: Exception) -> str:
+def _what_is_wrong(message: can.Message) -> str | None:
+    """Return why a frame is no classic data frame, None if it is one."""
+    if message.is_fd:
+        return "is a CAN FD frame"
+    if message.is_error_frame:
+        return "is an error frame"
+    if message.is_remote_frame:
+        return "is a remote frame"
+    frame_id = message.arbitration_id
+    if not isinstance(frame_id, int):
+        return f"has the identifier {frame_id!r}"
+    bits = 29 if message.is_extended_id else 11
+    if not 0 <= frame_id < 1 << bits:
+        return f"has the identifier {frame_id:#x}, outside {bits} bits"
+    if len(message.data) > 8:
+        return f"has {len(message.data)} bytes"
+    if message.dlc != len(message.data):
+        return f"says that it has {message.dlc} bytes, but has {len(message.data)}"
+    return None
+
+
+def _what_and_where(error: BaseException) -> str:
     """Return an exception's type, text and innermost line, in one line."""
     text = " ".join(str(error).split())
     frames = traceback.extract_tb(error.__traceback__)

@@ -5,8 +5,10 @@ from pathlib import Path
 import can
 import pytest
 
+from can_bus import read_log, timestamp_us
 from hil_harness.devices import DeviceSetup, PythonDevice, open_device
 from hil_harness.errors import HarnessError
+from hil_harness.rig import Rig
 
 SETUP = DeviceSetup(tick_period_us=10_000)
 SILENT_NODE = "class Node:\n    def step(self, now_us, frames):\n        return []\n"
@@ -25,6 +27,87 @@ def test_an_object_with_a_step_is_a_device() -> None:
 
     frame = can.Message(arbitration_id=1, data=b"\x01")
     assert PythonDevice(Echo()).step(0, [frame]) == [frame]
+
+
+class Sends:
+    """A device that sends one frame."""
+
+    def __init__(self, frame: can.Message) -> None:
+        self.frame = frame
+
+    def step(self, now_us: int, frames: list[can.Message]) -> list[can.Message]:
+        return [self.frame]
+
+
+@pytest.mark.parametrize("stamp_s", [0.0, 1.7e9], ids=["without a stamp", "wall clock"])
+def test_an_answer_is_stamped_with_the_tick_whatever_stamp_it_comes_with(stamp_s: float) -> None:
+    frame = can.Message(timestamp=stamp_s, arbitration_id=1, data=b"\x01")
+    (sent,) = PythonDevice(Sends(frame)).step(20_000, [])
+    assert sent.timestamp == 0.02
+    assert sent.equals(frame, timestamp_delta=None)
+    assert frame.timestamp == stamp_s
+
+
+def test_the_log_of_a_device_that_stamps_nothing_runs_on_bus_time(tmp_path: Path) -> None:
+    frame = can.Message(arbitration_id=0x7A, is_extended_id=False, data=b"\x01")
+    with Rig(device=Sends(frame), log=tmp_path / "bus.log") as rig:
+        rig.run_for(0.03)
+    stamps_us = [
+        timestamp_us(frame)
+        for frame in read_log(tmp_path / "bus.log")
+        if frame.arbitration_id == 0x7A
+    ]
+    assert stamps_us == [0, 10_000, 20_000]
+
+
+@pytest.mark.parametrize(
+    ("frame", "complaint"),
+    [
+        (can.Message(arbitration_id=1, is_fd=True), "is a CAN FD frame"),
+        (can.Message(arbitration_id=1, is_remote_frame=True, dlc=4), "is a remote frame"),
+        (can.Message(arbitration_id=1, is_error_frame=True), "is an error frame"),
+        (can.Message(arbitration_id=1, data=bytes(9)), "has 9 bytes"),
+        (can.Message(arbitration_id=1, dlc=4, data=b"12"), "says that it has 4 bytes, but has 2"),
+        (
+            can.Message(arbitration_id=0x800, is_extended_id=False),
+            "has the identifier 0x800, outside 11 bits",
+        ),
+        (can.Message(arbitration_id=1 << 29), "has the identifier 0x20000000, outside 29 bits"),
+        (can.Message(arbitration_id=-1), "has the identifier -0x1, outside 29 bits"),
+    ],
+)
+def test_a_frame_that_is_no_classic_data_frame_is_refused(
+    frame: can.Message, complaint: str
+) -> None:
+    with pytest.raises(HarnessError) as caught:
+        PythonDevice(Sends(frame)).step(120_000, [])
+    assert str(caught.value) == (
+        f"device Sends: a frame sent at 0.120000 s {complaint}; allowed are classic data frames "
+        "of up to 8 bytes with an identifier of 11 bits, or of 29 if extended"
+    )
+
+
+@pytest.mark.parametrize(
+    ("body", "complaint"),
+    [
+        ("raise SystemExit(3)\n", "importing it raised SystemExit: 3 (node.py:1)"),
+        (
+            "class Node:\n    def __init__(self):\n        raise SystemExit(3)\n",
+            "creating it raised SystemExit: 3 (node.py:3)",
+        ),
+        (
+            "class Node:\n    def step(self, now_us, frames):\n        raise SystemExit(3)\n",
+            "raised SystemExit: 3 (node.py:3) at 0.000000 s",
+        ),
+    ],
+)
+def test_a_device_that_exits_does_not_end_the_harness(
+    tmp_path: Path, body: str, complaint: str
+) -> None:
+    spec = write_node(tmp_path, body)
+    with pytest.raises(HarnessError) as caught:
+        open_device(spec, SETUP).step(0, [])
+    assert complaint in str(caught.value)
 
 
 def test_an_object_without_a_step_is_refused_with_what_a_device_needs() -> None:
