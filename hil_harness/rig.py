@@ -29,6 +29,7 @@ from hil_harness.errors import HarnessError
 from hil_harness.expectation import Expectation
 from hil_harness.frame_recorder import FrameRecorder, Wait
 from hil_harness.nodes import FirmwareNode
+from hil_harness.nodes.reports import firmware_messages
 from hil_harness.restbus import FrameBuilder, RestBus, SignalValue
 from hil_harness.rig_assembly import (
     channel_for,
@@ -128,6 +129,11 @@ class Rig:
                 effects=effects,
                 seed=seed,
             )
+        self._firmware_message_names: frozenset[str] = frozenset()
+        if device is None:
+            assert self.signal_map is not None
+            shipped = firmware_messages(self.database, self.signal_map)
+            self._firmware_message_names = frozenset(spec.name for spec in shipped)
         with ExitStack() as resources:
             self.device = self._open_device(device, channel, folder)
             resources.callback(self.device.close)
@@ -243,14 +249,15 @@ class Rig:
     def restbus(self, *senders: str, **overrides: Mapping[str, SignalValue]) -> RestBus:
         """Send every cyclic message of these nodes at its cycle time, as if they were there.
 
-        Messages that the rig's plant sends already are left to it. Override signals here, as in
-        ``rig.restbus("HOST", COMMAND={"v_m_s": 0.3})``, or later with `set` on what this returns.
+        Messages that the rig's plant or the shipped firmware sends already are left to them.
+        Override signals here, as in ``rig.restbus("HOST", COMMAND={"v_m_s": 0.3})``, or later with
+        `set` on what this returns.
         """
         restbus = RestBus(
             self._builder,
             senders,
             overrides,
-            without=self._plant.message_names,
+            without=self._plant.message_names | self._firmware_message_names,
             start_us=self.now_us,
         )
         self._restbuses.append(restbus)

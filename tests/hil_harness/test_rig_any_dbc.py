@@ -68,6 +68,26 @@ def test_a_rest_bus_leaves_to_the_plant_what_the_plant_sends() -> None:
         rig.expect_none("BODY", within_s=1.0)
 
 
+def test_a_rest_bus_leaves_to_the_shipped_firmware_what_it_sends() -> None:
+    with Rig() as rig:
+        assert rig.restbus("HOST", "ECU").messages == ("COMMAND",)
+        rig.run_for(0.1)
+        lines = [line for line in rig.recent_frames(1000) if "ODOMETRY_X" in line]
+        assert len(lines) == 10
+        with pytest.raises(HarnessError, match="nothing is left for a rest bus of ECU"):
+            rig.restbus("ECU")
+
+
+def test_a_rest_bus_may_stand_in_for_a_device_of_ones_own() -> None:
+    class Listener:
+        def step(self, now_us: int, frames: Sequence[can.Message]) -> list[can.Message]:
+            return []
+
+    with Rig(device=Listener()) as rig:
+        rig.restbus("ECU")
+        rig.expect("ODOMETRY_X")
+
+
 def test_a_rest_bus_can_command_the_robot() -> None:
     with Rig() as rig:
         rig.restbus("HOST", COMMAND={"v_m_s": 0.4})
