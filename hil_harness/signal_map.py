@@ -160,6 +160,12 @@ def default_map(database: Database) -> SignalMap:
         details = SignalTable(signal=f"{message_name}.{signal_name}")
         found[role] = _mapped(role, message, message.signals[signal_name], details)
     result = SignalMap(database.path.name, MappingProxyType(found))
+    for message in result.messages(SHIPPED):
+        if message.e2e is None and {"crc", "tick_counter"} <= set(message.signals):
+            raise HarnessError(
+                f"{database.path.name}: {message.name} has crc and tick_counter, but no E2E "
+                "attributes: expected E2EProfile and E2EDataId, as in the shipped DBC"
+            )
     missing = [role for role in REQUIRED if role not in found]
     if missing:
         raise HarnessError(

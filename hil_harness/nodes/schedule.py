@@ -17,12 +17,17 @@ class Cycle(NamedTuple):
 
 
 def cycle_of(spec: MessageSpec, tick_period_us: int) -> Cycle:
-    """Return a message's cycle in ticks; one without a cycle time goes out at every tick.
+    """Return a message's cycle in ticks.
 
-    Raises HarnessError where cycle or start delay is no whole number of ticks, or the start delay
-    is a cycle or more.
+    Raises HarnessError where the DBC gives none, where cycle or start delay is no whole number of
+    ticks, or the start delay is a cycle or more.
     """
-    cycle_us = spec.cycle_time_us or tick_period_us
+    cycle_us = spec.cycle_time_us
+    if cycle_us is None:
+        raise HarnessError(
+            f"{spec.name} has no GenMsgCycleTime: expected one, for example "
+            f"{tick_period_us // 1000} ms, to know how often it is sent"
+        )
     if cycle_us % tick_period_us or spec.start_delay_us % tick_period_us:
         raise HarnessError(
             f"{spec.name}: cycle {cycle_us} µs, start delay {spec.start_delay_us} µs: both must be "

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from can_bus import read_log
+from can_bus import load_database, read_log
 from hil_harness import (
     HarnessError,
     RunConfig,
@@ -172,3 +172,20 @@ def test_a_second_ctrl_c_interrupts_at_once() -> None:
         run(
             RunConfig(scenario=scenario("straight"), robot=load_robot(None), duration_s=1.0), insist
         )
+
+
+@pytest.mark.parametrize(
+    ("lost", "complaint"),
+    [
+        ('BA_ "GenMsgCycleTime" BO_', "has no GenMsgCycleTime: expected one"),
+        ('BA_ "E2EProfile" BO_', "has crc and tick_counter, but no E2E attributes"),
+    ],
+)
+def test_a_dbc_that_lost_its_attributes_is_refused_not_guessed_at(
+    tmp_path: Path, lost: str, complaint: str
+) -> None:
+    lines = load_database().path.read_text().splitlines(keepends=True)
+    dbc = tmp_path / "cut.dbc"
+    dbc.write_text("".join(line for line in lines if not line.startswith(lost)))
+    with pytest.raises(HarnessError, match=complaint):
+        run_scenario("spin", duration_s=0.1, dbc=dbc)
