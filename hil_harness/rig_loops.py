@@ -204,7 +204,6 @@ class RealTimeLoop:
             message.timestamp = wall_us * 1e-6
         sent = injected + list(self._plant.step(wall_us, answers + injected))
         self._note(sent)
-        self._tester.send(self._faults.transfer(now_us, sent))
         delivered = list(self._faults.transfer(now_us, sent))
         self._tester.send(delivered)
         if self._ecu is not None:
