@@ -136,5 +136,6 @@ def pytest_runtest_makereport(
     report = yield
     rig_of_test = item.stash.get(_RIG_OF_TEST, None)
     if rig_of_test is not None and report.failed:
-        report.sections.extend(rig_of_test.failure_sections())
+        error = None if call.excinfo is None else call.excinfo.value
+        report.sections.extend(rig_of_test.failure_sections(error))
     return report

@@ -102,12 +102,12 @@ class RigOfTest:
         if not self._failed:
             self.log.unlink(missing_ok=True)
 
-    def failure_sections(self) -> list[tuple[str, str]]:
-        """Return the report's sections: the last frames decoded, and where the log is."""
+    def failure_sections(self, error: BaseException | None) -> list[tuple[str, str]]:
+        """Return the report's sections: the frames before *error* decoded, and where the log is."""
         if self._failed:
             return []  # a second phase of the same test: all is said
         self._failed = True
-        lines = self.rig.recent_frames(SHOWN_FRAMES)
+        lines = self.rig.recent_frames(SHOWN_FRAMES, before=error)
         sections = [(f"chiplog: the last {len(lines)} frames on the bus", "\n".join(lines))]
         if self.log.exists():
             sections.append(("chiplog: the log is kept", str(self.log)))

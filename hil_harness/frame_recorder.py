@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
 import can
@@ -93,9 +93,13 @@ class FrameRecorder:
         seen = self._latest.get((spec.frame_id, spec.is_extended))
         return None if seen is None else decode(self._database, seen.message, seen.time_us)
 
-    def last_lines(self, count: int) -> list[str]:
-        """Return the last frames, decoded, one line each."""
-        return [self._line(seen) for seen in list(self._history)[-count:]]
+    def history(self) -> list[SeenFrame]:
+        """Return the frames remembered, as of now: in real time the bus goes on."""
+        return list(self._history)
+
+    def lines(self, frames: Iterable[SeenFrame]) -> list[str]:
+        """Return frames decoded, one line each."""
+        return [self._line(seen) for seen in frames]
 
     def _line(self, seen: SeenFrame) -> str:
         frame = decode(self._database, seen.message, seen.time_us)

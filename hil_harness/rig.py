@@ -27,7 +27,7 @@ from hil_harness.decoding import DecodedFrame
 from hil_harness.devices import Device, DeviceSetup, PythonDevice, open_device
 from hil_harness.errors import HarnessError
 from hil_harness.expectation import Expectation
-from hil_harness.frame_recorder import FrameRecorder, Wait
+from hil_harness.frame_recorder import FrameRecorder, SeenFrame, Wait
 from hil_harness.nodes import FirmwareNode
 from hil_harness.nodes.reports import firmware_messages
 from hil_harness.restbus import FrameBuilder, RestBus, SignalValue
@@ -114,6 +114,7 @@ class Rig:
         self._outbox: deque[tuple[str, Mapping[str, Raw]]] = deque()
         self._restbuses: list[RestBus] = []
         self._recorder = FrameRecorder(self.database)
+        self._last_failure: tuple[AssertionError | None, list[SeenFrame]] = (None, [])
         self._faults = FaultInjector(self.database, seed)
         self._outgoing_faults = FaultInjector(self.database, seed + 1)
         channel = channel_for(interface, channel)
@@ -168,7 +169,8 @@ class Rig:
         __tracebackhide__ = True  # pytest then shows the line of the test
         wait, span_us = self._wait_for(Expectation(message, signals), within_s)
         if wait.found is None:
-            raise AssertionError(wait.expectation.was_not_met(span_us, wait.came, wait.counts()))
+            line = wait.expectation.was_not_met(span_us, wait.came, wait.counts())
+            raise self._failure(line)
         return wait.found
 
     def expect_none(
@@ -181,7 +183,7 @@ class Rig:
         __tracebackhide__ = True  # pytest then shows the line of the test
         wait, span_us = self._wait_for(Expectation(message, signals), within_s)
         if wait.found is not None:
-            raise AssertionError(wait.expectation.was_met(span_us, wait.found))
+            raise self._failure(wait.expectation.was_met(span_us, wait.found))
 
     def latest(self, message: str) -> DecodedFrame:
         """Return the last frame of a message. Raises AssertionError if none has come yet."""
@@ -269,9 +271,16 @@ class Rig:
             self.interface, self.channel, bitrate=self._bitrate, bus_args=self._bus_args
         )
 
-    def recent_frames(self, count: int) -> list[str]:
-        """Return the last frames on the bus, decoded, one line each."""
-        return self._recorder.last_lines(count)
+    def recent_frames(self, count: int, *, before: BaseException | None = None) -> list[str]:
+        """Return the last frames on the bus, decoded, one line each.
+
+        *before* is what `expect` or `expect_none` raised last: then the frames end there, though
+        in real time the bus has gone on since. For any other exception they end now.
+        """
+        error, frames = self._last_failure
+        if before is None or before is not error:
+            frames = self._recorder.history()
+        return self._recorder.lines(frames[-count:])
 
     @property
     def now_us(self) -> int:
@@ -313,6 +322,12 @@ class Rig:
         start_us = self.now_us
         self._recorder.wait(wait, lambda is_over: self._loop.advance(duration_us, is_over))
         return wait, (start_us, start_us + duration_us)
+
+    def _failure(self, line: str) -> AssertionError:
+        """Return the error of an expectation, and keep the frames before it."""
+        error = AssertionError(line)
+        self._last_failure = (error, self._recorder.history())
+        return error
 
     def _last_value(self, role: Role) -> float:
         if self.signal_map is None:

@@ -291,6 +291,25 @@ def test_a_failure_shows_the_frames_before_it_and_keeps_the_log(pytester: pytest
     assert log.read_text().count("\n") > 100
 
 
+def test_a_failure_in_real_time_shows_the_frames_before_it(pytester: pytest.Pytester) -> None:
+    result = run(
+        pytester,
+        """
+        def test_fails(chiplog_rig):
+            try:
+                chiplog_rig.expect_none("STATUS", within_s=60.0)
+            finally:
+                chiplog_rig.run_for(1.0)
+        """,
+        "--chiplog-interface=udp_multicast",
+    )
+    result.assert_outcomes(failed=1)
+    output = result.stdout.str()
+    met = re.search(r"^E +(\d+\.\d{6}) s  initialised = ", output, re.MULTILINE)
+    assert met is not None
+    assert re.search(rf"^{re.escape(met[1])} s  ECU  STATUS ", output, re.MULTILINE)
+
+
 def test_a_log_is_kept_when_the_test_leaks_a_bus_too(pytester: pytest.Pytester) -> None:
     result = run(
         pytester,

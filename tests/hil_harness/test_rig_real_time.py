@@ -22,6 +22,18 @@ def test_a_command_drives_the_robot_in_real_time() -> None:
         assert rig.truth.x_m > 0.0
 
 
+def test_every_frame_goes_out_once_in_real_time() -> None:
+    with Rig(interface=REAL_TIME, device="none") as rig, rig.open_bus() as ecu:
+        rig.send("COMMAND", v_m_s=0.5)
+        heard: list[int] = []
+        command, encoder = (rig.database.message(name).frame_id for name in ("COMMAND", "ENCODER"))
+        while command not in heard or heard[heard.index(command) :].count(encoder) < 5:
+            frame = ecu.recv(PATIENCE_S)
+            assert frame is not None
+            heard.append(frame.arbitration_id)
+        assert heard.count(command) == 1
+
+
 def test_an_expectation_in_real_time_gives_up_when_its_time_is_over() -> None:
     with Rig(interface=REAL_TIME) as rig, pytest.raises(AssertionError, match="none of them so"):
         rig.expect("ODOMETRY_X", within_s=0.5, x_m=99.0)
@@ -90,3 +102,19 @@ def test_a_command_from_somebody_else_on_the_bus_drives_the_robot() -> None:
         rig.expect("COMMAND", within_s=PATIENCE_S, v_m_s=pytest.approx(0.5))
         rig.expect("ODOMETRY_X", within_s=PATIENCE_S, x_m=lambda x_m: x_m > 0.1)
         assert rig.truth.x_m > 0.0
+
+
+def test_the_frames_before_a_failure_are_still_known_when_the_bus_has_gone_on() -> None:
+    with Rig(interface=REAL_TIME) as rig:
+        with pytest.raises(AssertionError) as caught:
+            rig.expect_none("STATUS", within_s=PATIENCE_S)
+        failed_by_s = rig.now_us * 1e-6
+        rig.expect_none("COMMAND", within_s=0.5)
+
+        def stamps_s(lines: list[str]) -> list[float]:
+            return [float(line.split()[0]) for line in lines]
+
+        before = rig.recent_frames(30, before=caught.value)
+        assert any("STATUS" in line for line in before)
+        assert max(stamps_s(before)) <= failed_by_s
+        assert max(stamps_s(rig.recent_frames(30))) > failed_by_s
