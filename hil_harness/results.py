@@ -60,6 +60,19 @@ class BusStatistics:
 
 
 @dataclass(frozen=True)
+class Reception:
+    """What came of one message: how many frames, and how many of them were refused, by reason."""
+
+    frames: int = 0
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def refused_frames(self) -> int:
+        """Number of frames refused, whatever the reason."""
+        return sum(self.refused.values())
+
+
+@dataclass(frozen=True)
 class Timing:
     """Real time only: lateness of each tick's start against its due time, and overruns."""
 
@@ -77,7 +90,8 @@ class RunResult:
     simulated time, or in real time the wall clock. The poses are float64[n, 3]: x_m, y_m,
     heading_rad (unwrapped), one row per tick. `estimators` holds the lesson's two, wheel only and
     gyro heading, on the same accepted counts. `kernel_state` is the integer firmware's full final
-    state.
+    state. `odometry` says of each odometry message what came from a firmware under test; it is
+    empty for Chiplog's own, whose poses need no frames.
     """
 
     scenario: str
@@ -97,6 +111,7 @@ class RunResult:
     wall_s: float
     interrupted: bool = False
     configuration: Mapping[str, Any] = field(default_factory=dict)
+    odometry: Mapping[str, Reception] = field(default_factory=dict)
 
     @property
     def ticks(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +25,7 @@ from hil_harness.lockstep import Lockstep
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
-from hil_harness.results import BusStatistics, Poses, RunResult, Timing
+from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
 from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 
@@ -223,10 +223,12 @@ def _result(
     ticks = min(len(parts.plant.truth), len(inputs.left_count))
     ours = trace(shadow.config, inputs)
     firmware: Poses = ours.firmware[:ticks]
+    odometry: Mapping[str, Reception] = {}
     if parts.witness is not None:
         # An ECU outside answers into the next tick: its frames are the plant's next input.
         answers = parts.witness.answered[1:] if parts.firmware is None else parts.witness.answered
-        firmware = odometry_poses(answers, ticks, wire.database, wire.signal_map)
+        stated = odometry_poses(answers, ticks, wire.database, wire.signal_map)
+        firmware, odometry = stated.poses, stated.receptions
     period_us = wire.tick_period_us
     return RunResult(
         scenario=config.scenario.name,
@@ -251,6 +253,7 @@ def _result(
         wall_s=outcome.wall_s,
         interrupted=outcome.interrupted,
         configuration=_configuration(config, wire),
+        odometry=odometry,
     )
 
 

@@ -18,7 +18,7 @@ from can_bus import Database, FrameChecker
 from firmware_model import STATE_FIELDS, BatchRuns, KernelConfig, build_config, run_batch
 from hil_harness.nodes import Inputs
 from hil_harness.odometry_frames import ODOMETRY_ROLES
-from hil_harness.results import Estimate, Poses
+from hil_harness.results import Estimate, Poses, Reception
 from hil_harness.signal_map import SignalMap
 
 LESSON_ESTIMATORS: Mapping[str, Mapping[str, str]] = {
@@ -36,6 +36,14 @@ class Trace:
     float_twin: Poses
     status: NDArray[np.int64]
     state: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class StatedOdometry:
+    """What a foreign firmware's frames state: poses float64[ticks, 3], and what came by message."""
+
+    poses: Poses
+    receptions: Mapping[str, Reception]
 
 
 def run_again(config: KernelConfig, inputs: Inputs) -> BatchRuns:
@@ -81,22 +89,32 @@ def odometry_poses(
     ticks: int,
     database: Database,
     signal_map: SignalMap,
-) -> Poses:
+) -> StatedOdometry:
     """Return the pose that a foreign firmware's frames state at each tick: float64[ticks, 3].
 
     `answers` are (time in µs, frames) per tick. A pose holds until the next frame and is NaN before
-    the first and where the sender says that it has none. The heading is unwrapped.
+    the first and where the sender says that it has none. The heading is unwrapped. Beside it stands
+    what came of each odometry message, refused frames by reason.
     """
     roles = [role for role in ODOMETRY_ROLES if signal_map.get(role) is not None]
     messages = signal_map.messages(roles)
     # Odometry is judged, not obeyed: a frame of any age counts.
     checker = FrameChecker(database, [spec.name for spec in messages], max_age_us=2**62)
+    frames_by_message = {spec.name: 0 for spec in messages}
+    refused: dict[str, dict[str, int]] = {spec.name: {} for spec in messages}
     poses = np.full((ticks, 3), math.nan)
     now = [math.nan] * 3
     for tick, (now_us, frames) in zip(range(ticks), answers, strict=False):
         for frame in frames:
+            spec = database.by_id(frame.arbitration_id, frame.is_extended_id)
+            if spec is None or spec.name not in refused or frame.is_error_frame:
+                continue
+            frames_by_message[spec.name] += 1
+            before = dict(checker.rejected)
             accepted = checker.check(frame, now_us)
             if accepted is None:
+                why = next(r for r, count in checker.rejected.items() if count > before[r])
+                refused[spec.name][why] = refused[spec.name].get(why, 0) + 1
                 continue
             for role in roles:
                 mapped = signal_map[role]
@@ -108,4 +126,7 @@ def odometry_poses(
         poses[tick] = now
     known = np.isfinite(poses[:, 2])
     poses[known, 2] = np.unwrap(poses[known, 2])
-    return poses
+    return StatedOdometry(
+        poses,
+        {name: Reception(frames, refused[name]) for name, frames in frames_by_message.items()},
+    )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from chiplog.pages import quantities as q
-from hil_harness.results import RunResult
+from hil_harness.results import Reception, RunResult
 
 ERROR_PARTS = ("arithmetic", "model", "total")
 OUR_DEVICE = "chiplog firmware"
@@ -25,7 +25,17 @@ class Words:
 
 
 def answer(result: RunResult) -> list[Words]:
-    """Return the sentence that says how far firmware strays from float, and both from truth."""
+    """Return the sentence that says how far firmware strays from float, and both from truth.
+
+    A firmware under test whose odometry was refused or never came is told so.
+    """
+    words = _answer(result)
+    if _has_pose(result) and (_missing(result) or _any_refused(result)):
+        words.append(Words(f" The firmware under test {_what_it_sent(result)}."))
+    return words
+
+
+def _answer(result: RunResult) -> list[Words]:
     if result.ticks == 0:
         return [Words("No tick ran, so there is nothing to compare.")]
     error = result.summary()["error"]
@@ -34,7 +44,7 @@ def answer(result: RunResult) -> list[Words]:
     )
     after = Words(f"After {q.duration(result.duration_s)} and {q.length(driven_m(result), 3)}, ")
     if total is None:
-        return [after, Words("the firmware under test had sent no odometry.", strong=True)]
+        return [after, Words(f"{_why_no_pose(result)}.", strong=True)]
     if arithmetic is None or model is None:
         return [
             after,
@@ -64,6 +74,60 @@ def answer(result: RunResult) -> list[Words]:
         Words(q.length(model), strong=True),
         Words("."),
     ]
+
+
+def _has_pose(result: RunResult) -> bool:
+    return result.ticks > 0 and bool(np.isfinite(result.firmware[-1, :2]).all())
+
+
+def _any_refused(result: RunResult) -> bool:
+    return any(reception.refused for reception in result.odometry.values())
+
+
+def _missing(result: RunResult) -> list[str]:
+    return [name for name, reception in result.odometry.items() if not reception.frames]
+
+
+def _why_no_pose(result: RunResult) -> str:
+    """Return the clause that says why a firmware under test has no position at the end."""
+    if len(_missing(result)) == len(result.odometry):
+        return "the firmware under test had sent no odometry"
+    why = f"the firmware under test has no position: it {_what_it_sent(result)}"
+    if not _missing(result) and not _any_refused(result):
+        why += ", the last of them marked as not available"
+    return why
+
+
+def _what_it_sent(result: RunResult) -> str:
+    """Return `sent 800 ODOMETRY_X, all refused: crc; ODOMETRY_Y never came`."""
+    missing = _missing(result)
+    sent = [
+        _reception_clause(name, reception)
+        for name, reception in result.odometry.items()
+        if reception.frames
+    ]
+    only = " only" if missing and not _any_refused(result) else ""
+    never = f"; {_listed(missing)} never came" if missing else ""
+    return f"sent {('; ' if _any_refused(result) else ', ').join(sent)}{only}{never}"
+
+
+def _reception_clause(name: str, reception: Reception) -> str:
+    clause = f"{q.count(reception.frames)} {name}"
+    if not reception.refused:
+        return clause
+    if reception.refused_frames < reception.frames:
+        amount = q.count(reception.refused_frames)
+    else:
+        amount = "all"
+    reasons = (
+        (why, "" if len(reception.refused) == 1 else f"{q.count(frames)} ")
+        for why, frames in reception.refused.items()
+    )
+    return f"{clause}, {amount} refused: {', '.join(count + why for why, count in reasons)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def is_ours(result: RunResult) -> bool:

@@ -19,18 +19,17 @@ def trajectories(result: RunResult) -> Picture:
     """Draw truth, float and firmware seen from above; for the lesson, truth and both estimators."""
     tracks = [Track("truth", INK, result.truth, width=1.6)]
     if is_lesson(result):
-        tracks += [Track(*named) for named in _estimates(result)]
+        tracks += [Track(*named) for named in _estimates(result) if _has_position(named[2])]
         caption = (
             "Seen from above, one scale on both axes. Both estimators run in fixed point on the "
             "same accepted counts."
         )
     else:
-        tracks.append(Track("firmware", BLUE, result.firmware, width=4.0))
+        caption = "Seen from above, one scale on both axes."
+        if _has_position(result.firmware):
+            tracks.append(Track("firmware", BLUE, result.firmware, width=4.0))
+            caption += " Where float lies within the firmware's line, they agree to the eye."
         tracks.append(Track("float", ORANGE, result.float_twin, width=1.3))
-        caption = (
-            "Seen from above, one scale on both axes. Where float lies within the firmware's line, "
-            "they agree to the eye."
-        )
     return picture(
         "trajectories",
         "The way it went",
@@ -44,9 +43,15 @@ def trajectories(result: RunResult) -> Picture:
     )
 
 
-def error_norms(result: RunResult) -> Picture:
-    """Draw the distance of the firmware, or of the lesson's estimators, from the truth."""
+def error_norms(result: RunResult) -> Picture | None:
+    """Draw the distance of the firmware, or of the lesson's estimators, from the truth.
+
+    None where none of them has a position.
+    """
     named = _estimates(result) if is_lesson(result) else [("firmware", BLUE, result.firmware)]
+    named = [entry for entry in named if _has_position(entry[2])]
+    if not named:
+        return None
     curves = [Curve(name, colour, _distance(pose, result.truth)) for name, colour, pose in named]
     return picture(
         "error-norms",
@@ -75,8 +80,13 @@ def _estimates(result: RunResult) -> list[tuple[str, str, Poses]]:
     ]
 
 
-def arithmetic_errors(result: RunResult) -> Picture:
-    """Draw firmware − float over time: what the integers cost, component by component."""
+def arithmetic_errors(result: RunResult) -> Picture | None:
+    """Draw firmware − float over time: what the integers cost, component by component.
+
+    None where the firmware has no position.
+    """
+    if not _has_position(result.firmware):
+        return None
     part = result.errors.arithmetic
     position = [Curve("x", BLUE, part[:, 0]), Curve("y", ORANGE, part[:, 1])]
     heading = [Curve("heading", GREEN, part[:, 2])]
@@ -85,7 +95,7 @@ def arithmetic_errors(result: RunResult) -> Picture:
         "What fixed point costs" if is_ours(result) else "Firmware against float",
         "Firmware minus its float64 twin on the same counts and decisions: arithmetic alone."
         if is_ours(result)
-        else "The firmware under test minus our float64 reference on the same counts.",
+        else "The firmware under test minus the float twin on the same counts.",
         lambda canvas: draw_over_time(
             canvas,
             result.time_s,
@@ -129,6 +139,11 @@ def _alt_of_ends(title: str, curves: Sequence[Curve], unit: str) -> str:
         if len(curve.values)
     )
     return f"{title} {ends} "
+
+
+def _has_position(poses: Poses) -> bool:
+    """Tell whether there is anything to draw: a silent firmware's poses are all NaN."""
+    return bool(np.isfinite(poses[:, :2]).all(axis=1).any())
 
 
 def _distance(estimate: Poses, truth: Poses) -> Floats:

@@ -88,11 +88,12 @@ def _explanation(result: RunResult) -> str:
 def _pictures(result: RunResult) -> list[Picture]:
     if result.ticks < 2:
         return []
-    return [
+    drawn = (
         pictures.trajectories(result),
         pictures.error_norms(result),
         pictures.arithmetic_errors(result),
-    ]
+    )
+    return [picture for picture in drawn if picture is not None]
 
 
 def _message_rows(result: RunResult) -> list[list[str]]:

@@ -12,7 +12,7 @@ import pytest
 from run_samples import STATUS_BITS, run_result
 
 from chiplog.pages.report import report_page
-from hil_harness.results import RunResult
+from hil_harness.results import Reception, RunResult
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(1)>{{ 7 * 7 }}'
 
@@ -157,6 +157,46 @@ def test_a_firmware_that_kept_silent_is_said_to_have() -> None:
     result = run_result(estimators=False)
     silent = replace(result, firmware=np.full_like(result.firmware, np.nan), kernel_state={})
     assert "the firmware under test had sent no odometry" in page_of(silent)
+
+
+def without_poses(result: RunResult, odometry: dict[str, Reception]) -> RunResult:
+    return replace(result, firmware=np.full_like(result.firmware, np.nan), odometry=odometry)
+
+
+def test_a_firmware_whose_frames_were_refused_is_told_why() -> None:
+    odometry = {
+        "ODOMETRY_X": Reception(800, {"crc": 800}),
+        "ODOMETRY_Y": Reception(800, {"crc": 700, "counter": 50}),
+        "ODOMETRY_HEADING": Reception(),
+    }
+    page = page_of(without_poses(run_result(ticks=100), odometry))
+    assert "sent 800 ODOMETRY_X, all refused: crc; " in page
+    assert "800 ODOMETRY_Y, 750 refused: 700 crc, 50 counter; ODOMETRY_HEADING never came." in page
+
+
+def test_a_firmware_that_sends_half_a_pose_is_told_what_never_came() -> None:
+    odometry = {
+        "ODOMETRY_X": Reception(800),
+        "ODOMETRY_Y": Reception(),
+        "ODOMETRY_HEADING": Reception(),
+    }
+    page = page_of(without_poses(run_result(ticks=100), odometry))
+    assert "sent 800 ODOMETRY_X only; ODOMETRY_Y and ODOMETRY_HEADING never came." in page
+
+
+def test_refused_frames_are_told_even_where_a_pose_came_through() -> None:
+    odometry = {"ODOM": Reception(800, {"crc": 3})}
+    page = page_of(replace(run_result(ticks=100), odometry=odometry))
+    assert "The firmware under test sent 800 ODOM, 3 refused: crc." in page
+
+
+def test_a_picture_with_nothing_in_it_is_left_out() -> None:
+    silent = without_poses(run_result(ticks=100, estimators=False), {})
+    page = page_of(silent)
+    assert "The way it went" in page
+    assert "How far from the truth" not in page
+    assert "Firmware against float" not in page
+    assert "What fixed point costs" not in page
 
 
 def test_a_users_firmware_is_not_called_ours() -> None:
