@@ -132,6 +132,11 @@ def _rig_arguments(request: pytest.FixtureRequest, settings: dict[str, Any]) -> 
         arguments |= _of_a_test(dict(marker.kwargs), "@pytest.mark.chiplog", here)
 
     interface = option("--chiplog-interface")
+    if arguments.get("device") == "none" and interface in IN_PROCESS_INTERFACES:
+        raise HarnessError(
+            f"device none: no ECU can reach the in-process interface {interface!r}; "
+            "use --chiplog-interface with socketcan, udp_multicast or your hardware"
+        )
     arguments["interface"] = interface
     arguments["channel"] = _channel(interface, option("--chiplog-channel"))
     arguments["bitrate"] = option("--chiplog-bitrate")

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
+from types import NoneType, TracebackType
 from typing import Any, Final, NamedTuple
 
 import can
@@ -33,6 +33,9 @@ from hil_harness.nodes.reports import firmware_messages
 from hil_harness.restbus import FrameBuilder, RestBus, SignalValue
 from hil_harness.rig_assembly import (
     channel_for,
+    check_kind,
+    checked_seed,
+    effect_texts,
     microseconds,
     no_plant,
     signal_map_of,
@@ -67,7 +70,7 @@ class Rig:
         robot: a robot description or its file; None: the shipped one.
         device: the firmware under test: a text as ``--device`` takes it, an object with
             ``step(now_us, frames)``, or None for the shipped firmware.
-        effects: what differs from the description, such as ``"gyro_bias.bias=0.005"``.
+        effects: what differs from the description, such as ``"gyro_bias.bias=0.005"``: one or many.
         scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
             the signal map says instead) that the test sends.
         seed: seed of the plant's noise and of faults with a probability.
@@ -87,7 +90,7 @@ class Rig:
         *,
         robot: Robot | str | Path | None = None,
         device: Any = None,
-        effects: Iterable[str] = (),
+        effects: str | Iterable[str] = (),
         scenario: str | Path | None = None,
         seed: int = 1,
         plant: bool = True,
@@ -101,6 +104,13 @@ class Rig:
         folder: Path | None = None,
     ) -> None:
         """Assemble the rig; in real time it starts at once."""
+        seed = checked_seed(seed)
+        effects = effect_texts(effects)
+        check_kind("plant", plant, (bool,), "True or False")
+        check_kind("scenario", scenario, (str, Path, NoneType), "a name or a file")
+        check_kind("robot", robot, (Robot, str, Path, NoneType), "a robot or its file")
+        check_kind("dbc", dbc, (Database, str, Path, NoneType), "a database or its file")
+        check_kind("signals", signals, (SignalMap, str, Path, NoneType), "a signal map or its file")
         self.database = dbc if isinstance(dbc, Database) else load_database(dbc)
         self.signal_map = signal_map_of(signals, self.database, needed=plant or device is None)
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -232,7 +242,7 @@ class Rig:
         under test, or from it to everybody else. It ends after *during_s* or *count* frames, by
         `clear()` on what this returns, or with its ``with`` block. *delay_s* belongs to "delay",
         *bit* (which data bit is inverted; None: one at random) to "corrupt".
-        Raises CanBusError for a fault that makes no sense.
+        Raises CanBusError for a fault that makes no sense, HarnessError without message and node.
         """
         start_us = self.now_us
         fault = Fault(
@@ -246,6 +256,11 @@ class Rig:
             delay_us=microseconds(delay_s, "delay_s"),
             bit=bit,
         )
+        if message is None and node is None:
+            raise HarnessError(
+                f"fault {kind!r}: name a message or a node that it strikes, "
+                f'as in rig.fault({kind!r}, "IMU") or rig.fault({kind!r}, node="PLANT")'
+            )
         return FaultHandle(fault, (self._faults, self._outgoing_faults))
 
     def restbus(self, *senders: str, **overrides: Mapping[str, SignalValue]) -> RestBus:

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Final
 
@@ -139,8 +140,33 @@ def tick_period_us_of(database: Database, signal_map: SignalMap | None) -> int:
     return min(cycles_us)
 
 
+def checked_seed(seed: object) -> int:
+    """Return the seed. Raises HarnessError if it is no whole number from 0 on."""
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise HarnessError(f"seed = {seed!r}: expected a whole number, 0 or more")
+    return int(seed)
+
+
+def effect_texts(effects: object) -> tuple[str, ...]:
+    """Return the effects, of which a lone text is one. Raises HarnessError for anything else."""
+    texts = (effects,) if isinstance(effects, str) else effects
+    if isinstance(texts, Iterable):
+        texts = tuple(texts)
+        if all(isinstance(text, str) for text in texts):
+            return texts
+    raise HarnessError(f'effects = {effects!r}: expected texts such as "gyro_bias.bias=0.005"')
+
+
+def check_kind(name: str, value: object, kinds: tuple[type, ...], expected: str) -> None:
+    """Raise HarnessError if a setting is of none of these kinds."""
+    if not isinstance(value, kinds):
+        raise HarnessError(f"{name} = {value!r}: expected {expected}")
+
+
 def microseconds(duration_s: float, name: str) -> int:
     """Return a duration in whole microseconds. Raises HarnessError if it is none."""
+    if isinstance(duration_s, bool) or not isinstance(duration_s, Real):
+        raise HarnessError(f"{name} = {duration_s!r}: expected a number of seconds")
     if not (math.isfinite(duration_s) and duration_s >= 0):
         raise HarnessError(f"{name} = {duration_s}: expected seconds, 0 or more")
     return round(duration_s * 1e6)

@@ -215,6 +215,8 @@ def test_a_missing_interface_fails_the_test_with_the_lines_that_make_one(
         ('devise="lib:x.so"', "chiplog: @pytest.mark.chiplog: no setting 'devise'; *device*"),
         ('"lib:x.so"', "chiplog: @pytest.mark.chiplog takes keywords only: robot, device*"),
         ('effects=["gravity.on=1"]', "chiplog: effect *gravity*"),
+        ('seed="x"', "chiplog: seed = 'x': expected a whole number, 0 or more"),
+        ('device="none"', "chiplog: device none: *; use --chiplog-interface with socketcan, *"),
     ],
 )
 def test_a_marker_that_asks_for_the_impossible_fails_the_test_with_one_line(

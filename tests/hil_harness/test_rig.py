@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -36,6 +37,47 @@ def test_a_duration_between_two_ticks_runs_the_ticks_that_begin_in_it(rig: Rig) 
 def test_a_duration_that_is_none_is_refused(rig: Rig, duration_s: float) -> None:
     with pytest.raises(HarnessError, match="expected seconds, 0 or more"):
         rig.run_for(duration_s)
+
+
+@pytest.mark.parametrize("duration_s", ["1", None, True])
+def test_a_duration_that_is_no_number_is_refused(rig: Rig, duration_s: Any) -> None:
+    with pytest.raises(HarnessError, match=r"^duration_s = .*: expected a number of seconds$"):
+        rig.run_for(duration_s)
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"seed": "x"}, "seed = 'x': expected a whole number, 0 or more"),
+        ({"seed": -1}, "seed = -1: expected a whole number, 0 or more"),
+        ({"seed": 1.5}, "seed = 1.5: expected a whole number, 0 or more"),
+        ({"effects": 3}, "effects = 3: expected texts such as"),
+        ({"effects": [3]}, "effects = [3]: expected texts such as"),
+        ({"plant": "no"}, "plant = 'no': expected True or False"),
+        ({"scenario": 3}, "scenario = 3: expected a name or a file"),
+        ({"robot": 3}, "robot = 3: expected a robot or its file"),
+        ({"dbc": 3}, "dbc = 3: expected a database or its file"),
+        ({"signals": 3}, "signals = 3: expected a signal map or its file"),
+    ],
+)
+def test_a_setting_of_the_wrong_kind_is_one_clear_line(
+    settings: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(HarnessError) as caught:
+        Rig(**settings)
+    assert str(caught.value).startswith(complaint)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_lone_text_is_one_effect() -> None:
+    def headings(effects: str | list[str]) -> tuple[float, float]:
+        with Rig(effects=effects) as rig:
+            rig.send("COMMAND", v_m_s=0.2)
+            rig.run_for(1.0)
+            return rig.odometry.heading_rad, rig.truth.heading_rad
+
+    assert headings("gyro_bias.bias=0.01") == headings(["gyro_bias.bias=0.01"])
+    assert headings("gyro_bias.bias=0.01") != headings([])
 
 
 def test_a_robot_that_is_told_nothing_rests(rig: Rig) -> None:

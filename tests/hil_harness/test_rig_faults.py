@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from can_bus import CanBusError
+from hil_harness.errors import HarnessError
 from hil_harness.rig import Rig
 
 
@@ -125,3 +126,8 @@ def test_a_fault_that_makes_no_sense_is_one_clear_line(
     with pytest.raises(CanBusError) as caught:
         rig.fault(kind, message, node=node)  # type: ignore[arg-type]
     assert complaint in str(caught.value)
+
+
+def test_a_fault_that_would_strike_everything_is_refused(rig: Rig) -> None:
+    with pytest.raises(HarnessError, match=r"^fault 'drop': name a message or a node"):
+        rig.fault("drop")
