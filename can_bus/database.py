@@ -31,7 +31,20 @@ _NO_NODE = "Vector__XXX"
 # cantools accepts a file that breaks off within its last statement, and drops that statement. An
 # empty bit-timing section after it makes the break an error.
 _END = "\nBS_:\n"
-_MAX_FILE_BYTES = 64 * 1024 * 1024
+# The largest DBC files of vehicles have 1 to 2 MB; cantools takes some 100 times the file's size.
+_MAX_FILE_BYTES = 4 * 1024 * 1024
+# cantools makes a list entry for each bit of a message and for each value in a multiplexer range.
+_MAX_MESSAGE_BYTES = 64
+_MAX_SIGNAL_BITS = 64
+_MAX_MULTIPLEXER_VALUES = 1 << 16
+_MAX_DIGITS = 18
+# Tokens as in cantools, which allows any gap (or none) between them. No quantifier gives back what
+# it took, so that a scan stays linear in the file's size.
+_STRING_OR_COMMENT = re.compile(r'"(?:\\"|[^"])*?"|//[^\n]*')
+_MESSAGE_LENGTH = re.compile(r"BO_\s*+[-+]?\d++\s*+(\w++)\s*+:\s*+[-+]?(\d++)")
+_SIGNAL_PLACE = re.compile(r"SG_\s*+(\w++)\s*+(?:\w++\s*+)?:\s*+[-+]?(\d++)\s*+\|\s*+[-+]?(\d++)")
+_MULTIPLEXER_RANGES = re.compile(r"SG_MUL_VAL_\s*+[-+]?\d++\s*+(\w++)\s++\w++([^;]*+)")
+_RANGE = re.compile(r"([-+]?\d++)\s*+[-+]?(\d++)")
 _EXTENDED = 1 << 31
 _EXCERPT_CHARACTERS = 80
 
@@ -125,6 +138,7 @@ def parse_database(text: str, path: Path) -> Database:
 
     Raises CanBusError as `load_database` does.
     """
+    _refuse_bomb(path, text)
     # cantools takes 0.2 s to import: only who reads a DBC pays for it.
     from cantools.database import load_string  # noqa: PLC0415
 
@@ -135,7 +149,9 @@ def parse_database(text: str, path: Path) -> Database:
                 load_string(text + _END, database_format="dbc"),
             )
     except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
-        raise _located(path, text, one_line(error)) from error
+        # cantools wraps what went wrong in one of its own, also what has no text of its own.
+        cause = getattr(error, "e_dbc", None) or error
+        raise _located(path, text, one_line(cause)) from error
     try:
         messages = [_message(message) for message in parsed.messages]
         _require_distinct(messages)
@@ -166,9 +182,62 @@ def _read(path: Path) -> str:
         return data.decode("cp1252", errors="replace")  # the encoding of CANdb++
 
 
+def _refuse_bomb(path: Path, text: str) -> None:
+    """Raise CanBusError for a number that would make cantools fill the memory.
+
+    Whatever else is wrong is left to cantools.
+    """
+    code = _STRING_OR_COMMENT.sub(lambda match: "\n" * match[0].count("\n") or " ", text)
+
+    def refusal(match: re.Match[str], problem: str) -> CanBusError:
+        return CanBusError(f"{path}:{code.count(chr(10), 0, match.start()) + 1}: {problem}")
+
+    for match in _MESSAGE_LENGTH.finditer(code):
+        if _number(match[2]) > _MAX_MESSAGE_BYTES:
+            raise refusal(
+                match,
+                f"{_excerpt(match[1])}: a length of {_excerpt(match[2])} bytes: "
+                f"expected 0 to {_MAX_MESSAGE_BYTES}",
+            )
+    for match in _SIGNAL_PLACE.finditer(code):
+        if _number(match[2]) >= 8 * _MAX_MESSAGE_BYTES:
+            raise refusal(
+                match,
+                f"{_excerpt(match[1])}: start bit {_excerpt(match[2])}: "
+                f"expected 0 to {8 * _MAX_MESSAGE_BYTES - 1}",
+            )
+        if _number(match[3]) > _MAX_SIGNAL_BITS:
+            raise refusal(
+                match,
+                f"{_excerpt(match[1])}: a length of {_excerpt(match[3])} bits: "
+                f"expected 1 to {_MAX_SIGNAL_BITS}",
+            )
+    values = 0
+    for match in _MULTIPLEXER_RANGES.finditer(code):
+        for low, high in _RANGE.findall(match[2]):
+            values += max(0, _number(high) - _number(low) + 1)
+        if values > _MAX_MULTIPLEXER_VALUES:
+            raise refusal(
+                match,
+                f"{_excerpt(match[1])}: with this the multiplexer ranges (SG_MUL_VAL_) of the file "
+                f"have {values} values: expected {_MAX_MULTIPLEXER_VALUES} at most",
+            )
+
+
+def _number(digits: str) -> int:
+    """Return the integer, or one too large for anything where Python might refuse to read it."""
+    if len(digits) <= _MAX_DIGITS:
+        return int(digits)
+    huge: int = 10**_MAX_DIGITS
+    return -huge if digits.startswith("-") else huge
+
+
+def _excerpt(text: str) -> str:
+    return text if len(text) <= _EXCERPT_CHARACTERS else text[:_EXCERPT_CHARACTERS] + "…"
+
+
 def _located(path: Path, text: str, problem: str) -> CanBusError:
     """Return the error with the line it speaks of: as stated, or that of the name it quotes."""
-    problem = re.sub(r'^DBC: "(.*)"$', r"\1", problem)
     match = re.search(r"[Ii]nvalid syntax at line (\d+), column (\d+): (.*)", problem)
     lines = text.splitlines()
     if match:
@@ -177,9 +246,9 @@ def _located(path: Path, text: str, problem: str) -> CanBusError:
             return CanBusError(
                 f"{path}:{max(1, len(lines))}: this DBC file breaks off within a statement"
             )
-        if len(excerpt) > _EXCERPT_CHARACTERS:
-            excerpt = excerpt[:_EXCERPT_CHARACTERS] + "…"
-        return CanBusError(f"{path}:{line}: invalid DBC syntax at column {column}: {excerpt}")
+        return CanBusError(
+            f"{path}:{line}: invalid DBC syntax at column {column}: {_excerpt(excerpt)}"
+        )
     named_at: dict[str, int] = {}
     message = ""
     for number, content in enumerate(lines, start=1):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from cantools.database import UnsupportedDatabaseFormatError  # type: ignore[attr-defined]
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -157,8 +158,68 @@ def test_a_file_far_too_large_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "huge.dbc"
     with path.open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(CanBusError, match="over 64 MiB: this is no DBC file"):
+    with pytest.raises(CanBusError, match="over 4 MiB: this is no DBC file"):
         load_database(path)
+
+
+BOMB = """\
+BO_ 5 M: 8 A
+ SG_ a M : 0|8@1+ (1,0) [0|255] "" A
+ SG_ b m0 : 8|8@1+ (1,0) [0|255] "" A
+SG_MUL_VAL_ 5 b a 0-3;
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("M: 8", "M: 100000000", "1: M: a length of 100000000 bytes: expected 0 to 64"),
+        ("M: 8", "M // 8\n\n:+99", "1: M: a length of 99 bytes: expected 0 to 64"),
+        ("M: 8", "M: " + "9" * 5000, f"1: M: a length of {'9' * 80}… bytes: expected 0 to 64"),
+        ("8|8", "8|100000000", "3: b: a length of 100000000 bits: expected 1 to 64"),
+        ("8|8", "900000000|8", "3: b: start bit 900000000: expected 0 to 511"),
+        (
+            "0-3",
+            "0-60000000",
+            "4: b: with this the multiplexer ranges (SG_MUL_VAL_) of the file have 60000001 values:"
+            " expected 65536 at most",
+        ),
+        (
+            "0-3",
+            "0-3, //;\n -40000-40000",
+            "4: b: with this the multiplexer ranges (SG_MUL_VAL_) of the file have 80005 values:"
+            " expected 65536 at most",
+        ),
+    ],
+)
+def test_a_number_that_would_fill_the_memory_is_refused_before_it_does(
+    old: str, new: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert parse(BOMB).message("M").signal("b").multiplexer_values == {0, 1, 2, 3}
+    monkeypatch.setattr("cantools.database.load_string", lambda *_, **__: pytest.fail("too late"))
+    with pytest.raises(CanBusError) as caught:
+        parse(BOMB.replace(old, new))
+    assert str(caught.value) == f"mine.dbc:{message}"
+
+
+def test_a_comment_may_say_what_it_likes() -> None:
+    text = BOMB + 'CM_ "BO_ 5 M: 100000000 A";\n// SG_ b : 0|100000000\n'
+    assert parse(text).message("M").length_bytes == 8
+
+
+@pytest.mark.parametrize("is_wrapped", [False, True])
+def test_an_error_without_text_is_named_by_its_type(
+    is_wrapped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        error = MemoryError()
+        if is_wrapped:
+            raise UnsupportedDatabaseFormatError(None, error, None, None, None)
+        raise error
+
+    monkeypatch.setattr("cantools.database.load_string", fail)
+    with pytest.raises(CanBusError, match=r"^mine.dbc:4: MemoryError$"):
+        parse(BOMB)
 
 
 def test_umlauts_in_either_encoding_are_read(tmp_path: Path) -> None:

@@ -236,6 +236,12 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             {"mine.dbc": _DBC[: _DBC.index("BO_")]},
         ),
         Row(
+            "a DBC with a number far too large",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:3: SPEED: a length of 100000000 bytes: expected 0 to 64",
+            {"mine.dbc": _DBC.replace("SPEED: 8", "SPEED: 100000000")},
+        ),
+        Row(
             "a DBC without a map",
             "chiplog run --dbc mine.dbc",
             "mine.dbc has no ENCODER.left_count: a DBC with names of its own needs --signals "
