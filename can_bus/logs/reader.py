@@ -44,8 +44,12 @@ _BLF_FILE_HEADER: Final = struct.Struct("<4sL")
 _BLF_OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
 _BLF_CONTAINER: Final = 10
 _BLF_CONTAINER_HEADER_BYTES: Final = 16
+_BLF_SIGNATURE: Final = b"LOBJ"
+_BLF_STORED: Final = b"\x00\x00"
 _BLF_DEFLATED: Final = b"\x02\x00"
 _MAX_CONTAINER_BYTES: Final = 64 * 1024 * 1024
+# A CAN FD frame takes some 100 bytes: no object that matters here comes near this.
+_MAX_OBJECT_BYTES: Final = 1 << 20
 _FD_LENGTHS: Final = frozenset((*range(9), 12, 16, 20, 24, 32, 48, _MAX_FD_LENGTH))
 
 
@@ -167,10 +171,13 @@ def _read_blf(path: Path) -> Iterator[can.Message]:
 
 
 def _refuse_blf_bomb(path: Path) -> None:
-    """Raise CanBusError for a container that would fill the memory: python-can inflates any.
+    """Raise CanBusError for a container or an object that would fill the memory.
+
+    python-can inflates any container, and joins containers until the object in them is complete.
 
     Anything else that is wrong is left to the reader, which comes to it after the good frames.
     """
+    unfinished = b""
     with path.open("rb") as file:
         head = file.read(_BLF_FILE_HEADER.size)
         if len(head) < _BLF_FILE_HEADER.size:
@@ -180,18 +187,49 @@ def _refuse_blf_bomb(path: Path) -> None:
             _, _, _, size, kind = _BLF_OBJECT_HEADER.unpack(head)
             content = file.read(max(0, size - _BLF_OBJECT_HEADER.size))
             file.read(size % 4)
-            if kind != _BLF_CONTAINER or content[:2] != _BLF_DEFLATED:
+            if kind != _BLF_CONTAINER or content[:2] not in (_BLF_STORED, _BLF_DEFLATED):
                 continue
-            inflate = zlib.decompressobj()
-            try:
-                inflate.decompress(content[_BLF_CONTAINER_HEADER_BYTES:], _MAX_CONTAINER_BYTES)
-            except zlib.error:
+            objects = content[_BLF_CONTAINER_HEADER_BYTES:]
+            if content[:2] == _BLF_DEFLATED:
+                inflate = zlib.decompressobj()
+                try:
+                    objects = inflate.decompress(objects, _MAX_CONTAINER_BYTES)
+                except zlib.error:
+                    return
+                if inflate.unconsumed_tail:
+                    raise CanBusError(
+                        f"{path}: a container of over {_MAX_CONTAINER_BYTES >> 20} MiB: "
+                        "not a BLF file that can be read here"
+                    )
+            rest = _unfinished_blf_object(path, unfinished + objects)
+            if rest is None:
                 return
-            if inflate.unconsumed_tail:
-                raise CanBusError(
-                    f"{path}: a container of over {_MAX_CONTAINER_BYTES >> 20} MiB: "
-                    "not a BLF file that can be read here"
-                )
+            unfinished = rest
+
+
+def _unfinished_blf_object(path: Path, objects: bytes) -> bytes | None:
+    """Return what the reader keeps of these objects until the next container; None: it stops here.
+
+    Raises CanBusError for an object so large that it would keep one container after the other, and
+    for one so small that it would never get past it.
+    """
+    start = 0
+    while True:
+        # Up to three bytes of padding, and then some that python-can lets pass.
+        found = objects.find(_BLF_SIGNATURE, start, start + 2 * len(_BLF_SIGNATURE))
+        if found < 0 and start + 2 * len(_BLF_SIGNATURE) <= len(objects):
+            return None
+        if found < 0 or found + _BLF_OBJECT_HEADER.size > len(objects):
+            return objects[start:]
+        size = _BLF_OBJECT_HEADER.unpack_from(objects, found)[3]
+        if not _BLF_OBJECT_HEADER.size <= size <= _MAX_OBJECT_BYTES:
+            raise CanBusError(
+                f"{path}: an object of {size} bytes: "
+                f"expected {_BLF_OBJECT_HEADER.size} to {_MAX_OBJECT_BYTES}"
+            )
+        if found + size > len(objects):
+            return objects[start:]
+        start = found + size
 
 
 def _bounded_lines(path: Path, file: TextIO) -> Iterator[str]:

@@ -298,6 +298,39 @@ def test_a_blf_container_that_would_fill_the_memory_is_refused(tmp_path: Path) -
         list(read_log(path))
 
 
+def blf_container(content: bytes) -> bytes:
+    deflated = zlib.compress(content)
+    head = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(deflated), 10)
+    padding = bytes((32 + len(deflated)) % 4)
+    return head + struct.pack("<HxxxxxxLxxxx", 2, len(content)) + deflated + padding
+
+
+@pytest.mark.parametrize("size", [0, 15, (1 << 20) + 1, 0xFFFFFFF0])
+@pytest.mark.parametrize("cut", [4, 16, 500])
+def test_a_blf_object_of_no_possible_size_is_refused(size: int, cut: int, tmp_path: Path) -> None:
+    # Too large: the reader would join containers for ever. Too small: it would never get past it.
+    path = tmp_path / "bus.blf"
+    write(path, [encoder(0)])
+    content = struct.pack("<4sHHLL", b"LOBJ", 32, 1, size, 2) + bytes(1000)
+    bomb = blf_container(content[:cut]) + blf_container(content[cut:])
+    path.write_bytes(path.read_bytes() + bomb)
+    with pytest.raises(CanBusError, match=rf"bus.blf: an object of {size} bytes: expected 16 to"):
+        next(read_log(path))
+
+
+def test_a_blf_object_may_go_on_in_the_next_container(tmp_path: Path) -> None:
+    path = tmp_path / "bus.blf"
+    write(path, [])
+    head = path.read_bytes()[:144]
+    frame = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, 0)
+    frame += struct.pack("<HBBL8s", 1, 0, 8, 0x123, b"abcdefgh")
+    content = frame * 100
+    for cut in (1, 8, 20, 47, 48, 49, 1000):
+        path.write_bytes(head + blf_container(content[:cut]) + blf_container(content[cut:]))
+        frames = list(read_log(path))
+        assert [bytes(f.data) for f in frames] == [b"abcdefgh"] * 100
+
+
 def test_a_blf_log_of_a_killed_writer_opens(tmp_path: Path) -> None:
     path = tmp_path / "bus.blf"
     with open_log_writer(path) as log:
