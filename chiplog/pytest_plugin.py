@@ -103,8 +103,8 @@ def chiplog_rig(
 ) -> Iterator[Rig]:
     """Return a robot on a bus: run_for, send, expect, expect_none, fault, restbus, truth, …
 
-    Its bus log is kept if the test fails. A python-can bus that the test opened on the rig's
-    channel and did not shut down fails the test.
+    Its bus log is kept if the test fails. A python-can bus that the test opened, on any channel,
+    and did not shut down fails the test.
     """
     from chiplog.pytest_rig import RigOfTest
 

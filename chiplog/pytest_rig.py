@@ -47,9 +47,9 @@ class BusWatch:
         """Stop watching."""
         self._patch.undo()
 
-    def still_open(self, channel: str) -> list[can.BusABC]:
-        """Return the buses on *channel* that were opened and not shut down."""
-        return [bus for bus, its_channel in self._open.values() if its_channel == channel]
+    def still_open(self) -> list[tuple[can.BusABC, str]]:
+        """Return the buses that were opened and not shut down, each with its channel."""
+        return list(self._open.values())
 
 
 class RigOfTest:
@@ -83,19 +83,20 @@ class RigOfTest:
     def finish(self) -> None:
         """Close the rig, and throw its log away unless something has failed.
 
-        A bus that the test left open on the rig's channel fails it, and is shut down.
+        A bus that was opened since the rig and left open fails the test, and is shut down.
         """
         try:
             self.rig.close()
         finally:
             self._watch.stop()
-        leaked = self._watch.still_open(self.rig.channel)
-        for bus in leaked:
+        leaked = self._watch.still_open()
+        for bus, _ in leaked:
             bus.shutdown()
         if leaked:
-            kinds = ", ".join(sorted({type(bus).__name__ for bus in leaked}))
+            kinds = ", ".join(sorted({type(bus).__name__ for bus, _ in leaked}))
+            channels = ", ".join(sorted({channel for _, channel in leaked}))
             pytest.fail(
-                f"chiplog: {len(leaked)} python-can bus left open on channel {self.rig.channel} "
+                f"chiplog: {len(leaked)} python-can bus left open on channel {channels} "
                 f"({kinds}): call shutdown(), or use it in a with block",
                 pytrace=False,
             )

@@ -49,7 +49,7 @@ def pytest_page() -> str:
                 ],
             ],
         ),
-        "A test that leaves a bus open on the rig's channel fails. A failing test shows the "
+        "A test that leaves a python-can bus open fails. A failing test shows the "
         "decoded frames before the failure and keeps its bus log.",
         "## Settings",
         "`@pytest.mark.chiplog(…)` configures the rig of one test, `chiplog_settings` those of a "

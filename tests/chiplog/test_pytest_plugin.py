@@ -237,11 +237,12 @@ def test_a_marker_that_asks_for_the_impossible_fails_the_test_with_one_line(
     result.stdout.no_fnmatch_line("*exception occurred*")
 
 
-def test_a_bus_left_open_on_the_rigs_channel_fails_the_test(pytester: pytest.Pytester) -> None:
+def test_a_bus_left_open_fails_the_test(pytester: pytest.Pytester) -> None:
     result = run(
         pytester,
         """
         import can
+        import pytest
 
         def test_leaks(chiplog_rig):
             can.Bus(interface="virtual", channel=chiplog_rig.channel)
@@ -250,18 +251,21 @@ def test_a_bus_left_open_on_the_rigs_channel_fails_the_test(pytester: pytest.Pyt
             with can.Bus(interface="virtual", channel=chiplog_rig.channel):
                 pass
 
-        def test_another_channel_is_nobodys_business(chiplog_rig):
-            global elsewhere
-            elsewhere = can.Bus(interface="virtual", channel="elsewhere")
+        def test_leaks_on_another_channel(chiplog_rig):
+            can.Bus(interface="virtual", channel="elsewhere")
 
-        def test_afterwards():
-            elsewhere.shutdown()
+        @pytest.fixture(scope="module")
+        def shared_bus():
+            with can.Bus(interface="virtual", channel="shared") as bus:
+                yield bus
+
+        def test_a_bus_of_a_wider_fixture_is_not_the_tests(shared_bus, chiplog_rig):
+            pass
         """,
     )
-    result.assert_outcomes(passed=4, errors=1)
-    result.stdout.fnmatch_lines(
-        ["chiplog: 1 python-can bus left open on channel chiplog-* (VirtualBus): call shutdown()*"]
-    )
+    result.assert_outcomes(passed=4, errors=2)
+    said = "chiplog: 1 python-can bus left open on channel {} (VirtualBus): call shutdown()*"
+    result.stdout.fnmatch_lines([said.format("chiplog-*"), said.format("elsewhere")])
 
 
 def test_a_failure_shows_the_frames_before_it_and_keeps_the_log(pytester: pytest.Pytester) -> None:
