@@ -12,6 +12,18 @@ from chiplog.errors import CommandError
 
 IN_PROCESS_INTERFACES = ("virtual", "chiplog")
 
+HIGHEST_BITRATE = 1_000_000
+"""Of classic CAN (ISO 11898-1), bit/s."""
+
+
+def _check_bitrate(bitrate: int | None) -> int | None:
+    if bitrate is not None and not 1 <= bitrate <= HIGHEST_BITRATE:
+        raise CommandError(
+            f"--bitrate {bitrate}: expected a whole number from 1 to {HIGHEST_BITRATE} [bit/s]"
+        )
+    return bitrate
+
+
 RobotOption = Annotated[
     Path | None,
     typer.Option("--robot", help="Robot description (TOML); default: the lesson's robot."),
@@ -56,7 +68,12 @@ ChannelOption = Annotated[
     typer.Option("--channel", help="Channel of the interface, as in vcan0 or 239.74.163.2."),
 ]
 BitrateOption = Annotated[
-    int | None, typer.Option("--bitrate", help="Bit rate, bit/s; default: the DBC's.")
+    int | None,
+    typer.Option(
+        "--bitrate",
+        help=f"Bit rate, 1 to {HIGHEST_BITRATE} bit/s; default: the DBC's.",
+        callback=_check_bitrate,
+    ),
 ]
 BusArgOption = Annotated[
     list[str] | None,
