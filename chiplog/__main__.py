@@ -2,7 +2,7 @@
 
 import sys
 
-from chiplog.cli import main
+from chiplog.entry import main
 
 if __name__ == "__main__":
     sys.exit(main())
