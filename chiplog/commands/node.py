@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,6 @@ from chiplog.commands.options import (
     BusArgOption,
     ChannelOption,
     DbcOption,
-    DurationOption,
     EffectOption,
     EffectsFileOption,
     RobotOption,
@@ -21,11 +21,15 @@ from chiplog.commands.options import (
     SignalsOption,
     parse_bus_args,
 )
+from chiplog.errors import CommandError
 from chiplog.pages import quantities as q
 
 if TYPE_CHECKING:
     from hil_harness.assembly import RunConfig
     from hil_harness.standalone import NodeOutcome
+
+
+_DEFAULT_SCENARIO = "lesson"
 
 
 class Role(StrEnum):
@@ -53,13 +57,22 @@ def command(
     dbc: DbcOption = None,
     signals: SignalsOption = None,
     scenario: Annotated[
-        str,
-        typer.Option("--scenario", help="What drives the plant, until a command frame takes over."),
-    ] = "lesson",
+        str | None,
+        typer.Option(
+            "--scenario",
+            help="What drives the plant, until a command frame takes over; default: lesson.",
+        ),
+    ] = None,
     effect: EffectOption = None,
     effects: EffectsFileOption = None,
     seed: SeedOption = None,
-    duration_s: DurationOption = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            "--duration-s",
+            help="Real time, s; default: the plant's scenario, the firmware until Ctrl-C.",
+        ),
+    ] = None,
     log: Annotated[
         Path | None,
         typer.Option("--log", help="Record what the node receives and sends (.log, .asc, .blf)."),
@@ -71,15 +84,19 @@ def command(
     waits for the first sensor frame and runs until --duration-s or Ctrl-C. Scenario, effects and
     seed are the plant's.
     """
+    if role is Role.FIRMWARE:
+        _refuse_plant_options(
+            {"--scenario": scenario, "--effect": effect, "--effects": effects, "--seed": seed}
+        )
     from chiplog.stopping import stoppable
-    from chiplog.terminal import show_line
+    from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import RunConfig
     from hil_harness.effects import combine_effects, load_effects, parse_effect
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
 
     config = RunConfig(
-        scenario=find_scenario(scenario, seed=seed),
+        scenario=find_scenario(scenario or _DEFAULT_SCENARIO, seed=seed),
         robot=load_robot(robot),
         effects=combine_effects(
             () if effects is None else load_effects(effects), map(parse_effect, effect or ())
@@ -99,7 +116,17 @@ def command(
         outcome = run_node(role, config)
     show_line(sentence(role, outcome))
     if outcome.interrupted:
+        show_error(f"interrupted after {outcome.ticks} ticks")
         raise typer.Exit(130)
+
+
+def _refuse_plant_options(options: Mapping[str, object]) -> None:
+    given = [name for name, value in options.items() if value is not None and value != []]
+    if given:
+        raise CommandError(
+            f"node firmware {given[0]}: scenario, effects and seed are the plant's; "
+            "give them to chiplog node plant"
+        )
 
 
 def run_node(role: Role, config: RunConfig) -> NodeOutcome:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -55,3 +56,35 @@ def test_an_interrupted_run_is_whole_up_to_there(
     assert json.loads((out / "state.json").read_text())
     assert "Interrupted after" in (out / "report.html").read_text()
     assert chiplog("replay", str(out / "bus.log")).status == 0
+
+
+@pytest.mark.parametrize("how", ["from chiplog.entry import main; exit(main())", None])
+def test_ctrl_c_during_the_imports_is_one_line_too(how: str | None, tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
+    words = ["-m", "chiplog"] if how is None else ["-c", how]
+    done = subprocess.run(
+        [sys.executable, *words],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 130
+    assert done.stderr == "chiplog: interrupted\n"
+
+
+def test_an_interrupted_node_says_after_how_many_ticks(tmp_path: Path) -> None:
+    log = tmp_path / "plant.log"
+    words = ["node", "plant", "--interface", "udp_multicast", "--channel", "239.74.163.61"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "chiplog", *words, "--log", str(log)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while process.poll() is None and not (log.exists() and log.stat().st_size > 0):
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate()
+    assert process.returncode == 130
+    assert re.fullmatch(r"chiplog: interrupted after \d+ ticks\n", err)
