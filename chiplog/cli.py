@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 from chiplog.commands import doctor, effects, init, laws, node, replay, run, schema
-from chiplog.errors import describe, one_line
+from chiplog.errors import CommandError, describe, one_line
 
 
 class Status(IntEnum):
@@ -105,9 +105,21 @@ def _run(arguments: list[str]) -> None:
     """Parse and run one command; whatever goes wrong is raised, nothing is printed about it."""
     if "_CHIPLOG_COMPLETE" in os.environ:
         app(prog_name="chiplog")  # the shell asks for completions: answers, and exits
+    _refuse_empty_words(arguments)
     parser = typer.main.get_command(app)
     with parser.make_context("chiplog", arguments) as context:
         parser.invoke(context)
+
+
+def _refuse_empty_words(arguments: Sequence[str]) -> None:
+    """An unset shell variable leaves an empty word, which as a path would mean this folder."""
+    for place, word in enumerate(arguments):
+        option, equals, value = word.partition("=")
+        if not word:
+            before = f" after {arguments[place - 1]}" if place else ""
+            raise CommandError(f"empty word ''{before}: expected a name or a value")
+        if option.startswith("--") and equals and not value:
+            raise CommandError(f"empty word '' after {option}: expected a name or a value")
 
 
 def _say(line: str) -> None:
