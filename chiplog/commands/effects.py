@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from enum import StrEnum
 from pathlib import Path
@@ -68,9 +68,12 @@ def _chosen(known: Mapping[str, Effect], name: str | None, stage: Stage | None) 
     ]
 
 
-def _show_all(effects: Iterable[Effect]) -> None:
+def _show_all(effects: Sequence[Effect]) -> None:
     from chiplog.terminal import show_line, show_table
 
+    if not effects:
+        show_line("none yet")
+        return
     rows = []
     stage = ""
     for effect in effects:
