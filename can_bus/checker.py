@@ -33,12 +33,14 @@ class Accepted(NamedTuple):
         raw: raw value of each signal in it but counter and CRC, invalid ones included.
         invalid: names of the signals that their sender marked as not available (SNA).
         timestamp_us: its stamp.
+        counter: its alive counter, 0 to 14; None for an unprotected message.
     """
 
     spec: MessageSpec
     raw: dict[str, Raw]
     invalid: tuple[str, ...]
     timestamp_us: int
+    counter: int | None
 
 
 class _Reception:
@@ -103,6 +105,7 @@ class FrameChecker:
         ):
             self._reject("length", message)
             return None
+        alive: int | None = None
         counter = reception.counter
         if counter is not None:
             last_us = reception.last_us
@@ -116,7 +119,8 @@ class FrameChecker:
                 counter.reject_crc()
                 self._reject("crc", message)
                 return None
-            status = counter.check(data[1] & 0x0F)
+            alive = data[1] & 0x0F
+            status = counter.check(alive)
             if status is not _OK and not status.is_accepted:
                 self._reject("counter", message)
                 return None
@@ -145,7 +149,7 @@ class FrameChecker:
         if not -_ROUNDING_US <= now_us - stamp <= self._max_age_us + _ROUNDING_US:
             self._reject("age", message)
             return None
-        return Accepted(reception.spec, raw, invalid, round(stamp))
+        return Accepted(reception.spec, raw, invalid, round(stamp), alive)
 
     def _refuse_stranger(self, message: can.Message) -> None:
         known = self._database.by_id(message.arbitration_id, message.is_extended_id)

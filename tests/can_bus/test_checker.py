@@ -67,6 +67,7 @@ def test_a_good_frame_is_accepted_with_its_raw_values() -> None:
     assert accepted.raw == {"left_count": 65535, "right_count": 0}
     assert accepted.invalid == ()
     assert accepted.timestamp_us == 3 * TICK_US
+    assert accepted.counter == 3
     assert rejections(receiver) == {}
 
 
@@ -226,6 +227,7 @@ def test_an_unprotected_message_is_checked_for_length_range_and_age() -> None:
         accepted = check(receiver, good)
         assert accepted is not None
         assert accepted.raw == {"level": -200, "word": 200}
+        assert accepted.counter is None
     assert check(receiver, make_message(wide, wide.encode_raw({"level": -201}), 0)) is None
     assert check(receiver, make_message(wide, bytearray(3), 0)) is None
     assert check(receiver, good, MAX_AGE_US + 1) is None
