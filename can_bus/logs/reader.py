@@ -38,7 +38,12 @@ _CANDUMP_FORM: Final = (
 )
 _ERROR_FLAG: Final = 0x20000000
 _IDENTIFIER_MASK: Final = 0x1FFFFFFF
+_MAX_CLASSIC_LENGTH: Final = 8
 _MAX_FD_LENGTH: Final = 64
+_LENGTHS: Final = "a CAN FD length (0 to 8, 12, 16, 20, 24, 32, 48, 64)"
+_MAX_STAMP_S: Final = 1e12
+"""As for candump lines; in whole microseconds such a stamp fits 64 bits."""
+
 # Layout as in python-can's reader: signature, header size; signature, sizes, object type.
 _BLF_FILE_HEADER: Final = struct.Struct("<4sL")
 _BLF_OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
@@ -129,7 +134,7 @@ def parse_candump(line: str, path: Path, number: int) -> can.Message:
     message.data = bytearray.fromhex(fd_data if fd_flags is not None else data)
     message.dlc = len(message.data)
     if message.dlc not in _FD_LENGTHS:
-        raise _bad_line(path, number, line, "a CAN FD length (0 to 8, 12, 16, 20, 24, 32, 48, 64)")
+        raise _bad_line(path, number, line, _LENGTHS)
     return message
 
 
@@ -146,6 +151,8 @@ def _read_asc(path: Path) -> Iterator[can.Message]:
                 raise
             except Exception as error:  # python-can raises what parsing happens to raise
                 raise _bad_line(path, lines.number, lines.line, "an ASC event") from error
+            if expected := _fault(message):
+                raise _bad_line(path, lines.number, lines.line, expected)
             yield message
 
 
@@ -157,8 +164,16 @@ def _read_blf(path: Path) -> Iterator[can.Message]:
         try:
             frames = can.BLFReader(file)
             for message in frames:
+                if expected := _fault(message):
+                    raise CanBusError(
+                        f"{path}: frame {count + 1}: identifier {message.arbitration_id:X}, "
+                        f"length {message.dlc}, {len(message.data)} bytes, "
+                        f"{message.timestamp:g} s: expected {expected}"
+                    )
                 yield message
                 count += 1
+        except CanBusError:
+            raise
         except Exception as error:  # zlib.error, struct.error, BLFParseError, …
             raise CanBusError(
                 f"{path}: truncated or corrupt BLF file after {count} frames: {one_line(error)}"
@@ -168,6 +183,28 @@ def _read_blf(path: Path) -> Iterator[can.Message]:
                 f"{path}: truncated BLF file after {count} frames: "
                 f"{size} of {frames.file_size} bytes"
             )
+
+
+def _fault(message: can.Message) -> str | None:
+    """Return what a frame would need to be one that a bus carries; None for a good frame."""
+    if not 0 <= message.timestamp < _MAX_STAMP_S:
+        return f"a stamp from 0 up to {_MAX_STAMP_S:g} s"
+    if message.is_error_frame:
+        return None
+    if message.is_extended_id:
+        if not 0 <= message.arbitration_id <= _IDENTIFIER_MASK:
+            return f"an extended identifier up to {_IDENTIFIER_MASK:X}"
+    elif not 0 <= message.arbitration_id < 1 << 11:
+        return "a standard identifier up to 7FF"
+    if message.is_remote_frame:
+        return (
+            None if 0 <= message.dlc <= _MAX_CLASSIC_LENGTH else "a remote frame's length, 0 to 8"
+        )
+    if len(message.data) != message.dlc:
+        return "as many data bytes as its length says"
+    if message.dlc not in _FD_LENGTHS:
+        return _LENGTHS
+    return None
 
 
 def _refuse_blf_bomb(path: Path) -> None:

@@ -269,6 +269,57 @@ def test_a_line_that_is_no_asc_is_not_passed_over(tmp_path: Path) -> None:
         list(read_log(path))
 
 
+ASC_HEAD = (
+    "date Mon Jan 1 00:00:00.000 2024\nbase hex  timestamps absolute\ninternal events logged\n"
+)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "0.1 1 123 Rx d 8 00 11",
+        "0.1 1 123 Rx d FFFFFFF 00 11 22 33 44 55 66 77",
+        "0.1 CANFD 1 Rx 123 0 0 9 12 00 11",
+        "0.1 CANFD 1 Rx 123 0 0 9 9 00 11 22 33 44 55 66 77 88",
+        "0.1 1 123 Rx r 9",
+        "0.1 1 FFFFFFFFFFFF Rx d 1 00",
+        "0.1 1 20000000x Rx d 1 00",
+        "0.1 1 800 Rx d 1 00",
+        "99999999999999999999.0 1 123 Rx d 1 00",
+    ],
+)
+def test_an_asc_frame_that_no_bus_carries_is_refused(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "bus.asc"
+    path.write_text(f"{ASC_HEAD}0.1 1 7FF Rx d 1 00\n{line}\n")
+    frames = read_log(path)
+    assert next(frames).arbitration_id == 0x7FF  # what came before is not lost
+    with pytest.raises(CanBusError, match=r"bus.asc:5: '.*': expected "):
+        next(frames)
+    with pytest.raises(CanBusError, match=r"bus.asc:5: "):
+        read_log_columns(path)
+
+
+@pytest.mark.parametrize(
+    ("dlc", "identifier", "stamp", "expected"),
+    [
+        (9, 0x123, 0, "as many data bytes as its length says"),
+        (8, 0x800, 0, "a standard identifier up to 7FF"),
+        (8, 0x123, (1 << 64) - 1, "a stamp from 0 up to 1e\\+12 s"),
+    ],
+)
+def test_a_blf_frame_that_no_bus_carries_is_refused(
+    dlc: int, identifier: int, stamp: int, expected: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "bus.blf"
+    write(path, [])
+    ten_microseconds = 1
+    frame = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 1, ten_microseconds, 0, 0, stamp)
+    frame += struct.pack("<HBBL8s", 1, 0, dlc, identifier, bytes(8))
+    path.write_bytes(path.read_bytes()[:144] + blf_container(frame))
+    with pytest.raises(CanBusError, match=rf"bus.blf: frame 1: .*: expected {expected}"):
+        read_log_columns(path)
+
+
 @pytest.mark.parametrize("cut", [1, 30, 200])
 def test_a_blf_log_cut_short_says_so(cut: int, tmp_path: Path) -> None:
     path = tmp_path / "bus.blf"
