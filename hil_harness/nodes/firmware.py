@@ -30,9 +30,6 @@ from hil_harness.signal_map import SignalMap
 MAX_AGE_TICKS: Final = 2
 """A frame that waited longer than this in the receive queue is too old to be a sensor's state."""
 
-_COUNTER_BYTE: Final = 1
-_COUNTER_MASK: Final = 0x0F
-
 
 @dataclass(frozen=True)
 class Inputs:
@@ -125,8 +122,8 @@ class FirmwareNode:
                 else:
                     invalid[index] = False
                     values[index] = convert(accepted.raw[name])
-            if message == self._counter_source:
-                counter = frame.data[_COUNTER_BYTE] & _COUNTER_MASK
+            if message == self._counter_source and accepted.counter is not None:
+                counter = accepted.counter
         self._counter = counter
         left, right, gyro = values
         if invalid[0] or invalid[1]:
