@@ -11,6 +11,8 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from can_bus import shipped_path
+
 Content = str | bytes
 
 
@@ -45,6 +47,16 @@ BU_: A B
 BO_ 256 SPEED: 8 A
  SG_ v : 0|16@1+ (1,0) [0|65535] "rpm" B
 """
+_WHEELS = """[signals]
+left_count = "ENCODER.left_count"
+right_count = "ENCODER.right_count"
+"""
+_STEP = "class Node:\n    def step(self, now_us, frames):\n        "
+_SLOW_DBC = (
+    shipped_path()
+    .read_text(encoding="utf-8")
+    .replace('BA_ "GenMsgCycleTime" BO_ 745 310;', 'BA_ "GenMsgCycleTime" BO_ 745 25;')
+)
 _FRAMES = "(0.000000) vcan0 123#0011\n"
 _ODOMETRY = (
     "no odometry frames: expected ODOMETRY_X, ODOMETRY_Y, ODOMETRY_HEADING, ODOMETRY_VELOCITY, "
@@ -93,6 +105,55 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "chiplog run lesson",
             "unexpected argument (lesson) (see chiplog run --help)",
         ),
+        Row(
+            "an empty folder name",
+            "chiplog run --out ''",
+            "empty word '' after --out: expected a name or a value",
+        ),
+        Row(
+            "an empty folder name to start in",
+            "chiplog init ''",
+            "empty word '' after init: expected a name or a value",
+        ),
+        Row(
+            "a bit rate of nothing",
+            "chiplog run --bitrate 0",
+            "--bitrate 0: expected a whole number from 1 to 1000000 [bit/s]",
+        ),
+        Row(
+            "a bit rate that classic CAN has not",
+            "chiplog node plant --interface socketcan --bitrate 1000001",
+            "--bitrate 1000001: expected a whole number from 1 to 1000000 [bit/s]",
+        ),
+        Row(
+            "a scenario for the firmware",
+            "chiplog node firmware --interface udp_multicast --scenario square",
+            "node firmware --scenario: scenario, effects and seed are the plant's; give them to "
+            "chiplog node plant",
+        ),
+        Row(
+            "a seed for the firmware",
+            "chiplog node firmware --interface udp_multicast --seed 0",
+            "node firmware --seed: scenario, effects and seed are the plant's; give them to "
+            "chiplog node plant",
+        ),
+        Row(
+            "an effect for the firmware",
+            "chiplog node firmware --interface udp_multicast --effect gyro_bias.bias=1",
+            "node firmware --effect: scenario, effects and seed are the plant's; give them to "
+            "chiplog node plant",
+        ),
+        Row(
+            "a file of effects for the firmware",
+            "chiplog node firmware --interface udp_multicast --effects effects.toml",
+            "node firmware --effects: scenario, effects and seed are the plant's; give them to "
+            "chiplog node plant",
+        ),
+        Row(
+            "a law that does not exist",
+            "chiplog laws gyro_bais_heading",
+            "no such law 'gyro_bais_heading'; did you mean gyro_bias_heading?",
+        ),
     ),
     "Robot description": (
         Row(
@@ -137,6 +198,24 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "chiplog run --robot robot.toml",
             "robot.toml:2: encoder.tick_per_rev: unknown key: the nearest is ticks_per_rev",
             {"robot.toml": "[encoder]\ntick_per_rev = 2048\n"},
+        ),
+        Row(
+            "a schema of another version",
+            "chiplog run --robot robot.toml",
+            "robot.toml:1: schema = 2: expected 1",
+            {"robot.toml": "schema = 2\n"},
+        ),
+        Row(
+            "a key given twice",
+            "chiplog run --robot robot.toml",
+            "robot.toml:3: not a TOML file: cannot overwrite a value near `ticks_per_rev = 4096`",
+            {"robot.toml": "[encoder]\nticks_per_rev = 2048\nticks_per_rev = 4096\n"},
+        ),
+        Row(
+            "a file nested too deep",
+            "chiplog run --robot robot.toml",
+            "robot.toml:1: tables or lists are nested too deeply: expected at most 32 levels",
+            {"robot.toml": "a = " + "[" * 200 + "]" * 200 + "\n"},
         ),
     ),
     "Scenario": (
@@ -259,6 +338,125 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "map.toml: signals is missing: expected a table [signals]",
             {"map.toml": "schema = 1\n"},
         ),
+        Row(
+            "a DBC that breaks off within a statement",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:4: this DBC file breaks off within a statement",
+            {"mine.dbc": _DBC[:-30]},
+        ),
+        Row(
+            "an identifier that two messages share",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:5: TORQUE has the identifier of SPEED: each needs its own",
+            {"mine.dbc": _DBC + 'BO_ 256 TORQUE: 8 A\n SG_ t : 0|16@1+ (1,0) [0|65535] "" B\n'},
+        ),
+        Row(
+            "a signal that does not fit its message",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:4: The signal v does not fit in message SPEED.",
+            {"mine.dbc": _DBC.replace("0|16@1+", "56|16@1+")},
+        ),
+        Row(
+            "a signal with a factor of zero",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:4: SPEED.v: factor 0.0 and offset 0.0: both must be finite "
+            "and the factor not 0",
+            {"mine.dbc": _DBC.replace("(1,0)", "(0,0)")},
+        ),
+        Row(
+            "a message longer than CAN FD has",
+            "chiplog run --dbc mine.dbc",
+            "mine.dbc:3: SPEED: a length of 800 bytes: expected 0 to 64",
+            {"mine.dbc": _DBC.replace("SPEED: 8", "SPEED: 800")},
+        ),
+        Row(
+            "a role that does not exist",
+            "chiplog run --signals map.toml",
+            "map.toml:4: signals.gyroo: no such role: the nearest is gyro",
+            {"map.toml": _WHEELS + 'gyroo = "IMU.gyro_z_raw"\n'},
+        ),
+        Row(
+            "a message that the DBC has not",
+            "chiplog run --signals map.toml",
+            'map.toml:4: gyro = "IMUU.gyro_z_raw": chiplog.dbc has no such message: '
+            "the nearest is IMU",
+            {"map.toml": _WHEELS + 'gyro = "IMUU.gyro_z_raw"\n'},
+        ),
+        Row(
+            "a signal that the message has not",
+            "chiplog run --signals map.toml",
+            'map.toml:4: gyro = "IMU.gyro_raw": IMU has no such signal: the nearest is gyro_z_raw',
+            {"map.toml": _WHEELS + 'gyro = "IMU.gyro_raw"\n'},
+        ),
+        Row(
+            "a unit that does not fit its role",
+            "chiplog run --signals map.toml",
+            "map.toml:4: gyro: IMU.gyro_z_raw has unit m: expected none (adc_code), "
+            "rad/s, mrad/s, deg/s, turn/s, rpm",
+            {"map.toml": _WHEELS + 'gyro = { signal = "IMU.gyro_z_raw", unit = "m" }\n'},
+        ),
+        Row(
+            "a unit where the DBC gives one",
+            "chiplog run --signals map.toml",
+            'map.toml:4: v_command: unit = "km/h": the DBC gives COMMAND.v_m_s the '
+            "unit m/s: expected no unit here",
+            {"map.toml": _WHEELS + 'v_command = { signal = "COMMAND.v_m_s", unit = "km/h" }\n'},
+        ),
+        Row(
+            "a kind that does not fit its role",
+            "chiplog run --signals map.toml",
+            'map.toml:4: signals.gyro.kind = "wrapping_count": expected one of '
+            '"counts", "adc_code", "physical"',
+            {
+                "map.toml": _WHEELS
+                + 'gyro = { signal = "IMU.gyro_z_raw", kind = "wrapping_count" }\n'
+            },
+        ),
+        Row(
+            "a converter code that counts backwards",
+            "chiplog run --signals map.toml",
+            "map.toml:4: gyro: invert = true: IMU.gyro_z_raw is a converter code: "
+            "expected counts or a quantity",
+            {"map.toml": _WHEELS + 'gyro = { signal = "IMU.gyro_z_raw", invert = true }\n'},
+        ),
+        Row(
+            "a signal mapped twice",
+            "chiplog run --signals map.toml",
+            "map.toml:3: right_count = ENCODER.left_count: already mapped as left_count",
+            {"map.toml": _WHEELS.replace("ENCODER.right", "ENCODER.left")},
+        ),
+        Row(
+            "a wheel that is not mapped",
+            "chiplog run --signals map.toml",
+            "map.toml: right_count is missing: dead reckoning needs right_count = "
+            '"MESSAGE.signal" under [signals]',
+            {"map.toml": '[signals]\nleft_count = "ENCODER.left_count"\n'},
+        ),
+        Row(
+            "a signal without its message",
+            "chiplog run --signals map.toml",
+            'map.toml:2: signals.left_count = "left_count": expected '
+            '"MESSAGE.signal" of the DBC or a table with signal, kind, unit, invert',
+            {"map.toml": '[signals]\nleft_count = "left_count"\n'},
+        ),
+        Row(
+            "a cycle that is no multiple of the tick",
+            "chiplog run --dbc mine.dbc --duration-s 1",
+            "ENVIRONMENT: cycle 25000 µs, start delay 50000 µs: both must be "
+            "multiples of the tick period, 10000 µs (the wheel counter's cycle)",
+            {"mine.dbc": _SLOW_DBC},
+        ),
+        Row(
+            "a wheel message without a cycle time",
+            "chiplog run --dbc mine.dbc --signals map.toml",
+            "SPEED has no GenMsgCycleTime: expected one, for example 10 ms, as the "
+            "left wheel's message sets the tick period",
+            {
+                "mine.dbc": _DBC.replace('"rpm"', '""')
+                + ' SG_ w : 16|16@1+ (1,0) [0|65535] "" B\n',
+                "map.toml": '[signals]\nleft_count = "SPEED.v"\nright_count = "SPEED.w"\n',
+            },
+        ),
     ),
     "Firmware under test": (
         Row(
@@ -301,6 +499,68 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "device none: no ECU can reach the in-process interface 'virtual'; use --interface "
             "socketcan, udp_multicast or your hardware",
         ),
+        Row(
+            "a Python step that raises",
+            "chiplog run --device python:node.py:Node",
+            "device Node: raised ZeroDivisionError: division by zero (node.py:3) at 0.000000 s",
+            {"node.py": _STEP + "return 1 / 0\n"},
+        ),
+        Row(
+            "a Python step that returns something else",
+            "chiplog run --device python:node.py:Node",
+            "device Node: step returned int at 0.000000 s; expected a list of "
+            "can.Message, which may be empty",
+            {"node.py": _STEP + "return 7\n"},
+        ),
+        Row(
+            "a Python step whose list holds something else",
+            "chiplog run --device python:node.py:Node",
+            "device Node: step returned a int at 0.000000 s where a can.Message was expected",
+            {"node.py": _STEP + "return [7]\n"},
+        ),
+        Row(
+            "a Python file that raises",
+            "chiplog run --device python:node.py:Node",
+            "device python:node.py: importing it raised ZeroDivisionError: division "
+            "by zero (node.py:1)",
+            {"node.py": "1 / 0\n"},
+        ),
+        Row(
+            "a Python class that raises",
+            "chiplog run --device python:node.py:Node",
+            "device python:node.py:Node: creating it raised OSError: no licence (node.py:3)",
+            {
+                "node.py": "class Node:\n    def __init__(self):\n        raise OSError('no licence')\n"
+            },
+        ),
+        Row(
+            "a Python file without a class",
+            "chiplog run --device python:node.py",
+            "device python:node.py: expected python:FILE.py:CLASS or python:PACKAGE.MODULE:CLASS",
+        ),
+        Row(
+            "a library that is something else",
+            "chiplog run --device lib:node.so",
+            "device lib:node.so: cannot be loaded: node.so: file too short",
+            {"node.so": "no library"},
+        ),
+        Row(
+            "a program that ends at once",
+            "chiplog run --device \"process:sh -c 'exit 3'\"",
+            "device sh: ended with exit status 3 at 0.000000 s",
+        ),
+        Row(
+            "a program that says something else",
+            "chiplog run --device \"process:sh -c 'read line; echo hello; echo done; cat'\"",
+            "device sh: said 'hello' at 0.000000 s; expected a frame like "
+            "200#A3C10000D4000000, or done (other output belongs on standard error)",
+        ),
+        Row(
+            "a program that does not answer",
+            'chiplog run --device "process:sleep 60"',
+            "device sleep: did not answer within 10 s at 0.000000 s; a tick ends "
+            "with the line done, flushed",
+        ),
     ),
     "Bus": (
         Row(
@@ -342,6 +602,34 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "the bus 'Virtual bus channel bench' went away: cannot send: adapter unplugged",
             breaks_after_frames=500,
         ),
+        Row(
+            "an interface that does not exist",
+            "chiplog run --interface banana --channel 0",
+            "no interface 'banana': python-can knows canalystii, cantact, etas, "
+            "gs_usb, iscan, ixxat, kvaser, neousys, neovi, nican, nixnet, pcan, "
+            "robotell, seeedstudio, serial, slcan, socketcan, socketcand, systec, "
+            "udp_multicast, usb2can, vector, virtual",
+        ),
+        Row(
+            "an argument that the interface has not",
+            "chiplog run --interface udp_multicast --bus-arg colour=red",
+            "udp_multicast has no argument 'colour': it has port, interface_ip, hop_limit",
+        ),
+        Row(
+            "an adapter that cannot be opened",
+            "chiplog run --interface slcan --channel /dev/none",
+            "cannot open slcan channel '/dev/none': The serial module is not installed",
+        ),
+        Row(
+            "a port that does not exist",
+            "chiplog run --interface udp_multicast --bus-arg port=99999",
+            "udp_multicast port 99999: expected 1 to 65535",
+        ),
+        Row(
+            "an address that is none",
+            "chiplog run --interface udp_multicast --bus-arg interface_ip=here",
+            "udp_multicast interface_ip 'here': expected an IPv4 address of this host",
+        ),
     ),
     "Logs": (
         Row(
@@ -375,6 +663,33 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             f"bus.log: {_ODOMETRY}",
             {"bus.log": _FRAMES},
         ),
+        Row(
+            "a folder in place of a log",
+            "chiplog replay .",
+            ".: cannot read this log: Is a directory",
+        ),
+        Row(
+            "a file that is no log",
+            "chiplog replay notes.txt",
+            "notes.txt: not a log that can be read here: candump .log, .asc or .blf",
+            {"notes.txt": "hello\n"},
+        ),
+        Row(
+            "a log to write with an unknown ending",
+            "chiplog node plant --interface udp_multicast --log bus.txt",
+            "bus.txt: a log ends in .log, .asc, .blf, not '.txt'",
+        ),
+        Row(
+            "a log to write in a folder that is not there",
+            "chiplog node plant --interface udp_multicast --log nowhere/bus.log",
+            "nowhere/bus.log: cannot create this log: No such file or directory",
+        ),
+        Row(
+            "a replay without an odometry role",
+            "chiplog replay bus.log --signals map.toml",
+            'map.toml: odom_x is missing: a replay needs odom_x = "MESSAGE.signal" under [signals]',
+            {"bus.log": _FRAMES, "map.toml": _WHEELS},
+        ),
     ),
     "Output": (
         Row(
@@ -394,6 +709,25 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "a result file in a folder that is not there",
             "chiplog effects --json nowhere/effects.json",
             "nowhere/effects.json: no such file or directory",
+        ),
+        Row(
+            "a start in a folder that holds one",
+            "chiplog init .",
+            "robot.toml: exists already and nothing is overwritten; choose another "
+            "folder or move it away",
+            {"robot.toml": ""},
+        ),
+        Row(
+            "a file in place of a folder to start in",
+            "chiplog init taken",
+            "taken: is a file; expected a folder, which may not exist yet",
+            {"taken": ""},
+        ),
+        Row(
+            "a file in place of the folder for the laws",
+            "chiplog laws --out taken",
+            "taken: is a file: --out expects a folder",
+            {"taken": ""},
         ),
     ),
 }
