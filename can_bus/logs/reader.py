@@ -98,7 +98,11 @@ def _read_candump(path: Path) -> Iterator[can.Message]:
     with path.open(encoding="ascii", errors="replace", newline="\n") as file:
         for number, line in enumerate(_bounded_lines(path, file), start=1):
             if line.strip():
-                yield parse_candump(line, path, number)
+                message = parse_candump(line, path, number)
+                if not line.endswith("\n"):
+                    # Fewer digits are a shorter frame: nobody can tell what is missing.
+                    raise _bad_line(path, number, line, "an end of line: the log breaks off here")
+                yield message
 
 
 def parse_candump(line: str, path: Path, number: int) -> can.Message:

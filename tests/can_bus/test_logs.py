@@ -260,6 +260,15 @@ def test_a_broken_asc_line_is_named_with_file_and_line(tmp_path: Path) -> None:
         list(read_log(path))
 
 
+def test_a_candump_log_cut_within_a_frame_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    write(path, SAMPLES)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines)[: -len(" R\n") - 4])
+    with pytest.raises(CanBusError, match=rf"bus.log:{len(lines)}: .*the log breaks off here"):
+        list(read_log(path))
+
+
 def test_a_line_that_is_no_asc_is_not_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "bus.asc"
     write(path, SAMPLES)
