@@ -61,9 +61,13 @@ class _QuickVirtualBus(_PlainErrors, VirtualBus):
             self.queue = light  # type: ignore[assignment]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if not self._open or not self.preserve_timestamps:
+        if not self.preserve_timestamps:
             super().send(msg, timeout)
             return
+        try:
+            self._check_if_open()
+        except can.CanError as error:
+            raise _gone(self, "send", error) from error
         is_everywhere = True
         for receiver in self.channel:
             if receiver is self.queue and not self.receive_own_messages:

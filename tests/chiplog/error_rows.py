@@ -530,7 +530,8 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
             "chiplog run --device python:node.py:Node",
             "device python:node.py:Node: creating it raised OSError: no licence (node.py:3)",
             {
-                "node.py": "class Node:\n    def __init__(self):\n        raise OSError('no licence')\n"
+                "node.py": "class Node:\n    def __init__(self):\n"
+                "        raise OSError('no licence')\n"
             },
         ),
         Row(

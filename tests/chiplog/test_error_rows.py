@@ -35,15 +35,15 @@ def test_the_message_is_one_line_and_the_status_two(
 
 def break_the_bus(monkeypatch: pytest.MonkeyPatch, after_frames: int) -> None:
     """Let python-can's virtual bus fail as an adapter that is pulled out."""
-    send = VirtualBus.send
+    check = VirtualBus._check_if_open
     sent = count()
 
-    def failing(bus: VirtualBus, message: can.Message, timeout: float | None = None) -> None:
+    def failing(bus: VirtualBus) -> None:
         if next(sent) >= after_frames:
             raise can.CanOperationError("adapter unplugged")
-        send(bus, message, timeout)
+        check(bus)
 
-    monkeypatch.setattr(VirtualBus, "send", failing)
+    monkeypatch.setattr(VirtualBus, "_check_if_open", failing)
 
 
 def test_a_bus_that_goes_away_leaves_a_log_that_can_be_read(

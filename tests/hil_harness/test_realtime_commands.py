@@ -5,6 +5,7 @@ from hil_harness.nodes import PlantNode
 from hil_harness.realtime import Pacer, run_plant_node
 from hil_harness.robot import load_robot
 from hil_harness.signal_map import default_map
+from hil_harness.stopping import StopRequest
 from sim_plant import Plant
 
 
@@ -25,6 +26,6 @@ def test_a_command_frame_from_another_node_is_not_taken_for_a_frame_of_the_futur
     protect(spec, data, 0)
     with open_bus("virtual", "commands") as plant_bus, open_bus("virtual", "commands") as host:
         host.send(make_message(spec, data, 0))
-        run_plant_node(plant, plant_bus, pacer=Pacer(period_us), ticks=3)
+        run_plant_node(plant, plant_bus, pacer=Pacer(period_us), ticks=3, stop=StopRequest())
     assert plant.command[0] > 0
     assert plant.checker.rejected["age"] == 0
