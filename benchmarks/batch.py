@@ -2,10 +2,10 @@
 
     python benchmarks/batch.py [--runs N] [--rounds N] [--json OUT]
 
-A run of the batch path is the lesson's truth, its noisy sensors and the fixed-point firmware, to the
-final error, on both cores. The rival computes two float estimators in its one loop, so a second row
-gives ours with the firmware run twice as well: wheel only and gyro heading. All take turns in one
-process. Compiling is left out and stated.
+A run of the batch path is the lesson's truth, its noisy sensors and the fixed-point firmware, to
+the final error, on both cores. The rival computes two float estimators in its one loop, so a
+second row gives ours with the firmware run twice as well: wheel only and gyro heading. All take
+turns in one process. Compiling is left out and stated.
 """
 
 import argparse
