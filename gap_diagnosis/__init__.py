@@ -1,0 +1,1 @@
+"""The gap between simulated and real: where it lies, which effect causes it, how far it shrinks."""

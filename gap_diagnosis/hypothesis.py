@@ -1,0 +1,69 @@
+"""The words in which causes are compared: fits of a set of effects, and estimates of parameters.
+
+The likelihood of a log falls into independent parts, one `Block` each: *motion* (wheels, gyro,
+reference), *drive* (commands to wheels), *bus* (stamps and counters), *codes* (the converter's
+histogram), *firmware* (odometry frames against replay). A set of effects is fitted in each block by
+those of its effects that the block owns; its log evidence is the sum over blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a fit says of one parameter.
+
+    Attributes:
+        value: posterior mean (for a choice: the most probable one).
+        sd: posterior standard deviation; 0 for a choice.
+        samples: float64[s] draws from the posterior, for intervals; None for a choice.
+        probabilities: for a choice, the probability of each.
+    """
+
+    value: float | int | str
+    sd: float = 0.0
+    samples: NDArray[np.float64] | None = None
+    probabilities: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A set of effects fitted to one block.
+
+    Attributes:
+        effects: their names, sorted.
+        log_evidence: natural logarithm of the marginal likelihood, less that of no effect.
+        log_likelihood: at the best parameters, less that of no effect; 2x this is the separation.
+        parameters: by ``effect.parameter``.
+        windows: [start_s, stop_s] of effects that act in part of the log.
+        pareto_k: of the importance sampling; 0 where the integral is exact or by quadrature.
+    """
+
+    effects: tuple[str, ...]
+    log_evidence: float
+    log_likelihood: float
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    windows: tuple[tuple[float, float], ...] = ()
+    pareto_k: float = 0.0
+
+
+class Block(Protocol):
+    """One independent part of the log's likelihood."""
+
+    @property
+    def name(self) -> str:
+        """motion, drive, bus, codes or firmware."""
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """The effects this block can tell on this log; it is blind to all others."""
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Fit these effects (all owned by this block); the empty set is no effect."""

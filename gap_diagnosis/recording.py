@@ -1,0 +1,111 @@
+"""What a log says, on one clock: the arrays that every part of the diagnosis reads.
+
+One row per sensor tick of the ECU. Times are seconds of the log's clock. What the log does not hold
+is None; what a tick misses (a lost frame) is NaN, and its row still stands, so that counts and gyro
+keep their place in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A trajectory measured from outside the robot.
+
+    Attributes:
+        t_s: float64[m], ascending, its own stamps on (nominally) the log's clock.
+        x_m, y_m: float64[m].
+        heading_rad: float64[m], unwrapped; None where the file has no orientation.
+    """
+
+    t_s: Floats
+    x_m: Floats
+    y_m: Floats
+    heading_rad: Floats | None
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """When the frames of one message came, for the bus stage.
+
+    Attributes:
+        t_s: float64[f], reception stamps in the log's order (not sorted).
+        counter: int64[f], the frame's tick counter unwrapped as far as it can be; -1 where the
+            message has none.
+        modulo: what the counter counts to, 0 without a counter.
+        cycle_s: described cycle time.
+        payload: uint64[f], the payload without counter and CRC, to tell repeated data.
+    """
+
+    t_s: Floats
+    counter: Ints
+    modulo: int
+    cycle_s: float
+    payload: NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One log of the vehicle, with its reference if there is one.
+
+    Attributes:
+        name: the file's name, for messages.
+        tick_period_s: described period of the ECU's clock tick.
+        t_s: float64[n], time of each tick on the log's clock: the straight line (piecewise, where
+            the ECU restarts) through the reception stamps, without their jitter.
+        stamp_s: float64[n], the stamps as recorded (NaN: no frame).
+        tick: int64[n], ticks of the ECU's clock since the first row, strictly ascending; rows of
+            lost frames may be missing.
+        left_ticks, right_ticks: float64[n], unwrapped counts, the first valid one being 0.
+        gyro_code: float64[n], raw codes (whole numbers), or None; for a log with physical rates the
+            code they would have by the description, not rounded.
+        gyro_rate_rad_s: float64[n], (code - zero rate code)/sensitivity by the description, the
+            sample for (t_{k-1}, t_k]; or None.
+        temperature_k, supply_v: float64[n] held between their frames, or None.
+        v_command_m_s, w_command_rad_s: float64[n], the command in force from t_k on (zero-order
+            hold of the frames received until then), or None.
+        odometry_x_m, odometry_y_m, odometry_heading_rad: float64[n] (heading unwrapped), or None.
+        frames: per message name, the reception stamps of its frames; empty for tables.
+        rejected: frames that failed a check, by reason.
+        counter_bits: width at which the counts were unwrapped.
+        reference: measured from outside, or None.
+        clock_skew, clock_skew_sd: ECU clock rate over log clock rate - 1 from stamps against ticks,
+            and its standard deviation (NaN where the log does not tell).
+    """
+
+    name: str
+    tick_period_s: float
+    t_s: Floats
+    stamp_s: Floats
+    tick: Ints
+    left_ticks: Floats
+    right_ticks: Floats
+    gyro_code: Floats | None = None
+    gyro_rate_rad_s: Floats | None = None
+    temperature_k: Floats | None = None
+    supply_v: Floats | None = None
+    v_command_m_s: Floats | None = None
+    w_command_rad_s: Floats | None = None
+    odometry_x_m: Floats | None = None
+    odometry_y_m: Floats | None = None
+    odometry_heading_rad: Floats | None = None
+    frames: Mapping[str, FrameTimes] = field(default_factory=dict)
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    counter_bits: int = 16
+    reference: Reference | None = None
+    clock_skew: float = float("nan")
+    clock_skew_sd: float = float("nan")
+
+    @property
+    def duration_s(self) -> float:
+        """From the first tick to the last."""
+        return float(self.t_s[-1] - self.t_s[0])
