@@ -46,8 +46,9 @@ def odometry_raw(mapped: MappedSignal, frac_bits: int) -> Callable[[int], Raw]:
             return raw
         if signal.invalid_raw is None:
             raise HarnessError(
-                f"{signal.path}: raw value {raw} for {value_q / (1 << frac_bits):g} "
-                f"{'turns' if is_heading else 'm'}: its range ends at {low if raw < low else high}"
+                f"{signal.path}: {value_q / (1 << frac_bits):g} {'turns' if is_heading else 'm'} "
+                f"is raw value {raw}, its range ends at {low if raw < low else high}: expected a "
+                "wider range in the DBC, or a value named SNA (VAL_) for what is beyond it"
             )
         return signal.invalid_raw
 

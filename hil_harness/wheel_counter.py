@@ -74,15 +74,30 @@ def count_to_raw(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverter | None:
     """Return the way from the raw value to the robot's wrapping count; None if they are the same.
 
-    Of a signal that measures an angle or a distance the nearest count is taken.
+    Of a signal that measures an angle or a distance the nearest count is taken. A wider signal may
+    jump by more than half of the robot's counter; folded into that counter, the jump could pass
+    for a small step. It is given as half the counter instead, which the kernel always refuses as a
+    jump.
     """
     counter_period = 1 << plant.encoder.counter_bits
+    half = counter_period >> 1
     if _is_the_count(mapped, plant):
         return None
     ticks_per_lsb = _ticks_per_lsb(mapped, plant)
     offset = mapped.signal.offset / mapped.signal.factor
     extender = Extender(_wrap(mapped)[0])
-    return lambda raw: round((extender.follow(raw) + offset) * ticks_per_lsb) % counter_period
+    last: int | None = None
+    beyond = 0
+
+    def to_count(raw: int) -> int:
+        nonlocal last, beyond
+        ticks = round((extender.follow(raw) + offset) * ticks_per_lsb)
+        if last is not None and abs(ticks - last) >= half:
+            beyond += ticks - last - half
+        last = ticks
+        return (ticks - beyond) % counter_period
+
+    return to_count
 
 
 def _is_the_count(mapped: MappedSignal, plant: PlantDescription) -> bool:

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import pytest
 from foreign_bus import foreign_database, write_map
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from can_bus import CanBusError, Database, FrameChecker, load_database, make_message
 from can_bus.signals import Raw
+from firmware_model import FRESH, STALE, Kernel, StatusBit
 from hil_harness.errors import HarnessError
 from hil_harness.kernel_inputs import KernelInputs, described_gyro
+from hil_harness.nodes.firmware import firmware_config
 from hil_harness.odometry_frames import odometry_converters, odometry_raw
+from hil_harness.robot import load_robot
 from hil_harness.sensor_frames import SENSOR_ROLES, SensorFrames
 from hil_harness.signal_map import MappedSignal, SignalMap, default_map, load_map
 from hil_harness.signal_roles import Quantity
@@ -174,6 +177,32 @@ def test_a_counter_from_0_to_9999_is_followed(
     for move in [0, *moves]:
         total += move
         assert back(total % 10_000) == total % COUNTER
+
+
+@given(
+    before=st.integers(-(2**20), 2**20),
+    jump=st.integers(COUNTER // 2, 2**24) | st.integers(-(2**24), -COUNTER // 2),
+    moves=st.lists(st.integers(-3000, 3000), max_size=10),
+)
+@example(before=0, jump=COUNTER + 3, moves=[])
+def test_a_jump_beyond_the_robots_counter_is_refused_by_the_kernel_and_never_folded(
+    before: int, jump: int, moves: list[int], database: Database
+) -> None:
+    signal = wheel(database, "WHEELS.Left")
+    back = raw_to_count(signal, PLANT)
+    assert back is not None
+    kernel = Kernel(firmware_config(load_robot(), default_map(load_database()), 10_000))
+    raw = before
+    kernel.step(back(raw), 0, FRESH, 0, STALE)
+    raw += jump
+    kernel.step(back(raw), 0, FRESH, 0, STALE)
+    assert StatusBit.ENCODER_JUMP in StatusBit(kernel.status)
+    assert kernel.pose_q == (0, 0, 0)
+    last = back(raw)
+    for move in moves:  # from there on it is followed as before
+        raw += move
+        assert (back(raw) - last - move) % COUNTER == 0
+        last = back(raw)
 
 
 @pytest.mark.parametrize("name", ["ANGLES.Left", "ANGLES.Right"])
@@ -357,7 +386,10 @@ def test_a_position_beyond_the_signal_is_not_available_and_never_clipped(
     assert odometry_raw(x, 32)(two_metres) == spec.signals["X"].invalid_raw
     with pytest.raises(HarnessError) as caught:
         odometry_raw(y, 32)(two_metres)
-    assert str(caught.value) == ("POSITION.Y: raw value 20000 for 2 m: its range ends at 10000")
+    assert str(caught.value) == (
+        "POSITION.Y: 2 m is raw value 20000, its range ends at 10000: expected a wider range in "
+        "the DBC, or a value named SNA (VAL_) for what is beyond it"
+    )
 
 
 @given(st.floats(-7.9, 7.9), st.floats(-31.9, 31.9))
