@@ -1,7 +1,7 @@
 """The robot description: one file, each part validated by the package that answers for it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -66,14 +66,20 @@ class Robot:
         plant: its body and sensors.
         firmware: its dead reckoning.
         tolerance: how far the real robot may differ before it is news.
-        path: the file it was read from; None for the shipped one.
+        source: the file it was read from; None for the shipped one.
     """
 
     name: str
     plant: PlantDescription
     firmware: FirmwareDescription
     tolerance: Tolerance
-    path: Path | None = None
+    source: TomlSource | None = field(default=None, repr=False, compare=False)
+
+    def where(self, message: str) -> str:
+        """Return the file, with the line of the first key that *message* names if it has it."""
+        if self.source is None:
+            return DEFAULT_NAME
+        return self.source.where(self.source.key_named_in(message))
 
     def firmware_constants(
         self, tick_period_us: int, gyro: GyroCodes | None = None
@@ -92,13 +98,13 @@ class Robot:
         ticks_per_tick = drive.max_wheel_rate_rad_s * tick_s * encoder.ticks_per_rev / math.tau
         half_counter = 1 << (encoder.counter_bits - 1)
         if ticks_per_tick >= half_counter:
-            raise HarnessError(
-                f"{self._name_of_file()}: at drive.max_wheel_rate_rad_s = "
-                f"{drive.max_wheel_rate_rad_s:g} a wheel makes {ticks_per_tick:.0f} ticks in "
-                f"{tick_period_us} µs, and {encoder.counter_bits} bits tell directions apart "
-                f"below {half_counter}: expected more encoder.counter_bits, fewer "
-                "encoder.ticks_per_rev or a slower drive"
+            message = (
+                f"at drive.max_wheel_rate_rad_s = {drive.max_wheel_rate_rad_s:g} a wheel makes "
+                f"{ticks_per_tick:.0f} ticks in {tick_period_us} µs, and {encoder.counter_bits} "
+                f"bits tell directions apart below {half_counter}: expected more "
+                "encoder.counter_bits, fewer encoder.ticks_per_rev or a slower drive"
             )
+            raise HarnessError(f"{self.where(message)}: {message}")
         return FirmwareConstants(
             wheel_radius_m=self.plant.wheels.radius_m,
             wheelbase_m=self.plant.wheels.wheelbase_m,
@@ -112,9 +118,6 @@ class Robot:
             max_wheel_rate_rad_s=drive.max_wheel_rate_rad_s,
         )
 
-    def _name_of_file(self) -> str:
-        return DEFAULT_NAME if self.path is None else self.path.name
-
 
 def load_robot(path: str | Path | None = None) -> Robot:
     """Read a robot.toml; None reads the shipped one, the lesson's robot.
@@ -123,7 +126,8 @@ def load_robot(path: str | Path | None = None) -> Robot:
     value and what would be right, for every problem in the file.
     """
     if path is not None:
-        return _robot(load_toml(path), Path(path))
+        source = load_toml(path)
+        return _robot(source, source)
     with as_file(files("hil_harness") / "data" / DEFAULT_NAME) as shipped:
         return _robot(load_toml(shipped), None)
 
@@ -139,7 +143,7 @@ def robot_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _robot(source: TomlSource, path: Path | None) -> Robot:
+def _robot(source: TomlSource, named: TomlSource | None) -> Robot:
     whole = validate(source, RobotFile)
     plant = {name: getattr(whole, name) for name in PlantDescription.model_fields}
     gyro_span = whole.gyro.range_rad_s * whole.gyro.sensitivity_lsb_per_rad_s
@@ -154,5 +158,5 @@ def _robot(source: TomlSource, path: Path | None) -> Robot:
         plant=PlantDescription(**plant),
         firmware=whole.firmware,
         tolerance=whole.tolerance,
-        path=path,
+        source=named,
     )

@@ -89,7 +89,8 @@ def _problem(
     found = _found(source, path)
     subject = f"{shown}{found}: " if shown else ""
     if kind in _OWN_WORDS:
-        return path, path, subject + _PYDANTIC_PREFIX.sub("", problem["msg"])
+        said = _PYDANTIC_PREFIX.sub("", problem["msg"])
+        return path, source.key_named_in(said, path), subject + said
     words = wanted(_field_at(model, path[len(table) :]))
     return path, path, subject + (words or problem["msg"][:1].lower() + problem["msg"][1:])
 

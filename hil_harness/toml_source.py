@@ -20,6 +20,7 @@ MAX_DEPTH: Final = 32
 _SHOWN_LENGTH: Final = 48
 _ELLIPSIS: Final = re.compile(r"\.{2,}")
 _NO_KEY: Final = re.compile(r"[^\w.\"' \t-]+")
+_DOTTED_KEY: Final = re.compile(r"\w+(?:\.\w+)*")
 _SYNTAX_POSITION: Final = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
@@ -63,6 +64,21 @@ class TomlSource:
         """Return ``file:line`` for *key*, or only the file where no line is known."""
         line = self.line_of(key)
         return self.name if line is None else f"{self.name}:{line}"
+
+    def key_named_in(self, message: str, under: KeyPath = ()) -> KeyPath:
+        """Return the first key that *message* names and the file has, *under* a table or anywhere.
+
+        *under* itself when there is none: what several fields have wrong together.
+        """
+        for word in _DOTTED_KEY.findall(message):
+            path = (*under, *word.split("."))
+            if path in self.lines:
+                return path
+            if not under and "_" in word:  # a name without its table
+                for key in self.lines:
+                    if len(key) == 2 and key[1] == word:
+                        return key
+        return under
 
     def error(self, key: str | KeyPath, message: str) -> HarnessError:
         """Return (not raise) an error that puts *message* at the line of *key*."""

@@ -185,7 +185,7 @@ class PlantDescription(_Table):
             if code > self.adc.max_code:
                 raise ValueError(
                     f"{name} = {code}: expected at most {self.adc.max_code}, "
-                    f"the largest code of a {self.adc.bits}-bit ADC"
+                    f"the largest code of adc.bits = {self.adc.bits}"
                 )
         return self
 

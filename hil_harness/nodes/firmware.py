@@ -15,11 +15,13 @@ from firmware_model import (
     FRESH,
     INVALID,
     STALE,
+    FirmwareError,
     Kernel,
     KernelConfig,
     build_config,
 )
 from firmware_model.kernel import Implementation
+from hil_harness.errors import HarnessError
 from hil_harness.kernel_inputs import KERNEL_ROLES, KernelInputs
 from hil_harness.nodes.reports import firmware_messages, report_values
 from hil_harness.nodes.schedule import cycle_of
@@ -51,7 +53,7 @@ class FirmwareNode:
     frame it has used, or its own running one while there is none. `trigger_ids` are the frames that
     make a tick's input complete (real time only).
 
-    Raises HarnessError or FirmwareError where robot, map and formats do not fit together.
+    Raises HarnessError where robot, map and formats do not fit together.
     """
 
     def __init__(
@@ -149,11 +151,15 @@ class FirmwareNode:
 def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) -> KernelConfig:
     """Return the kernel's integers for a robot whose sensors speak through this map.
 
-    Raises FirmwareError where the formats do not fit, HarnessError for a map without wheels.
+    Raises HarnessError where the formats do not fit, with the file and the line of the field, and
+    for a map without wheels.
     """
     gyro = KernelInputs(signal_map, robot.plant).gyro
     constants = robot.firmware_constants(tick_period_us, gyro)
-    return build_config(robot.firmware, constants)
+    try:
+        return build_config(robot.firmware, constants)
+    except FirmwareError as error:
+        raise HarnessError(f"{robot.where(str(error))}: {error}") from error
 
 
 def _encode(spec: MessageSpec, values: list[Raw], counter: int) -> bytearray:

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from can_bus import load_database
 from firmware_model import FirmwareDescription
 from hil_harness.errors import HarnessError
+from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import (
     RobotFile,
     Tolerance,
@@ -17,6 +19,7 @@ from hil_harness.robot import (
     load_robot,
     robot_schema,
 )
+from hil_harness.signal_map import default_map
 from sim_plant import PlantDescription
 
 TICK_US = 10_000
@@ -58,7 +61,7 @@ def test_the_shipped_robot_is_the_lessons_as_its_odometry_describes_it() -> None
     assert robot.plant.wheels.radius_m == pytest.approx(1.005 * 0.05, rel=1e-15)
     assert robot.plant.wheels.wheelbase_m == pytest.approx(0.995 * 0.30, rel=1e-15)
     assert robot.plant.encoder.ticks_per_rev == 2048
-    assert (robot.name, robot.path) == ("lesson", None)
+    assert (robot.name, robot.source) == ("lesson", None)
 
 
 def test_the_shipped_file_says_what_is_assumed_where_a_line_is_left_out(tmp_path: Path) -> None:
@@ -89,7 +92,8 @@ def test_every_line_of_the_shipped_file_can_be_switched_on_as_it_stands(tmp_path
 def test_a_copy_of_the_shipped_file_is_the_shipped_robot(tmp_path: Path) -> None:
     copy = load_robot(write(tmp_path, default_robot_text()))
     assert (copy.plant, copy.firmware) == (load_robot().plant, load_robot().firmware)
-    assert copy.path == tmp_path / "robot.toml"
+    assert copy.source is not None
+    assert copy.source.path == tmp_path / "robot.toml"
 
 
 def test_tolerances_are_those_of_the_design() -> None:
@@ -170,8 +174,8 @@ def test_what_plant_and_firmware_share_is_written_once(tmp_path: Path) -> None:
         ("[robot]\nname = ''", 'robot.toml:2: robot.name = "": expected text of '),
         (
             "[adc]\nbits = 12",
-            "robot.toml: gyro.zero_rate_code = 32768: expected at most 4095, "
-            "the largest code of a 12-bit ADC",
+            "robot.toml:2: gyro.zero_rate_code = 32768: expected at most 4095, "
+            "the largest code of adc.bits = 12",
         ),
         (
             "[gyro]\nrange_rad_s = 1e-5",
@@ -203,10 +207,26 @@ def test_a_wheel_too_fast_for_its_counter_is_refused(tmp_path: Path) -> None:
     with pytest.raises(HarnessError) as caught:
         robot.firmware_constants(TICK_US)
     assert str(caught.value) == (
-        "robot.toml: at drive.max_wheel_rate_rad_s = 30 a wheel makes 3129 ticks in 10000 µs, and "
-        "8 bits tell directions apart below 128: expected more encoder.counter_bits, fewer "
+        "robot.toml:2: at drive.max_wheel_rate_rad_s = 30 a wheel makes 3129 ticks in 10000 µs, "
+        "and 8 bits tell directions apart below 128: expected more encoder.counter_bits, fewer "
         "encoder.ticks_per_rev or a slower drive"
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("[wheels]\nradius_m = 0.1\n[firmware.step]\nword_bits = 16\nfrac_bits = 20\n", ":5: "),
+        ("[encoder]\ncounter_bits = 8\n[drive]\nmax_wheel_rate_rad_s = 36\n", ":4: "),
+        ("[firmware.position]\nword_bits = 16\n", ":2: "),
+    ],
+)
+def test_formats_that_do_not_fit_together_are_said_with_the_line_of_one_of_them(
+    tmp_path: Path, text: str, where: str
+) -> None:
+    with pytest.raises(HarnessError) as caught:
+        firmware_config(load_robot(write(tmp_path, text)), default_map(load_database()), TICK_US)
+    assert str(caught.value).startswith(f"robot.toml{where}")
 
 
 def test_the_schema_names_every_table() -> None:

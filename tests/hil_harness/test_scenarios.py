@@ -276,7 +276,7 @@ def test_a_path_is_a_file_and_anything_else_a_name(tmp_path: Path) -> None:
         (
             "ramp_s = 1.5",
             "ramp_s = 12",
-            "two_arcs.toml:11: segments[2]: a ramp of 12 s does not fit into 10 s: "
+            "two_arcs.toml:15: segments[2]: a ramp of 12 s does not fit into 10 s: "
             "expected ramp_s of at most 10",
         ),
         (
@@ -293,7 +293,7 @@ def test_a_path_is_a_file_and_anything_else_a_name(tmp_path: Path) -> None:
         (
             "duration_s = 30.0",
             "duration_s = 15.0",
-            "two_arcs.toml: duration_s = 15 cuts off segments of 20 s: "
+            "two_arcs.toml:3: duration_s = 15 cuts off segments of 20 s: "
             "expected at least 20, or none",
         ),
         (

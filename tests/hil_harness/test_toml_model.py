@@ -144,7 +144,7 @@ def problems(text: str) -> tuple[str, ...]:
             "offsets = [1, 2.5]",
             "robot.toml:1: offsets[2] = 2.5: expected a whole number",
         ),
-        ("weights = [0.5, 0.6]", "robot.toml: weights add up to 1.1: expected 1"),
+        ("weights = [0.5, 0.6]", "robot.toml:1: weights add up to 1.1: expected 1"),
         ('name = "my robot"', 'robot.toml:1: name = "my robot": expected a name without spaces'),
         (
             "name = 2020-01-01",

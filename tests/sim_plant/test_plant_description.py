@@ -40,7 +40,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"adc": {"bits": 12}},
-        "gyro.zero_rate_code = 32768: expected at most 4095, the largest code of a 12-bit ADC",
+        "gyro.zero_rate_code = 32768: expected at most 4095, the largest code of adc.bits = 12",
     ),
     (
         {"whee\nls": {}},
