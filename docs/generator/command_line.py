@@ -30,7 +30,7 @@ def command_line() -> str:
                 [0, "done"],
                 [1, "done, and the answer is no: a replay that differs, a law violated"],
                 [2, "bad usage or bad input: one line on stderr says what, where and what to do"],
-                [130, "Ctrl-C; what was recorded so far is complete and readable"],
+                [130, "interrupted by Ctrl-C; what was recorded so far is complete and readable"],
             ],
         ),
         "The lines of status 2 are listed under [errors](errors.md).",

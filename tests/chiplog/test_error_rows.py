@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import count
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from command_line import Chiplog
 from error_rows import SECTIONS, Row, page
 
 from can_bus import read_log
+from chiplog.cli import Status
 
 ROWS = [row for rows in SECTIONS.values() for row in rows]
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "errors.md"
@@ -58,6 +60,16 @@ def test_a_bus_that_goes_away_leaves_a_log_that_can_be_read(
 def test_the_docs_list_exactly_these_messages() -> None:
     again = "python tests/chiplog/error_rows.py > docs/reference/errors.md"
     assert PAGE.read_text(encoding="utf-8") == page(), f"write it again: {again}"
+
+
+@pytest.mark.parametrize("page", ["errors.md", "command-line.md"])
+def test_both_pages_give_the_exit_statuses_that_the_program_has(page: str) -> None:
+    text = (PAGE.parent / page).read_text(encoding="utf-8")
+    statuses = re.findall(r"^\| (\d+) \| (\w+)", text, re.MULTILINE)
+    assert statuses == [
+        (str(status.value), word)
+        for status, word in zip(Status, ("done", "done", "bad", "interrupted"), strict=True)
+    ]
 
 
 def test_no_kind_of_message_is_listed_twice() -> None:
