@@ -11,7 +11,8 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 from command_line import Chiplog
-from error_rows import SECTIONS, Row, page
+from error_rows import SECTIONS, page
+from error_tables.row import Row
 
 from can_bus import read_log
 from chiplog.cli import Status

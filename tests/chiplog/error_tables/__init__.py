@@ -1,0 +1,1 @@
+"""Every kind of message a user can meet, one module per subject."""
