@@ -25,7 +25,7 @@ from can_bus.e2e import (
 from can_bus.errors import CanBusError
 from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
 from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
-from can_bus.logs.columns import LogColumns, read_log_columns
+from can_bus.logs.columns import LogColumns, columns_of, read_log_columns
 from can_bus.logs.reader import read_log
 from can_bus.logs.writer import LOG_SUFFIXES, LogWriter, open_log_writer
 from can_bus.signals import Raw, SignalSpec
@@ -59,6 +59,7 @@ __all__ = [
     "Reason",
     "SignalSpec",
     "check_interface",
+    "columns_of",
     "crc8_profile1",
     "crc8_profile1_array",
     "decode_columns",

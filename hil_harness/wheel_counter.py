@@ -51,7 +51,7 @@ def count_to_raw(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
     Raises HarnessError for a signal too narrow for the robot's counter.
     """
     counter_period = 1 << plant.encoder.counter_bits
-    period, low = _wrap(mapped)
+    period, low = wrap_of(mapped)
     if mapped.kind == "counts" and period < counter_period:
         raise HarnessError(
             f"{mapped.path} counts to {period - 1} and back to 0, the robot's encoder to "
@@ -85,7 +85,7 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
         return None
     ticks_per_lsb = _ticks_per_lsb(mapped, plant)
     offset = mapped.signal.offset / mapped.signal.factor
-    extender = Extender(_wrap(mapped)[0])
+    extender = Extender(wrap_of(mapped)[0])
     last: int | None = None
     beyond = 0
 
@@ -103,7 +103,7 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 def _is_the_count(mapped: MappedSignal, plant: PlantDescription) -> bool:
     """Tell whether the raw value is the robot's own count, from 0 to its last and the same way."""
     whole_counter = (1 << plant.encoder.counter_bits, 0)
-    return mapped.kind == "counts" and mapped.si_factor == 1.0 and _wrap(mapped) == whole_counter
+    return mapped.kind == "counts" and mapped.si_factor == 1.0 and wrap_of(mapped) == whole_counter
 
 
 def _ticks_per_lsb(mapped: MappedSignal, plant: PlantDescription) -> float:
@@ -115,7 +115,7 @@ def _ticks_per_lsb(mapped: MappedSignal, plant: PlantDescription) -> float:
     return mapped.si_per_lsb / si_per_tick
 
 
-def _wrap(mapped: MappedSignal) -> tuple[float, int]:
+def wrap_of(mapped: MappedSignal) -> tuple[float, int]:
     """Return after how many raw steps the signal begins again, and its lowest raw value.
 
     An angle whose range is one turn, whether or not it holds both ends, wraps at the turn.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,11 +66,16 @@ def read_log_columns(path: str | Path) -> LogColumns:
 
     Raises CanBusError as `read_log` does.
     """
+    return columns_of(read_log(path))
+
+
+def columns_of(messages: Iterable[can.Message]) -> LogColumns:
+    """Return frames from anywhere as columns, in their order."""
     stamps, identifiers = array("q"), array("I")
     flags, lengths = bytearray(), bytearray()
     payload = bytearray()
     width = _CLASSIC_BYTES
-    for message in read_log(path):
+    for message in messages:
         data = message.data
         size = len(data)
         if size > width:

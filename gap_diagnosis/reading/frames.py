@@ -1,0 +1,159 @@
+"""A log's frames by message, checked as the ECU checks them, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from can_bus import (
+    COUNTER_MODULO,
+    Database,
+    LogColumns,
+    MessageSpec,
+    SignalSpec,
+    crc8_profile1_array,
+    decode_columns,
+    present_columns,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Column = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
+
+_WORD_BYTES = 8
+_FNV_PRIME = np.uint64(0x100000001B3)
+_FNV_START = np.uint64(0xCBF29CE484222325)
+
+
+@dataclass(frozen=True)
+class MessageFrames:
+    """The believable frames of one message, in the log's order.
+
+    Attributes:
+        spec: the message.
+        stamp_us: int64[f], reception stamps.
+        counter: int64[f], alive counter 0 to 14; None where the message has none.
+        raw: per payload signal float64[f], raw values; NaN where marked as not available.
+        payload: uint64[f], all bits but counter and CRC (above eight bytes: a hash of them).
+    """
+
+    spec: MessageSpec
+    stamp_us: Ints
+    counter: Ints | None
+    raw: Mapping[str, Floats]
+    payload: NDArray[np.uint64]
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.stamp_us)
+
+    @property
+    def modulo(self) -> int:
+        """What the counter counts to; 0 without a counter."""
+        return 0 if self.counter is None else COUNTER_MODULO
+
+
+def checked_frames(
+    columns: LogColumns, database: Database
+) -> tuple[dict[str, MessageFrames], dict[str, int]]:
+    """Return the frames of each message of *database* in the log, and what was refused by reason.
+
+    Refused are, in the ECU's order: unknown identifiers, wrong lengths and remote frames, wrong
+    CRCs, a counter that is never sent (15), values outside the described range. Age and sequence
+    are not checked: the diagnosis wants to see what came late, twice or in another order.
+    """
+    rejected = dict.fromkeys(("unknown_id", "length", "crc", "counter", "range"), 0)
+    found: dict[str, MessageFrames] = {}
+    known = 0
+    for spec in database.messages.values():
+        named = (columns.frame_id == spec.frame_id) & (columns.is_extended == spec.is_extended)
+        count = int(np.count_nonzero(named))
+        known += count
+        if count == 0:
+            continue
+        rows = columns.rows_of(spec)
+        rejected["length"] += count - len(rows)
+        rows = _drop(rows, _crc_is_right(spec, columns.data[rows]), rejected, "crc")
+        data = columns.data[rows]
+        raw = decode_columns(spec, data)
+        counter: Ints | None = None
+        good = np.ones(len(rows), dtype=np.bool_)
+        if spec.is_protected and spec.e2e is not None:
+            counter = np.asarray(raw[spec.e2e.counter_signal], dtype=np.int64)
+            good = counter < COUNTER_MODULO
+            rejected["counter"] += int(np.count_nonzero(~good))
+        present = present_columns(spec, raw)
+        values = {
+            signal.name: _value(signal, raw[signal.name], present[signal.name])
+            for signal in spec.payload
+        }
+        inside = np.ones(len(rows), dtype=np.bool_)
+        for signal in spec.payload:
+            inside &= ~present[signal.name] | _in_range(signal, raw[signal.name])
+        rejected["range"] += int(np.count_nonzero(good & ~inside))
+        good &= inside
+        if good.any():
+            found[spec.name] = MessageFrames(
+                spec=spec,
+                stamp_us=columns.timestamp_us[rows][good],
+                counter=None if counter is None else counter[good],
+                raw={name: value[good] for name, value in values.items()},
+                payload=_payload(spec, data[good]),
+            )
+    rejected["unknown_id"] = len(columns) - known
+    return found, rejected
+
+
+def _drop(
+    rows: NDArray[np.intp], good: Bools, rejected: dict[str, int], reason: str
+) -> NDArray[np.intp]:
+    rejected[reason] += int(np.count_nonzero(~good))
+    return rows[good]
+
+
+def _crc_is_right(spec: MessageSpec, data: NDArray[np.uint8]) -> Bools:
+    if not spec.is_protected or spec.e2e is None:
+        return np.ones(len(data), dtype=np.bool_)
+    frames = data[:, : spec.length_bytes]
+    return np.asarray(crc8_profile1_array(spec.e2e.data_id, frames) == frames[:, 0])
+
+
+def _value(signal: SignalSpec, raw: Column, present: Bools) -> Floats:
+    value = raw.astype(np.float64)
+    if signal.invalid_raw is not None:
+        value[raw == signal.invalid_raw] = np.nan
+    value[~present] = np.nan
+    return value
+
+
+def _in_range(signal: SignalSpec, raw: Column) -> Bools:
+    if signal.is_float:
+        scaled = raw.astype(np.float64) * signal.factor + signal.offset
+        good = np.isfinite(scaled)
+        if signal.minimum is not None:
+            good &= scaled >= signal.minimum
+        if signal.maximum is not None:
+            good &= scaled <= signal.maximum
+        return good
+    inside: Bools = (raw >= signal.low_raw) & (raw <= signal.high_raw)
+    return inside if signal.invalid_raw is None else inside | (raw == signal.invalid_raw)
+
+
+def _payload(spec: MessageSpec, data: NDArray[np.uint8]) -> NDArray[np.uint64]:
+    """Return what a frame says, as one number: equal numbers mean equal payloads."""
+    frames = np.array(data[:, : spec.length_bytes])
+    if spec.is_protected:
+        frames[:, 0] = 0
+        frames[:, 1] &= 0xF0
+    if spec.length_bytes > _WORD_BYTES:
+        mixed = np.full(len(frames), _FNV_START, dtype=np.uint64)
+        for column in range(spec.length_bytes):
+            mixed = (mixed ^ frames[:, column]) * _FNV_PRIME
+        return mixed
+    padded = np.zeros((len(frames), _WORD_BYTES), dtype=np.uint8)
+    padded[:, : spec.length_bytes] = frames
+    return np.ascontiguousarray(padded.view("<u8")[:, 0], dtype=np.uint64)

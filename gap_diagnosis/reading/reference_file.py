@@ -1,0 +1,142 @@
+"""Reference trajectories: ``.tum`` files, one row ``t x y z qx qy qz qw`` each.
+
+The format is that of the TUM RGB-D benchmark: stamps in seconds, metres, unit quaternions; lines
+that begin with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Final, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.recording import Recording, Reference
+
+Floats = NDArray[np.float64]
+
+MAX_ROWS: Final = 20_000_000
+_MAX_LINE: Final = 1000
+_CHUNK: Final = 50_000
+_FORM: Final = "t x y z qx qy qz qw, eight numbers"
+_TURNING_M: Final = 0.5
+_LEAST_OVERLAP_S: Final = 2.0
+_NORM_TOLERANCE: Final = 0.05
+
+
+def read_reference(path: str | Path) -> Reference:
+    """Read a ``.tum`` file.
+
+    The heading is left out where every row has the same quaternion although the path bends: such a
+    file has positions only.
+
+    Raises DiagnosisError naming file and line: what is no number, NaN, a quaternion that is none,
+    stamps that do not ascend, fewer than two rows.
+    """
+    path = Path(path)
+    rows, lines = _read(path)
+    if len(rows) < 2:
+        raise DiagnosisError(f"{path}: {len(rows)} rows: expected at least two, each {_FORM}")
+    broken = np.asarray(~np.isfinite(rows).all(axis=1), dtype=np.bool_)
+    _refuse(path, lines, broken, "not a number (NaN or infinity)", _FORM)
+    t_s = rows[:, 0]
+    _refuse(
+        path,
+        lines,
+        np.concatenate(([False], np.diff(t_s) <= 0)),
+        "the stamp does not come after the one before",
+        "ascending stamps (sort -n orders a file)",
+    )
+    x, y, z, w = rows[:, 4:].T
+    norm = np.sqrt(x * x + y * y + z * z + w * w)
+    _refuse(
+        path, lines, np.abs(norm - 1) > _NORM_TOLERANCE, "the quaternion is not of length 1", _FORM
+    )
+    heading = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    x_m, y_m = rows[:, 1].copy(), rows[:, 2].copy()
+    is_position_only = bool(np.ptp(heading) == 0) and _bends(x_m, y_m)
+    return Reference(t_s.copy(), x_m, y_m, None if is_position_only else heading)
+
+
+def refuse_no_overlap(reference: Reference, recording: Recording, name: str) -> None:
+    """Raise DiagnosisError for a reference that does not overlap the recording in time."""
+    start = max(reference.t_s[0], recording.t_s[0])
+    stop = min(reference.t_s[-1], recording.t_s[-1])
+    if stop - start < _LEAST_OVERLAP_S:
+        raise DiagnosisError(
+            f"{name} lasts from {reference.t_s[0]:.3f} to {reference.t_s[-1]:.3f} s, "
+            f"{recording.name} from {recording.t_s[0]:.3f} to {recording.t_s[-1]:.3f} s: expected "
+            f"stamps of one clock that overlap by {_LEAST_OVERLAP_S:g} s or more"
+        )
+
+
+def _read(path: Path) -> tuple[Floats, NDArray[np.int64]]:
+    chunks: list[Floats] = []
+    numbers: list[NDArray[np.int64]] = []
+    total = line_number = 0
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            while lines := list(islice(_bounded(file), _CHUNK)):
+                kept = [
+                    (number, text)
+                    for number, line in enumerate(lines, line_number + 1)
+                    if (text := line.strip()) and not text.startswith("#")
+                ]
+                line_number += len(lines)
+                total += len(kept)
+                if total > MAX_ROWS:
+                    raise DiagnosisError(f"{path}: more than {MAX_ROWS} rows: expected fewer")
+                chunks.append(_parse(path, kept))
+                numbers.append(np.array([number for number, _ in kept], dtype=np.int64))
+    except OSError as error:
+        raise DiagnosisError(f"{path}: cannot read this reference: {error.strerror}") from None
+    if not chunks:
+        return np.empty((0, 8)), np.empty(0, dtype=np.int64)
+    return np.concatenate(chunks), np.concatenate(numbers)
+
+
+def _bounded(file: TextIO) -> Iterator[str]:
+    while line := file.readline(_MAX_LINE):
+        yield line
+
+
+def _parse(path: Path, kept: list[tuple[int, str]]) -> Floats:
+    if not kept:
+        return np.empty((0, 8))
+    words = [text.replace(",", " ").split() for _, text in kept]
+    try:
+        table = np.array(words, dtype=np.float64)
+        if table.shape[1:] == (8,):
+            return table
+    except ValueError:
+        pass
+    for (number, text), row in zip(kept, words, strict=True):
+        if len(row) != 8 or not all(map(_is_number, row)):
+            raise DiagnosisError(f"{path}:{number}: {text[:60]!r}: expected {_FORM}")
+    raise DiagnosisError(f"{path}: expected rows {_FORM}")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _refuse(
+    path: Path, lines: NDArray[np.int64], bad: NDArray[np.bool_], what: str, expected: str
+) -> None:
+    if bad.any():
+        raise DiagnosisError(f"{path}:{lines[int(np.argmax(bad))]}: {what}: expected {expected}")
+
+
+def _bends(x_m: Floats, y_m: Floats) -> bool:
+    """Tell whether positions leave the line through their principal axis."""
+    centred = np.stack([x_m - x_m.mean(), y_m - y_m.mean()])
+    spread = np.linalg.svd(centred, full_matrices=False, compute_uv=False)
+    return bool(spread[-1] / np.sqrt(len(x_m)) > 0.05 * _TURNING_M)
