@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,8 @@ from sim_plant.records import DriveModel, EncoderModel
 from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream
 
 Outputs = Literal["all", "odometry"]
+
+_SHARES_PER_THREAD = 4
 
 # The streams of the sensors that "odometry" leaves out.
 _UNREAD_STREAMS = frozenset({Stream.ACCEL_X, Stream.ACCEL_Y, Stream.TEMPERATURE, Stream.SUPPLY})
@@ -112,12 +115,14 @@ def simulate(
         everything=outputs == "all",
     )
     threads = workers or _processors()
-    shares = np.array_split(np.arange(len(run_seeds)), max(1, min(threads, len(run_seeds))))
-    if len(shares) == 1:
-        batch.work(shares[0])
+    runs = range(len(run_seeds))
+    if threads == 1 or len(runs) < 2:
+        batch.work(runs)
     else:
-        with ThreadPoolExecutor(len(shares)) as pool:
-            list(pool.map(batch.work, shares))
+        # A few shares per thread, so that all threads end together.
+        size = -(-len(runs) // (_SHARES_PER_THREAD * threads))
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(batch.work, (runs[i : i + size] for i in runs[::size])))
     return batch.runs()
 
 
@@ -154,7 +159,7 @@ class _Batch:
         everything: bool,
     ) -> None:
         self._parameters = parameters
-        self._seeds = seeds
+        self._seeds = np.array(seeds, np.uint64)
         self._commands = commands
         self._noise: NoiseModel = noise
         runs, ticks = len(seeds), commands.shape[0]
@@ -183,36 +188,30 @@ class _Batch:
         )
         return samples
 
-    def work(self, runs: NDArray[np.int64]) -> None:
+    def work(self, runs: range) -> None:
         """Fill the rows of these runs."""
         shared = self._shared is not None
         samples = (
             self._shared if self._shared is not None else np.zeros(BLOCK_TICKS, records.SAMPLE)
         )
         truth = np.empty((0, 0, 3)) if shared else self._truth
-        motion_state = np.zeros(1, records.MOTION_STATE)
-        sensor_state = np.zeros(1, records.SENSOR_STATE)
-        parameters: NDArray[Any] | None = None
-        for run in runs.tolist():
-            if self._parameters[run] is not parameters:
-                parameters = self._parameters[run]
-                noise = self._noise_for(parameters)
-            noise.start(self._seeds[run])
-            motion_state.view(np.int64).fill(0)  # far quicker than assigning a record
-            sensor_state.view(np.int64).fill(0)
+        for _, group in itertools.groupby(runs, lambda run: id(self._parameters[run])):
+            same = list(group)
+            parameters = self._parameters[same[0]]
+            noise = self._noise_for(parameters)
             kernel.run(
                 parameters,
-                motion_state,
-                sensor_state,
+                np.zeros(len(same), records.MOTION_STATE),
+                np.zeros(len(same), records.SENSOR_STATE),
                 self._commands,
                 samples,
                 noise.sources,
                 noise.raws,
-                noise.seed,
+                self._seeds[same[0] : same[-1] + 1],
                 noise.active,
                 noise.columns,
                 noise.normals,
-                run,
+                same[0],
                 truth,
                 self._left,
                 self._right,

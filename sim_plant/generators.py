@@ -2,9 +2,9 @@
 
 Bit for bit what `numpy.random.Generator(...).standard_normal()` returns, in a third of its time and
 without a Python object per stream: drawing is most of what a batch does. Sources: O'Neill 2014 (PCG
-XSL-RR 128/64); Salmon et al. 2011, *Parallel random numbers: as easy as 1, 2, 3* (Philox);
-Marsaglia and Tsang 2000, *The ziggurat method* (with numpy's tables, `ziggurat.npy`: rows k, w, f
-of its 256 layers).
+XSL-RR 128/64) and 2015, *Developing a seed_seq Alternative* (numpy's SeedSequence); Salmon et al.
+2011, *Parallel random numbers: as easy as 1, 2, 3* (Philox); Marsaglia and Tsang 2000, *The
+ziggurat method* (with numpy's tables, `ziggurat.npy`: rows k, w, f of its 256 layers).
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from sim_plant.compiled import inlined
 
@@ -36,7 +35,7 @@ BUFFER_WORDS = 4
 
 _LAYERS = np.load(Path(__file__).with_name("ziggurat.npy"), allow_pickle=False)
 _K = _LAYERS[0].astype(np.uint64)
-_W = _LAYERS[1].copy()
+_SIGNED_W = np.concatenate((_LAYERS[1], -_LAYERS[1]))  # the word's bit 8 is the normal's sign
 _F = _LAYERS[2].copy()
 _TAIL_START = 3.6541528853610087963519472518
 _INVERSE_TAIL_START = 0.27366123732975827203338247596
@@ -50,7 +49,14 @@ _PHILOX_W0 = _U(0x9E3779B97F4A7C15)
 _PHILOX_W1 = _U(0xBB67AE8584CAA73B)
 _ZERO, _ONE, _EIGHT, _NINE, _ELEVEN = _U(0), _U(1), _U(8), _U(9), _U(11)
 _58, _63, _64 = _U(58), _U(63), _U(64)
-_BYTE, _MANTISSA = _U(0xFF), _U(0x000FFFFFFFFFFFFF)
+_BYTE, _SIGNED_BYTE, _MANTISSA = _U(0xFF), _U(0x1FF), _U(0x000FFFFFFFFFFFFF)
+
+# numpy's SeedSequence, on 32-bit words.
+_POOL_WORDS = 4
+_16, _32, _WORD = _U(16), _U(32), _U(0xFFFFFFFF)
+_POOL_START, _POOL_FACTOR = _U(0x43B0D7E5), _U(0x931E8875)
+_STATE_START, _STATE_FACTOR = _U(0x8B51F9DD), _U(0x58F38DED)
+_MIX_LEFT, _MIX_RIGHT = _U(0xCA01F9DD), _U(0x4973F715)
 
 
 def _type_high_word(context: Any, a: Any, b: Any) -> Any:
@@ -132,9 +138,7 @@ def _finish_normal(source: Any, raws: Any, word: Any) -> float:
     while True:
         layer = word & _BYTE
         magnitude = (word >> _NINE) & _MANTISSA
-        x: float = float(magnitude) * _W[layer]
-        if (word >> _EIGHT) & _ONE:
-            x = -x
+        x: float = float(magnitude) * _SIGNED_W[word & _SIGNED_BYTE]
         if magnitude < _K[layer]:
             return x
         if layer == _ZERO:
@@ -161,8 +165,7 @@ def draw_pcg(source: Any, raws: Any, table: Any, row: int, columns: int) -> None
             layer = word & _BYTE
             magnitude = (word >> _NINE) & _MANTISSA
             if magnitude < _K[layer]:  # 99 % of the draws end here
-                x = float(magnitude) * _W[layer]
-                table[k, j] = -x if (word >> _EIGHT) & _ONE else x
+                table[k, j] = float(magnitude) * _SIGNED_W[word & _SIGNED_BYTE]
             else:
                 source.state_low, source.state_high = low, high
                 table[k, j] = _finish_normal(source, raws, word)
@@ -187,18 +190,46 @@ def draw_philox(
             layer = word & _BYTE
             magnitude = (word >> _NINE) & _MANTISSA
             if magnitude < _K[layer]:  # 99 % of the draws end here
-                x = float(magnitude) * _W[layer]
-                table[k, column] = -x if (word >> _EIGHT) & _ONE else x
+                table[k, column] = float(magnitude) * _SIGNED_W[word & _SIGNED_BYTE]
             else:
                 table[k, column] = _finish_normal(source, raws, word)
             k += 1
 
 
-def seed_pcg64(source: NDArray[Any], seed: int) -> None:
-    """Set a one-element `SOURCE` to the state of numpy's `default_rng(seed)`."""
-    state = np.random.PCG64(seed).state["state"]
-    source[0] = (0, 0, *_halves(state["state"]), *_halves(state["inc"]))
+@inlined
+def _hash(value: Any, constant: Any, factor: Any) -> tuple[Any, Any]:
+    """Return the hash of a 32-bit word, and the constant of the next one."""
+    value ^= constant
+    constant = (constant * factor) & _WORD
+    value = (value * constant) & _WORD
+    return value ^ (value >> _16), constant
 
 
-def _halves(word: int) -> tuple[int, int]:
-    return word & (2**64 - 1), word >> 64
+@njit(error_model="numpy")
+def seed_pcg64(source: Any, seed: Any) -> None:
+    """Set a source to the state of numpy's `default_rng(seed)`, `seed` being one 64-bit word."""
+    pool = np.zeros(_POOL_WORDS, np.uint64)
+    pool[0], pool[1] = seed & _WORD, seed >> _32
+    constant = _POOL_START
+    for i in range(_POOL_WORDS):
+        pool[i], constant = _hash(pool[i], constant, _POOL_FACTOR)
+    for i in range(_POOL_WORDS):
+        for j in range(_POOL_WORDS):
+            if i != j:
+                word, constant = _hash(pool[i], constant, _POOL_FACTOR)
+                mixed = (_MIX_LEFT * pool[j] - _MIX_RIGHT * word) & _WORD
+                pool[j] = mixed ^ (mixed >> _16)
+    words = np.zeros(_POOL_WORDS, np.uint64)
+    constant = _STATE_START
+    for i in range(2 * _POOL_WORDS):
+        word, constant = _hash(pool[i % _POOL_WORDS], constant, _STATE_FACTOR)
+        words[i // 2] |= word << _32 if i % 2 else word
+    # PCG's own seeding: the increment is odd, the state is advanced before and after the seed.
+    source.philox = 0
+    source.fixed_low = (words[3] << _ONE) | _ONE
+    source.fixed_high = (words[2] << _ONE) | (words[3] >> _63)
+    low = source.fixed_low + words[1]
+    high = source.fixed_high + words[0] + (_ONE if low < words[1] else _ZERO)
+    source.state_low, source.state_high = _advance_pcg(
+        low, high, source.fixed_low, source.fixed_high
+    )

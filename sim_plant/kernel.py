@@ -162,17 +162,17 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
     @njit(cache=True, nogil=True, error_model="numpy")
     def run(
         p: Any,
-        motion_state: Any,
-        sensor_state: Any,
+        motion_states: Any,
+        sensor_states: Any,
         commands: Any,
         samples: Any,
         sources: Any,
         raws: Any,
-        seed: Any,
+        seeds: Any,
         active: Any,
         columns: Any,
         normals: Any,
-        run: int,
+        first_run: int,
         truth: Any,
         left: Any,
         right: Any,
@@ -183,41 +183,45 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         temperature: Any,
         supply: Any,
     ) -> int:
-        """Read a whole run into row `run` of the arrays.
+        """Read whole runs, one per seed, into rows `first_run` and on of the arrays.
 
-        Where `truth` is empty, `samples` is the shared motion; otherwise the run moves on its own,
-        with room for a block of samples, and its pose goes to `truth`. Where `gyro_rate` is empty,
-        only counters and gyro code are written.
+        Each run has its states, at zero. Where `truth` is empty, `samples` is the shared motion;
+        otherwise each run moves on its own, with room for a block of samples, and its pose goes to
+        `truth`. Where `gyro_rate` is empty, only counters and gyro code are written.
         """
-        state = sensor_state[0]
         ticks = commands.shape[0]
         everything = gyro_rate.size > 0
-        for first in range(0, ticks, BLOCK_TICKS):
-            fill_block(sources, raws, seed, active, columns, first // BLOCK_TICKS)
-            count = min(BLOCK_TICKS, ticks - first)
-            sampled = first
-            if truth.size > 0:
-                sampled = 0
+        for index in range(seeds.size):
+            run = first_run + index
+            state = sensor_states[index]
+            for first in range(0, ticks, BLOCK_TICKS):
+                fill_block(sources, raws, seeds[index], active, columns, first // BLOCK_TICKS)
+                count = min(BLOCK_TICKS, ticks - first)
+                span = samples[first : first + count] if truth.size == 0 else samples
+                if truth.size > 0:
+                    poses = truth[run, first : first + count]
+                    for k in range(count):
+                        _move_to(p[0], motion_states[index], normals[k], commands, first + k)
+                        _observe(p[0], motion_states[index], span[k])
+                        poses[k, 0] = span[k].x_m
+                        poses[k, 1] = span[k].y_m
+                        poses[k, 2] = span[k].heading_rad
+                lefts, rights = left[run, first:], right[run, first:]
+                codes = gyro_code[run, first:]
                 for k in range(count):
-                    _move_to(p[0], motion_state[0], normals[k], commands, first + k)
-                    _observe(p[0], motion_state[0], samples[k])
-                    truth[run, first + k, 0] = samples[k].x_m
-                    truth[run, first + k, 1] = samples[k].y_m
-                    truth[run, first + k, 2] = samples[k].heading_rad
-            for k in range(count):
-                _read(p[0], state, samples[sampled + k], normals[k])
-                left[run, first + k] = state.left_count
-                right[run, first + k] = state.right_count
-                gyro_code[run, first + k] = state.gyro_code
+                    _read(p[0], state, span[k], normals[k])
+                    lefts[k] = state.left_count
+                    rights[k] = state.right_count
+                    codes[k] = state.gyro_code
+                    if everything:
+                        gyro_rate[run, first + k] = state.gyro_rate_rad_s
                 if everything:
-                    gyro_rate[run, first + k] = state.gyro_rate_rad_s
-            if everything:
-                for k in range(count):
-                    m, n = samples[sampled + k], normals[k]
-                    accel_x[run, first + k] = accel_code(p[0], m.accel_x_m_s2, n.accel_x)
-                    accel_y[run, first + k] = accel_code(p[0], m.accel_y_m_s2, n.accel_y)
-                    temperature[run, first + k] = temperature_code(p[0], m, n)
-                    supply[run, first + k] = supply_code(p[0], m, n)
+                    for k in range(count):
+                        m, n = span[k], normals[k]
+                        accel_x[run, first + k] = accel_code(p[0], m.accel_x_m_s2, n.accel_x)
+                        accel_y[run, first + k] = accel_code(p[0], m.accel_y_m_s2, n.accel_y)
+                        temperature[run, first + k] = temperature_code(p[0], m, n)
+                        supply[run, first + k] = supply_code(p[0], m, n)
         return sources_digest
 
     return fill_noise, read, step, run_motion, run

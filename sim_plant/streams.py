@@ -62,6 +62,7 @@ def fill_block(sources: Any, raws: Any, seed: Any, active: Any, columns: Any, bl
     """
     if sources.size > 1:
         if block == 0:
+            seed_pcg64(sources[1], seed)
             columns[0, :3] = 0.0  # the lesson has no noise at tick 0
         draw_pcg(sources[1], raws, columns, 1 if block == 0 else 0, 3)
     for stream in range(active.size):
@@ -88,10 +89,7 @@ class Noise:
         for stream in active:
             self.active[stream] = not (lesson and stream in LESSON_STREAMS)
         self.seed = np.uint64(0)
-        self._lesson = lesson
 
     def start(self, seed: int) -> None:
         """Begin the run of a seed, a whole number from 0 to 2^64 − 1."""
         self.seed = np.uint64(seed)
-        if self._lesson:
-            seed_pcg64(self.sources[1:], seed)
