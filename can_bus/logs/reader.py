@@ -293,16 +293,27 @@ class _CountedLines:
         self.line = ""
         self._path = path
         self._lines = _bounded_lines(path, file)
+        self._in_heading = True
+        self._first_event: str | None = None
 
     def __iter__(self) -> _CountedLines:
         return self
 
     def __next__(self) -> str:
+        if self._first_event is not None:
+            first, self._first_event = self._first_event, None
+            return first
         self.line = next(self._lines)
         self.number += 1
         if not _ASC_LINE.match(self.line):
             # python-can passes over whatever it does not know.
             raise _bad_line(self._path, self.number, self.line, "a line of an ASC log")
+        if self._in_heading and self.line.lstrip()[:1].isdigit():
+            # python-can takes the heading's last line for no event, whatever it is: a heading
+            # without its last line would cost the first frame.
+            self._in_heading = False
+            self._first_event = self.line
+            return "no internal events logged\n"
         return self.line
 
     def close(self) -> None:
