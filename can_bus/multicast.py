@@ -29,6 +29,7 @@ LOOPBACK_IP: Final = "127.0.0.1"
 _IP_MULTICAST_ALL: Final = 49  # Linux: 0 = deliver only groups joined by this very socket
 _SO_TIMESTAMPNS: Final = 35
 _MAX_PORT: Final = (1 << 16) - 1
+_MAX_HOPS: Final = 255
 _FLAGS: Final = ("is_extended_id", "is_remote_frame", "is_error_frame", "is_fd")
 
 _log = logging.getLogger(__name__)
@@ -110,6 +111,8 @@ class HostMulticastBus(UdpMulticastBus):
             )
         if not (isinstance(port, int) and 0 < port <= _MAX_PORT):
             raise CanBusError(f"udp_multicast port {port!r}: expected 1 to {_MAX_PORT}")
+        if not (hop_limit is None or (isinstance(hop_limit, int) and 0 <= hop_limit <= _MAX_HOPS)):
+            raise CanBusError(f"udp_multicast hop_limit {hop_limit!r}: expected 0 to {_MAX_HOPS}")
         is_confined = ipaddress.ip_address(_known_ip(interface_ip)).is_loopback
         can.BusABC.__init__(self, channel)
         hops = (0 if is_confined else 1) if hop_limit is None else hop_limit

@@ -84,6 +84,8 @@ def _words(annotation: Any, bounds: Mapping[str, Any]) -> str:
         return " or ".join(dict.fromkeys(_words(member, bounds) for member in members))
     if origin is Literal:
         return _one_of([_plain(value) for value in get_args(annotation)])
+    if origin is dict:
+        return "a table"
     if origin in {tuple, list, set, frozenset}:
         return _list_words(get_args(annotation), bounds)
     if isinstance(annotation, type):

@@ -74,7 +74,7 @@ def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
         computed = node.step(step.now_us, step.received)
         compared_frames += len(step.sent)
         if difference is None:
-            compared, difference = _compare(node.ticks - 1, step, computed, ours)
+            compared, difference = _compare(path, node.ticks - 1, step, computed, ours)
             fields += compared
     if compared_frames == 0:
         names = ", ".join(spec.name for spec in ours.values())
@@ -170,7 +170,11 @@ def _steps_by_stamps(
 
 
 def _compare(
-    tick: int, step: _Step, computed: list[can.Message], ours: Mapping[_Key, MessageSpec]
+    path: Path,
+    tick: int,
+    step: _Step,
+    computed: list[can.Message],
+    ours: Mapping[_Key, MessageSpec],
 ) -> tuple[int, Difference | None]:
     """Return how many fields were compared, and the first that differs."""
     fields = 0
@@ -184,7 +188,8 @@ def _compare(
             return fields, _missing(tick, spec, there, here)
         if len(there.data) != spec.length_bytes:
             raise HarnessError(
-                f"{spec.name} at tick {tick}: {len(there.data)} bytes: expected {spec.length_bytes}"
+                f"{path}: {spec.name} at tick {tick}: {len(there.data)} bytes: "
+                f"expected {spec.length_bytes}"
             )
         logged_raw, computed_raw = spec.decode_raw(there.data), spec.decode_raw(here.data)
         for name in _payload_first(spec, logged_raw):

@@ -1,6 +1,7 @@
 """TOML files from strangers: bounded when read, and every key knows its line."""
 
 import re
+import sys
 import tomllib
 from dataclasses import dataclass, field
 from datetime import date, datetime, time
@@ -129,8 +130,9 @@ def parse_toml(content: str | bytes, *, name: str, path: Path | None = None) -> 
         raise HarnessError(_syntax_message(name, text, str(error))) from None
     except RecursionError:
         raise HarnessError(f"{name}: {_TOO_DEEP}") from None
-    except ValueError as error:  # a number of more digits than Python agrees to read
-        raise HarnessError(f"{name}: not a TOML file: {error}") from None
+    except ValueError:  # Python agrees to read only so many digits
+        most = sys.get_int_max_str_digits()
+        raise HarnessError(f"{name}: a number of over {most} digits: expected fewer") from None
     lines = key_lines(text)
     deepest = max(lines, key=len, default=())
     if len(deepest) > MAX_DEPTH:

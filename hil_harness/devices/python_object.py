@@ -122,8 +122,8 @@ def _load_module(name: str, setup: DeviceSetup) -> ModuleType:
         # A fresh name each time: two tests' node.py are two modules.
         module_name = f"_chiplog_device_{next(_module_numbers)}_{path.stem}"
         spec = importlib.util.spec_from_file_location(module_name, path)
-        if spec is None or spec.loader is None:
-            raise HarnessError(f"device python:{name}: not a Python file")
+        assert spec is not None  # as for every name that ends in .py
+        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module
         with _neighbours_importable(path.parent):
@@ -183,8 +183,13 @@ def _what_is_wrong(message: can.Message) -> str | None:
 
 
 def _what_and_where(error: BaseException) -> str:
-    """Return an exception's type, text and innermost line, in one line."""
+    """Return an exception's type, text and innermost line, in one line.
+
+    An import that fails ends inside Python's own machinery: that line would help nobody.
+    """
     text = " ".join(str(error).split())
     frames = traceback.extract_tb(error.__traceback__)
-    where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    where = ""
+    if frames and not frames[-1].filename.startswith("<frozen "):
+        where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
     return f"{type(error).__name__}: {text}{where}" if text else f"{type(error).__name__}{where}"

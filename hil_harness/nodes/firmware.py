@@ -155,9 +155,8 @@ def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) ->
     for a map without wheels.
     """
     gyro = KernelInputs(signal_map, robot.plant).gyro
-    constants = robot.firmware_constants(tick_period_us, gyro)
     try:
-        return build_config(robot.firmware, constants)
+        return build_config(robot.firmware, robot.firmware_constants(tick_period_us, gyro))
     except FirmwareError as error:
         raise HarnessError(f"{robot.where(str(error))}: {error}") from error
 

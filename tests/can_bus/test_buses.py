@@ -347,7 +347,12 @@ CANNOT_OPEN = [
         {"port": "many"},
         r"udp_multicast port 'many': expected 1 to",
     ),
-    ("udp_multicast", UNOPENED_GROUP, {"hop_limit": "far"}, r"cannot open udp_multicast channel"),
+    (
+        "udp_multicast",
+        UNOPENED_GROUP,
+        {"hop_limit": "far"},
+        r"udp_multicast hop_limit .far.: expected 0",
+    ),
     (
         "virtual",
         "x",
