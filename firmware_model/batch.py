@@ -102,7 +102,8 @@ def run_batch(
         history: keep every tick; without it memory does not grow with the number of ticks.
         workers: threads; None: one per core.
 
-    Inputs of one run (shape [1, ticks]) serve all configurations; no copy is made of them.
+    Inputs of one run (shape [1, ticks]) serve all configurations. No copy is made of int64 counts
+    whose ticks lie beside each other in memory.
 
     Raises:
         FirmwareError: arrays that are not of integers, not 2-D, or of different shapes.
@@ -229,7 +230,7 @@ def _counts(name: str, values: npt.ArrayLike) -> Int64Array:
             f"{name}: {array.dtype} array of shape {array.shape}: "
             "expected integers of shape [runs, ticks]"
         )
-    return array.astype(np.int64, copy=False)
+    return _without_gaps(array.astype(np.int64, copy=False))
 
 
 def _spread(name: str, array: Any, runs: int, ticks: int) -> Any:
@@ -240,7 +241,7 @@ def _spread(name: str, array: Any, runs: int, ticks: int) -> Any:
 
 def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) -> Any:
     if values is None:
-        return np.broadcast_to(np.int8(FRESH), (runs, ticks))
+        return _spread(name, np.full((1, ticks), FRESH, np.int8), runs, ticks)
     array = np.asarray(values)
     if array.dtype.kind not in "iu" or array.ndim != 2:
         raise FirmwareError(
@@ -249,4 +250,9 @@ def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) ->
         )
     if array.size and (array.min() < 0 or array.max() > 127):
         raise FirmwareError(f"{name}: values {array.min()} to {array.max()}: expected 0, 1 or 2")
-    return _spread(name, array.astype(np.int8, copy=False), runs, ticks)
+    return _spread(name, _without_gaps(array.astype(np.int8, copy=False)), runs, ticks)
+
+
+def _without_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the array, or a copy, with the ticks of a run beside each other in memory."""
+    return array if array.strides[1] == array.itemsize else np.ascontiguousarray(array)

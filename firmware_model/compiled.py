@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import namedtuple
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
@@ -10,9 +11,10 @@ from typing import Any, Final, Literal, cast
 
 import numba
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
-from firmware_model.config import CONFIG_DTYPE
+from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS
 from firmware_model.state import STATE_DTYPE
 from firmware_model.step import step_kernel
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, step_twin
@@ -60,14 +62,41 @@ def _type_data_pointer(typing_context: Any, array: Any) -> Any:
         return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
     pointer: Any = types.CPointer  # numba does not state this constructor's types
-    return pointer(types.int64)(array), codegen
+    return pointer(array.dtype)(array), codegen
 
 
 data_pointer: Final[Callable[[Any], Any]] = cast(Any, intrinsic(_type_data_pointer))
-"""Return a C pointer to an int64 array; only in compiled code.
+"""Return a C pointer to an array of one dimension without gaps; only in compiled code.
 
 It is indexed like the array but not reference-counted at each call, which would cost more than
 the arithmetic and make the threads wait for each other. The array must outlive it.
+"""
+
+
+_ConfigValues: Final = namedtuple("_ConfigValues", CONFIG_FIELDS)  # type: ignore[misc]  # no literal
+
+
+def _type_config_values(typing_context: Any, record: Any) -> Any:
+    """Tell numba the type and the code of `config_values`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word = context.get_data_type(types.int64)
+        member: Any = cgutils.get_record_member  # numba does not state its types
+        values = [
+            builder.load(member(builder, arguments[0], record.offset(name), word))
+            for name in CONFIG_FIELDS
+        ]
+        return context.make_tuple(builder, signature.return_type, values)
+
+    uniform: Any = types.NamedUniTuple
+    return uniform(types.int64, len(CONFIG_FIELDS), _ConfigValues)(record), codegen
+
+
+config_values: Final[Callable[[Any], Any]] = cast(Any, intrinsic(_type_config_values))
+"""Return a configuration record's fields as a named tuple of int64; only in compiled code.
+
+A loop over ticks then knows that no store to the state changes them: masks, half quanta and
+the like are computed once a run.
 """
 
 
@@ -156,16 +185,22 @@ def _batch_entry(source_digest: int) -> Callable[..., None]:
         heading_source: Any,
         twin_pose: Any,
     ) -> None:
-        """Step each run through all of its ticks; an output of no runs is not wanted."""
+        """Step each run through all of its ticks; an output of no runs is not wanted.
+
+        The ticks of one run lie one beside the other in each input.
+        """
         if source_digest < 0:
             return
         pointer = data_pointer(table)
         for run in range(states.shape[0]):
             state = states[run]
-            config = configs[run]
-            lefts, rights, codes = left_count[run], right_count[run], gyro_code[run]
-            encoders, gyros = encoder_validity[run], gyro_validity[run]
-            for tick in range(lefts.shape[0]):
+            config = config_values(configs[run])
+            lefts = data_pointer(left_count[run])
+            rights = data_pointer(right_count[run])
+            codes = data_pointer(gyro_code[run])
+            encoders = data_pointer(encoder_validity[run])
+            gyros = data_pointer(gyro_validity[run])
+            for tick in range(left_count.shape[1]):
                 step_kernel(
                     state,
                     config,
