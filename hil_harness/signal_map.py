@@ -1,6 +1,6 @@
 """Which signal of a DBC is what to the robot: the shipped DBC's map, and maps for foreign ones."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -23,6 +23,7 @@ from hil_harness.signal_roles import (
     unit_of,
     units_for,
 )
+from hil_harness.table_map import ColumnEntry, TableMap, mapped_table
 from hil_harness.toml_model import validate
 from hil_harness.toml_source import TomlSource, load_toml
 
@@ -214,7 +215,12 @@ class MapTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_: int = Field(default=1, ge=1, le=1, alias="schema", description="version", examples=[1])
-    signals: dict[str, _Name | SignalTable] = Field(description="role to signal")
+    signals: dict[str, _Name | SignalTable] = Field(
+        default_factory=dict, description="role to signal of a DBC"
+    )
+    columns: dict[str, ColumnEntry] = Field(
+        default_factory=dict, description="role to column of a table"
+    )
 
 
 def load_map(path: str | Path, database: Database) -> SignalMap:
@@ -244,6 +250,21 @@ def load_map(path: str | Path, database: Database) -> SignalMap:
     )
     result.require(REQUIRED, "dead reckoning")
     return result
+
+
+def load_table_map(path: str | Path, header: Sequence[str]) -> TableMap:
+    """Read a map.toml that says what the columns of a table with this *header* are.
+
+    Raises HarnessError in one line, as `load_map` does.
+    """
+    source = load_toml(path)
+    table = validate(source, MapTable)
+    if not table.columns:
+        raise HarnessError(
+            f"{source.name}: no [columns]: a table needs them, for example "
+            'left_count = "wheel_left"'
+        )
+    return mapped_table(source, table.columns, header)
 
 
 def _role(source: TomlSource, name: str) -> Role:

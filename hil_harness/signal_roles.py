@@ -32,7 +32,7 @@ Kind: TypeAlias = Literal["counts", "adc_code", "physical"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
 Quantity: TypeAlias = Literal[
-    "length", "angle", "speed", "turn rate", "acceleration", "temperature", "voltage"
+    "length", "angle", "speed", "turn rate", "acceleration", "temperature", "voltage", "time"
 ]
 
 
@@ -73,6 +73,10 @@ _SPELLINGS: Final[dict[str, Unit]] = {
     "degC °C C": Unit("temperature", 1.0, 273.15),
     "V": Unit("voltage", 1.0),
     "mV": Unit("voltage", 0.001),
+    "s": Unit("time", 1.0),
+    "ms": Unit("time", 1e-3),
+    "us µs": Unit("time", 1e-6),
+    "ns": Unit("time", 1e-9),
 }
 
 UNITS: Final = MappingProxyType(
@@ -87,7 +91,7 @@ COUNT_UNITS: Final = frozenset(
 )
 """Spellings of "no unit": the raw value itself is a count or a code."""
 
-_WHEEL: Final[tuple[Quantity, ...]] = ("angle", "length")
+_WHEEL: Final[tuple[Quantity, ...]] = ("angle", "length", "turn rate", "speed")
 
 QUANTITIES: Final[dict[Role, tuple[Quantity, ...]]] = {
     "left_count": _WHEEL,

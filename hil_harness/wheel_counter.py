@@ -50,6 +50,7 @@ def count_to_raw(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 
     Raises HarnessError for a signal too narrow for the robot's counter.
     """
+    _refuse_speed(mapped)
     counter_period = 1 << plant.encoder.counter_bits
     period, low = wrap_of(mapped)
     if mapped.kind == "counts" and period < counter_period:
@@ -79,6 +80,7 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
     for a small step. It is given as half the counter instead, which the kernel always refuses as a
     jump.
     """
+    _refuse_speed(mapped)
     counter_period = 1 << plant.encoder.counter_bits
     half = counter_period >> 1
     if _is_the_count(mapped, plant):
@@ -98,6 +100,14 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
         return (ticks - beyond) % counter_period
 
     return to_count
+
+
+def _refuse_speed(mapped: MappedSignal) -> None:
+    if mapped.quantity in ("speed", "turn rate"):
+        raise HarnessError(
+            f"{mapped.path} is a wheel's speed, which can only be read from a log: expected counts, "
+            "an angle or a distance"
+        )
 
 
 def _is_the_count(mapped: MappedSignal, plant: PlantDescription) -> bool:

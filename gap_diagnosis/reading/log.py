@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.clock import fit_clock
 from gap_diagnosis.reading.frames import MessageFrames, checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
@@ -90,17 +91,18 @@ class _Log:
         return max(1, round(cycle_us / self.wire.tick_period_us))
 
     def _unwrapped(self, frames: MessageFrames) -> Ticks:
-        stamps, counter = self._seconds(frames), frames.counter
+        stamps, counter, said = self._seconds(frames), frames.counter, frames.payload
         order = None
         if counter is None and np.any(np.diff(stamps) < 0):
             order = np.argsort(stamps, kind="stable")
-            stamps = stamps[order]
+            stamps, said = stamps[order], said[order]
         ticks = unwrap_ticks(
             stamps,
             counter,
             modulo=frames.modulo,
             cycle_ticks=self.cycle_ticks(frames),
             period_s=self.period_s,
+            repeats=np.concatenate(([False], said[1:] == said[:-1])),
         )
         if order is None:
             return ticks
@@ -195,14 +197,6 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
     )
     return recording, _reference(log)
-
-
-def unwrapped(angle_rad: Floats) -> Floats:
-    """Return angles without jumps of a turn; NaN stays NaN."""
-    result = angle_rad.copy()
-    known = np.isfinite(result)
-    result[known] = np.unwrap(result[known])
-    return result
 
 
 def _is_shared(frames: MessageFrames) -> bool:

@@ -12,6 +12,8 @@ import numpy as np
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import read_reference, refuse_no_overlap
+from gap_diagnosis.reading.table import read_table_recording
+from gap_diagnosis.reading.table_file import is_table
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.robot import Robot
@@ -69,7 +71,10 @@ def read_recording(
 ) -> Recording:
     """Read one log or table, as `read_recordings` does."""
     path = Path(log)
-    recording, own = read_log_recording(path, robot, wire or load_wire(dbc, signals))
+    if is_table(path):
+        recording, own = read_table_recording(path, robot, signals)
+    else:
+        recording, own = read_log_recording(path, robot, wire or load_wire(dbc, signals))
     _refuse_useless(recording, path)
     if reference is not None:
         measured = read_reference(reference)

@@ -2,28 +2,38 @@
 
 A shared counter says the tick modulo 15, and it is exact; the stamps say the rest, and they jitter.
 From frame to frame the counter's step is taken as the one nearest to the message's cycle. Where the
-stamps contradict it by more than half a round, either at least eight frames were lost (the frames
-that follow are late for good) or they were only held up (they are late for a while): the *earliest*
-arrivals of the next frames tell, since a delay is never negative. Without a counter every frame
-is one cycle after the last, and the same question is asked of every stamp that is half a cycle off.
+stamps contradict it by more than half a round, either at least eight frames were lost (all frames
+that follow are late by whole rounds) or they were held up (late for a while only): the *earliest*
+of the frames that follow tell, since no delay is negative. They are held against the phase of the
+whole log (stamp minus tick, modulo a round), which no lost frame changes, so that a wrong guess at
+one place does not spoil what follows. Where that phase itself changes over a gap for good, the
+sender began anew: a new segment.
+
+Without a counter every frame is taken to be one cycle after the last, a round is one cycle, and the
+same question is asked of every stamp that is half a cycle off.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
-_WINDOW = 64
-"""Frames whose earliest arrival stands for "not held up"."""
-
-_RESTART_TICKS = 2.0
-"""A step of the phase that is this far from whole rounds is a counter that began anew."""
+_BLOCK: Final = 128
+_WINDOW: Final = 64
+_LONG_RUN: Final = 20
+_RESTART_FRAMES: Final = 100
+_RESTART_PART: Final = 0.15
+"""Of a round: a lasting change of the phase by more is no jitter."""
+_CONCENTRATED: Final = 0.7
+_GAP_CYCLES: Final = 3
 
 
 @dataclass(frozen=True)
@@ -31,8 +41,8 @@ class Ticks:
     """The tick of each frame.
 
     Attributes:
-        tick: int64[f], the first frame's being its counter (0 without one).
-        segment: int64[f], 0 from the start, one more after each restart of the counter.
+        tick: int64[f]; the first frame's is its counter, 0 without one.
+        segment: int64[f], 0 from the start, one more after each restart of the sender.
     """
 
     tick: Ints
@@ -40,7 +50,13 @@ class Ticks:
 
 
 def unwrap_ticks(
-    stamp_s: Floats, counter: Ints | None, *, modulo: int, cycle_ticks: int, period_s: float
+    stamp_s: Floats,
+    counter: Ints | None,
+    *,
+    modulo: int,
+    cycle_ticks: int,
+    period_s: float,
+    repeats: Bools | None = None,
 ) -> Ticks:
     """Return the tick of each frame of one message, in the order given.
 
@@ -50,63 +66,120 @@ def unwrap_ticks(
         modulo: what the counter counts to.
         cycle_ticks: ticks from one frame to the next.
         period_s: duration of a tick.
+        repeats: bool[f], the frame says what the one before it said; without a counter, one that
+            comes in between is a duplicate.
     """
-    frames = len(stamp_s)
-    if counter is None:
-        round_ticks = cycle_ticks
-        steps = np.full(max(frames - 1, 0), cycle_ticks, dtype=np.int64)
-        first = 0
-    else:
-        round_ticks = modulo
-        half = modulo // 2
-        surplus = (np.diff(counter) - cycle_ticks + half) % modulo - half
-        steps = cycle_ticks + surplus
-        first = int(counter[0]) if frames else 0
-    base = first + np.concatenate(([0], np.cumsum(steps)))[:frames]
-    for attempt in range(2):
-        contradicted = np.abs(np.diff(stamp_s) / period_s - steps) > round_ticks / 2
-        breaks = np.flatnonzero(contradicted) + 1
-        ticks = _resolve(stamp_s / period_s, base, breaks, round_ticks, counter is not None)
-        if attempt == 0:
-            measured = _rate(stamp_s, ticks)
-            if not 0.5 < measured / period_s < 2:
-                break
-            period_s = measured
-    return ticks
-
-
-def _resolve(
-    stamp_ticks: Floats, base: Ints, breaks: NDArray[np.intp], round_ticks: int, has_counter: bool
-) -> Ticks:
-    """Decide at each break how many rounds were missed."""
+    steps, round_ticks = _steps(stamp_s, counter, modulo, cycle_ticks, period_s, repeats)
+    first = 0 if counter is None or not len(counter) else int(counter[0])
+    base = first + np.concatenate(([0], np.cumsum(steps)))[: len(stamp_s)].astype(np.int64)
+    stamp_ticks = stamp_s / period_s
+    stamp_ticks = stamp_ticks / (1 + _drift(stamp_ticks, base, round_ticks, counter is None))
+    elapsed = np.diff(stamp_ticks)
+    breaks = np.flatnonzero(np.abs(elapsed - steps) > round_ticks / 2) + 1
     phase = stamp_ticks - base
-    shift = np.zeros(len(base), dtype=np.int64)
-    segment = np.zeros(len(base), dtype=np.int64)
-    limits = [*breaks.tolist(), len(base)]
-    for place, stop in pairwise(limits):
-        before = slice(max(0, place - _WINDOW), place)
-        now = int(shift[place - 1])
-        jump = float(np.min(phase[place : place + _WINDOW])) - now
-        jump -= float(np.min(phase[before] - shift[before]))
-        rounds = round(jump / round_ticks)
-        rest = jump - rounds * round_ticks
-        restarted = has_counter and rounds >= 0 and abs(rest) > _RESTART_TICKS and jump > 0
-        shift[place:stop] = now + (round(jump) if restarted else rounds * round_ticks)
-        segment[place:stop] = segment[place - 1] + restarted
-    return Ticks(base + shift, segment)
+    gaps = breaks[elapsed[breaks - 1] > _GAP_CYCLES * cycle_ticks]
+    starts = [0, *(place for place in gaps.tolist() if _restarts(phase, place, round_ticks))]
+    tick, segment = base.copy(), np.zeros(len(base), dtype=np.int64)
+    for number, (start, stop) in enumerate(pairwise([*starts, len(base)])):
+        inside = breaks[(breaks > start) & (breaks < stop)] - start
+        part = slice(start, stop)
+        tick[part] += _shift(phase[part], inside, round_ticks)
+        segment[part] = number
+        if number:
+            gone = round(float(stamp_ticks[start] - stamp_ticks[start - 1]))
+            tick[part] += tick[start - 1] + max(gone, 1) - tick[start]
+    return Ticks(tick, segment)
 
 
-def _rate(stamp_s: Floats, ticks: Ticks) -> float:
-    """Return the seconds of the log per tick in the longest segment, by the earliest arrivals."""
-    longest = int(np.argmax(np.bincount(ticks.segment))) if len(stamp_s) else 0
-    rows = np.flatnonzero(ticks.segment == longest)
-    if len(rows) < 4:
-        return float("nan")
-    tick, stamp = ticks.tick[rows], stamp_s[rows]
-    edge = max(1, min(_WINDOW * 4, len(rows) // 4))
-    guess = (stamp[-1] - stamp[0]) / max(int(tick[-1] - tick[0]), 1)
-    lateness = stamp - guess * tick
-    first = int(np.argmin(lateness[:edge]))
-    last = len(rows) - edge + int(np.argmin(lateness[-edge:]))
-    span = int(tick[last] - tick[first])
-    return float((stamp[last] - stamp[first]) / span) if span > 0 else float("nan")
+def _steps(
+    stamp_s: Floats,
+    counter: Ints | None,
+    modulo: int,
+    cycle_ticks: int,
+    period_s: float,
+    repeats: Bools | None,
+) -> tuple[Ints, int]:
+    """Return the likeliest step from each frame to the next, and what it is known up to."""
+    if counter is not None:
+        half = modulo // 2
+        return cycle_ticks + (np.diff(counter) - cycle_ticks + half) % modulo - half, modulo
+    steps = np.full(max(len(stamp_s) - 1, 0), cycle_ticks, dtype=np.int64)
+    if repeats is not None and len(steps) > 1:
+        elapsed = np.diff(stamp_s) / (cycle_ticks * period_s)
+        together = np.concatenate(([False], elapsed[:-1] + elapsed[1:] < 1.4))
+        steps[repeats[1:] & together & (elapsed < 0.25)] = 0
+    return steps, cycle_ticks
+
+
+def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, stamps_tell_losses: bool) -> float:
+    """Return how much longer a tick lasts on the log's clock than described, less 1.
+
+    From the earliest arrivals of neighbouring blocks; the median passes over lost rounds. Where
+    every lost frame is a round, the stamps are believed about them first.
+    """
+    if stamps_tell_losses:
+        lost = np.rint(np.diff(stamp_ticks) - np.diff(base)).astype(np.int64)
+        base = base + np.concatenate(([0], np.cumsum(lost)))
+    blocks = len(base) // _BLOCK
+    if blocks < 2:
+        return 0.0
+    used = blocks * _BLOCK
+    phases = (stamp_ticks[:used] - base[:used]).reshape(blocks, _BLOCK)
+    row, earliest = np.arange(blocks), np.argmin(phases, axis=1)
+    at = base[:used].reshape(blocks, _BLOCK)[row, earliest].astype(np.float64)
+    phase = phases[row, earliest]
+    slope = _median_slope(at, phase, 1)
+    # Without the steps of whole rounds, far blocks can be held against each other.
+    flat = np.unwrap(phase - slope * at, period=round_ticks)
+    return slope + _median_slope(at, flat, max(1, blocks // 4))
+
+
+def _median_slope(x: Floats, y: Floats, lag: int) -> float:
+    run, rise = x[lag:] - x[:-lag], y[lag:] - y[:-lag]
+    return float(np.median(rise[run > 0] / run[run > 0])) if np.any(run > 0) else 0.0
+
+
+def _centre(phase: Floats, round_ticks: int) -> tuple[float, float]:
+    """Return the middle of phases modulo a round, and how concentrated they are, 0 to 1."""
+    mean = np.mean(np.exp(2j * np.pi * phase / round_ticks))
+    return float(np.angle(mean)) * round_ticks / (2 * np.pi), float(np.abs(mean))
+
+
+def _restarts(phase: Floats, place: int, round_ticks: int) -> bool:
+    """Tell whether the phase changes at *place* for good."""
+    before = phase[max(0, place - 2 * _RESTART_FRAMES) : place]
+    after = phase[place : place + 2 * _RESTART_FRAMES]
+    if min(len(before), len(after)) < _RESTART_FRAMES:
+        return False
+    (was, sure_before), (now, sure_after) = (
+        _centre(part, round_ticks) for part in (before, after[_WINDOW:])
+    )
+    away = abs((now - was + round_ticks / 2) % round_ticks - round_ticks / 2)
+    return min(sure_before, sure_after) > _CONCENTRATED and away > _RESTART_PART * round_ticks
+
+
+def _shift(phase: Floats, breaks: NDArray[np.intp], round_ticks: int) -> Ints:
+    """Return the whole rounds, in ticks, by which each frame is later than its base says."""
+    away = (phase - _tracked(phase, round_ticks)) / round_ticks
+    rounds = np.rint(away).astype(np.int64)
+    shift = np.zeros(len(phase), dtype=np.int64)
+    for start, stop in pairwise([0, *breaks.tolist(), len(phase)]):
+        if stop - start >= _LONG_RUN:
+            seen = np.sort(rounds[start : min(stop, start + 8 * _WINDOW)])
+            shift[start:stop] = seen[len(seen) // 10]
+        else:
+            shift[start:stop] = np.min(rounds[start : start + _WINDOW])
+    return (shift - shift[0]) * round_ticks if len(shift) else shift
+
+
+def _tracked(phase: Floats, round_ticks: int) -> Floats:
+    """Return the slowly drifting middle of the phases, known up to whole rounds, per frame."""
+    blocks = max(1, len(phase) // _BLOCK)
+    edges = np.linspace(0, len(phase), blocks + 1).astype(np.int64)
+    middles = [_centre(phase[a:b], round_ticks)[0] for a, b in pairwise(edges.tolist())]
+    smooth = np.unwrap(np.array(middles), period=round_ticks)
+    if blocks > 4:
+        padded = np.pad(smooth, 2, mode="edge")
+        smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    where = 0.5 * (edges[1:] + edges[:-1])
+    return np.asarray(np.interp(np.arange(len(phase)), where, smooth))

@@ -1,0 +1,108 @@
+"""The clocks of a table: when each row was sampled, and which tick it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.clock import fit_clock
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+COUNTER_WRAPS_S: Final = (65.536, 2**32 * 1e-6, 2**32 * 1e-3)
+"""Where ECU clocks begin again: 16 bits of milliseconds, 32 of microseconds, 32 of milliseconds."""
+
+_WRAP_TOLERANCE: Final = 0.02
+_RESTART_S: Final = 1.0
+_STEP_S: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class TableClock:
+    """When the rows of a table are.
+
+    Attributes:
+        order: int64[n], the rows in the order of time, repeated ones left out.
+        t_s: float64[n], log time of these rows, without jitter where the table tells.
+        tick: int64[n], strictly ascending from 0.
+        period_s: duration of a tick.
+        skew, skew_sd: as in `Recording`; NaN without an ECU clock.
+    """
+
+    order: Ints
+    t_s: Floats
+    tick: Ints
+    period_s: float
+    skew: float = float("nan")
+    skew_sd: float = float("nan")
+
+
+def table_clock(
+    name: str, time_s: Floats | None, ecu_s: Floats | None, ecu_wrap_s: float | None
+) -> TableClock:
+    """Return the clock of a table.
+
+    With an ECU clock the log's time is the line through its stamps against it, and rows are ordered
+    by it. Without one a row is taken to be sampled when it says: jitter of stamps and uneven
+    sampling cannot be told apart. The tick is the median distance of rows.
+
+    Raises DiagnosisError for a clock with missing values, or one that stands still.
+    """
+    for clock, values in (("time", time_s), ("ECU time", ecu_s)):
+        if values is not None and not np.isfinite(values).all():
+            row = int(np.argmax(~np.isfinite(values)))
+            raise DiagnosisError(
+                f"{name}: row {row + 2}: no {clock}: expected a number in every row"
+            )
+    if ecu_s is not None:
+        ecu_s = unwrapped_clock(ecu_s, time_s, ecu_wrap_s)
+    leading = ecu_s if ecu_s is not None else time_s
+    assert leading is not None  # the map has at least one clock
+    _, order = np.unique(np.round((leading - leading.min()) / _STEP_S), return_index=True)
+    ordered = leading[order]
+    steps = np.diff(ordered)
+    if len(steps) == 0:
+        raise DiagnosisError(f"{name}: {len(leading)} rows at one time: expected a clock that runs")
+    period_s = float(np.round(np.median(steps), 6))
+    if period_s <= 0:
+        raise DiagnosisError(f"{name}: rows follow within a microsecond: expected seconds")
+    tick = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(steps / period_s))))).astype(
+        np.int64
+    )
+    if ecu_s is None or time_s is None:
+        return TableClock(order, ordered, tick, period_s)
+    origin = float(time_s[order[0]])
+    ecu_us = np.rint((ordered - ordered[0]) / _STEP_S).astype(np.int64)
+    one_line = np.zeros(len(order), dtype=np.int64)
+    line = fit_clock(ecu_us, one_line, time_s[order] - origin, _STEP_S)
+    t_s = line.time_s(ecu_us) + origin
+    return TableClock(order, t_s, tick, period_s, line.skew, line.skew_sd)
+
+
+def unwrapped_clock(ecu_s: Floats, time_s: Floats | None, wrap_s: float | None) -> Floats:
+    """Return an ECU clock without its wraps.
+
+    Where the wrap is not given, a step back of nearly one of COUNTER_WRAPS_S tells. The log's time,
+    if there is one, says how many wraps a gap has lasted. An ECU clock that begins anew goes on
+    where the log's time says.
+    """
+    steps = np.diff(ecu_s)
+    expected = np.full(len(steps), float(np.median(steps)) if len(steps) else 0.0)
+    if time_s is not None:
+        expected = np.diff(time_s)
+    back = float(-steps.min()) if len(steps) else 0.0
+    if wrap_s is None:
+        for known in COUNTER_WRAPS_S:
+            if known * (1 - _WRAP_TOLERANCE) < back < known * (1 + _WRAP_TOLERANCE):
+                wrap_s = known
+                break
+    if wrap_s is not None:
+        steps = steps + wrap_s * np.rint((expected - steps) / wrap_s)
+    restarted = steps < -_RESTART_S
+    steps = np.where(restarted, np.maximum(expected, _STEP_S), steps)
+    return np.asarray(np.concatenate((ecu_s[:1], ecu_s[0] + np.cumsum(steps))))
