@@ -1,0 +1,66 @@
+"""Stage encoder: from what was counted back to what the wheels really turned."""
+
+import numpy as np
+
+from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.recording import Floats
+
+
+def ticks_per_rev(p: Prediction, *, scale: float) -> None:
+    """Count more per turn than described: each count is a smaller turn."""
+    p.left_rad = p.left_rad / (1 + scale)
+    p.right_rad = p.right_rad / (1 + scale)
+
+
+def _true_steps(angle: Floats, step: Floats, sine: float, cosine: float) -> Floats:
+    """Undo measured = phi + A sin(phi + phase), with A cos(phase) = sine's coefficient."""
+    before, after = angle - step, angle
+    error = sine * (np.sin(after) - np.sin(before)) + cosine * (np.cos(after) - np.cos(before))
+    return np.asarray(step - error)
+
+
+def encoder_eccentricity_left(p: Prediction, *, sine: float, cosine: float) -> None:
+    """Read the left angle with an error once per turn: sine*sin(phi) + cosine*cos(phi)."""
+    p.left_rad = _true_steps(p.motion.left_angle_rad, p.left_rad, sine, cosine)
+
+
+def encoder_eccentricity_right(p: Prediction, *, sine: float, cosine: float) -> None:
+    """Read the right angle with an error once per turn: sine*sin(phi) + cosine*cos(phi)."""
+    p.right_rad = _true_steps(p.motion.right_angle_rad, p.right_rad, sine, cosine)
+
+
+def missed_ticks_left(p: Prediction, *, probability: float, threshold: float) -> None:
+    """Lose left counts above a wheel speed: the wheel turned farther."""
+    fast = np.abs(p.motion.left_rate_rad_s) > threshold
+    p.left_rad = np.where(fast, p.left_rad / (1 - probability), p.left_rad)
+
+
+def missed_ticks_right(p: Prediction, *, probability: float, threshold: float) -> None:
+    """Lose right counts above a wheel speed: the wheel turned farther."""
+    fast = np.abs(p.motion.right_rate_rad_s) > threshold
+    p.right_rad = np.where(fast, p.right_rad / (1 - probability), p.right_rad)
+
+
+def extra_ticks_left(p: Prediction, *, rate: float) -> None:
+    """Count upwards without motion on the left."""
+    p.left_rad = p.left_rad - rate * p.motion.dt_s * p.motion.rad_per_count
+
+
+def extra_ticks_right(p: Prediction, *, rate: float) -> None:
+    """Count upwards without motion on the right."""
+    p.right_rad = p.right_rad - rate * p.motion.dt_s * p.motion.rad_per_count
+
+
+def wheels_swapped(p: Prediction) -> None:
+    """Exchange left and right."""
+    p.left_rad, p.right_rad = p.right_rad, p.left_rad
+
+
+def left_factor(p: Prediction, *, factor: float) -> None:
+    """Read the left counts wrong by a factor."""
+    p.left_rad = p.left_rad / factor
+
+
+def right_factor(p: Prediction, *, factor: float) -> None:
+    """Read the right counts wrong by a factor."""
+    p.right_rad = p.right_rad / factor

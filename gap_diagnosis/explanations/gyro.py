@@ -1,0 +1,92 @@
+"""Stage gyro: from the true turn rate to what the gyro reads."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gap_diagnosis.prediction import Prediction
+
+
+def gyro_lag(p: Prediction, *, time_constant: float) -> None:
+    """Trail the true rate: a first-order filter."""
+    step = float(np.median(p.motion.dt_s[1:]))
+    share = -np.expm1(-step / time_constant) if time_constant > 0 else 1.0
+    start = p.gyro_rad_s[:1] * (1 - share)
+    p.gyro_rad_s = np.asarray(lfilter([share], [1, share - 1], p.gyro_rad_s, zi=start)[0])
+
+
+def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
+    """Bend the scale with the rate's size."""
+    rate = p.gyro_rad_s
+    p.gyro_rad_s = rate + quadratic * rate * np.abs(rate) + cubic * rate**3
+
+
+def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
+    """Scale left turns unlike right turns."""
+    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(p.gyro_rad_s)
+
+
+def gyro_scale(p: Prediction, *, scale: float) -> None:
+    """Read every rate too large."""
+    p.gyro_rad_s = p.gyro_rad_s * (1 + scale)
+
+
+def gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
+    """Let the scale follow the temperature."""
+    if p.motion.warm_k is not None:
+        p.gyro_rad_s = p.gyro_rad_s * (1 + slope * p.motion.warm_k)
+
+
+def supply_ratio(p: Prediction, *, coefficient: float) -> None:
+    """Let the scale follow the supply."""
+    if p.motion.supply_error is not None:
+        p.gyro_rad_s = p.gyro_rad_s * (1 + coefficient * p.motion.supply_error)
+
+
+def gyro_bias(p: Prediction, *, bias: float) -> None:
+    """Read a rate at rest."""
+    p.gyro_rad_s = p.gyro_rad_s + bias
+
+
+def gyro_temperature_bias(p: Prediction, *, slope: float) -> None:
+    """Let the bias follow the temperature."""
+    if p.motion.warm_k is not None:
+        p.gyro_rad_s = p.gyro_rad_s + slope * p.motion.warm_k
+
+
+def gyro_vibration(p: Prediction, *, coefficient: float) -> None:
+    """Let the bias grow with the square of the wheels' speed."""
+    squares = p.motion.left_rate_rad_s**2 + p.motion.right_rate_rad_s**2
+    p.gyro_rad_s = p.gyro_rad_s + coefficient * 0.5 * squares
+
+
+def gyro_g_sensitivity(p: Prediction, *, x: float, y: float) -> None:
+    """Read a rate while the body accelerates."""
+    lateral = p.motion.speed_m_s * p.motion.turn_rate_rad_s
+    p.gyro_rad_s = p.gyro_rad_s + x * p.motion.acceleration_m_s2 + y * lateral
+
+
+def gyro_saturation(p: Prediction, *, limit: float) -> None:
+    """Clip the rate."""
+    p.gyro_rad_s = np.clip(p.gyro_rad_s, -limit, limit)
+
+
+def adc_inl(p: Prediction, *, peak: float) -> None:
+    """Bend the converter: code += peak * sin(pi * code / full scale)."""
+    m = p.motion
+    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
+    bend = peak * np.sin(np.pi * code / m.adc_max_code)
+    p.gyro_rad_s = p.gyro_rad_s + bend / m.gyro_sensitivity_lsb_per_rad_s
+
+
+def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
+    """Hold one bit of the code."""
+    m = p.motion
+    code = np.rint(m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s)
+    whole = np.clip(code, 0, m.adc_max_code).astype(np.int64)
+    stuck = whole | (1 << bit) if value else whole & ~(1 << bit)
+    p.gyro_rad_s = p.gyro_rad_s + (stuck - whole) / m.gyro_sensitivity_lsb_per_rad_s
+
+
+def gyro_factor(p: Prediction, *, factor: float) -> None:
+    """Read the rate wrong by a factor."""
+    p.gyro_rad_s = p.gyro_rad_s * factor

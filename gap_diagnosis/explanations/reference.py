@@ -1,0 +1,42 @@
+"""Stages reference and bus: what the outside measurement and the stamps add to the true pose."""
+
+from gap_diagnosis.prediction import Prediction
+
+
+def reference_yaw(p: Prediction, *, angle: float) -> None:
+    """Report a heading that is too high."""
+    p.reference_heading_rad += angle
+
+
+def reference_lever_arm(p: Prediction, *, x: float, y: float) -> None:
+    """Track a point off the axle's middle."""
+    p.reference_forward_m += x
+    p.reference_left_m += y
+
+
+def reference_time_offset(p: Prediction, *, offset: float) -> None:
+    """Stamp the reference late."""
+    p.reference_delay_s = p.reference_delay_s + offset
+
+
+def reference_clock_skew(p: Prediction, *, skew: float) -> None:
+    """Let the reference's clock run fast."""
+    p.reference_delay_s = p.reference_delay_s + skew * p.motion.elapsed_s
+
+
+def reference_scale(p: Prediction, *, scale: float) -> None:
+    """Report distances that are too long."""
+    p.reference_scale += scale
+
+
+def encoder_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp the counts late: they show where the wheels were before."""
+    p.encoder_delay_s = p.encoder_delay_s + delay
+
+
+def gyro_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp the gyro late: to first order the rate of a moment ago."""
+    rate, dt = p.gyro_rad_s, p.motion.dt_s
+    before = rate.copy()
+    before[1:] = rate[1:] - delay * (rate[1:] - rate[:-1]) / dt[1:]
+    p.gyro_rad_s = before

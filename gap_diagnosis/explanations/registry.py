@@ -1,0 +1,301 @@
+"""Which effects the motion of a log can speak of, and in which variants each can act.
+
+A variant is one way of acting with everything but its linear coefficients decided: a side, a
+window, a threshold, a bit. Its coefficients are amplitudes about neutral; for an effect that is
+either there or not it has none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from gap_diagnosis.explanations import encoder, gyro, reference, wheel
+from gap_diagnosis.prediction import Motion, Prediction
+
+Value = float | int | str
+Action = Callable[..., None]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way in which an effect acts.
+
+    Attributes:
+        effect: its name in the catalogue.
+        act: changes a prediction; takes the coefficients and the fixed values by name.
+        coefficients: names of the amplitudes, empty for an effect that is there or not.
+        fixed: values decided for this variant, handed to `act`.
+        report: values decided for this variant, as the catalogue names them.
+        polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
+            a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
+        is_positive: coefficients are sizes that cannot be negative.
+    """
+
+    effect: str
+    act: Action
+    coefficients: tuple[str, ...] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    report: Mapping[str, Value] = field(default_factory=dict)
+    polar: tuple[str, str] | None = None
+    polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
+    is_positive: bool = False
+
+    def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
+        """Change *prediction* as the effect with these coefficients does."""
+        named = dict(zip(self.coefficients, coefficients, strict=True))
+        self.act(prediction, **named, **self.fixed)
+
+    def parameters(self, draws: Any) -> dict[str, Any]:
+        """Return the catalogue's parameters for coefficients *draws*, float64[..., k]."""
+        values: dict[str, Any] = {}
+        if self.polar is not None:
+            a, b = self.polar_turn(draws[..., 0], draws[..., 1])
+            values[self.polar[0]] = np.hypot(a, b)
+            values[self.polar[1]] = np.arctan2(b, a)
+        else:
+            for index, name in enumerate(self.coefficients):
+                values[name] = draws[..., index]
+        return values
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An effect that the motion can speak of.
+
+    Attributes:
+        effect: its name.
+        stage_rank: order of acting: 0 encoder, 1 wheel, 2 gyro, 3 reference.
+        variants: the ways in which it can act on this log.
+    """
+
+    effect: str
+    stage_rank: int
+    variants: Callable[[Motion], Iterable[Variant]]
+
+
+_RANK: Final = {"encoder": 0, "wheel": 1, "gyro": 2, "reference": 3}
+
+
+def _plain(
+    effect: str, stage: str, act: Action, *coefficients: str, positive: bool = False
+) -> Explanation:
+    variant = Variant(effect, act, coefficients, is_positive=positive)
+    return Explanation(effect, _RANK[stage], lambda motion: (variant,))
+
+
+def _sided(
+    effect: str, stage: str, left: Action, right: Action, *coefficients: str, **more: Any
+) -> Explanation:
+    variants = tuple(
+        Variant(effect, act, coefficients, report={"side": side}, **more)
+        for side, act in (("left", left), ("right", right))
+    )
+    return Explanation(effect, _RANK[stage], lambda motion: variants)
+
+
+def _missed_ticks(motion: Motion) -> Iterable[Variant]:
+    fastest = float(max(np.abs(motion.left_rate_rad_s).max(), np.abs(motion.right_rate_rad_s).max()))
+    for side, act in (
+        ("left", encoder.missed_ticks_left),
+        ("right", encoder.missed_ticks_right),
+    ):
+        for share in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9):
+            threshold = share * fastest
+            fixed = {"threshold": threshold}
+            report: dict[str, Value] = {"side": side, "threshold": threshold}
+            yield Variant(
+                "missed_ticks", act, ("probability",), fixed, report, is_positive=True
+            )
+
+
+SLIP_WINDOWS: Final = 12
+"""One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
+
+
+def _one_sided_slip(motion: Motion) -> Iterable[Variant]:
+    edges = np.linspace(motion.t_s[0] - 1e-6, motion.t_s[-1] + 1e-6, SLIP_WINDOWS + 1)
+    for side, act in (("left", wheel.slip_left), ("right", wheel.slip_right)):
+        for first in range(SLIP_WINDOWS):
+            for last in range(first + 1, SLIP_WINDOWS + 1):
+                fixed = {"start_s": float(edges[first]), "stop_s": float(edges[last])}
+                report: dict[str, Value] = {"side": side, **fixed}
+                yield Variant("one_sided_slip", act, ("ratio",), fixed, report)
+
+
+def _gyro_saturation(motion: Motion) -> Iterable[Variant]:
+    fastest = float(np.abs(motion.turn_rate_rad_s).max())
+    for share in (0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3):
+        limit = {"limit": share * fastest}
+        if fastest > 0.1:
+            yield Variant("gyro_saturation", gyro.gyro_saturation, (), limit, limit)
+
+
+def _adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
+    if motion.gyro_code is None:
+        return
+    for bit in range(int(math.log2(motion.adc_max_code + 1))):
+        for value in (0, 1):
+            choice = {"bit": bit, "value": value}
+            yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), choice, choice)
+
+
+def _setup_sign(motion: Motion) -> Iterable[Variant]:
+    actions = (
+        ("left_ticks", encoder.left_factor),
+        ("right_ticks", encoder.right_factor),
+        ("gyro", gyro.gyro_factor),
+    )
+    for signal, act in actions:
+        yield Variant("setup_sign", act, (), {"factor": -1.0}, {"signal": signal})
+
+
+_FACTORS: Final = (2, 4, 10, 256, 1000, math.pi / 180)
+
+
+def _setup_unit(motion: Motion) -> Iterable[Variant]:
+    factors = [value for factor in _FACTORS for value in (factor, 1 / factor)]
+    actions = (
+        ("left_ticks", encoder.left_factor),
+        ("right_ticks", encoder.right_factor),
+        ("ticks", _both_factors),
+        ("gyro", gyro.gyro_factor),
+    )
+    for signal, act in actions:
+        for factor in factors:
+            named: dict[str, Value] = {"signal": signal, "factor": factor}
+            yield Variant("setup_unit", act, (), {"factor": factor}, named)
+
+
+def _both_factors(p: Prediction, *, factor: float) -> None:
+    encoder.left_factor(p, factor=factor)
+    encoder.right_factor(p, factor=factor)
+
+
+def _swap_axes(a: Any, b: Any) -> tuple[Any, Any]:
+    return b, a
+
+
+def _turn_back(a: Any, b: Any) -> tuple[Any, Any]:
+    """From r(1 + c cos(phi) + s sin(phi)) to 1 + A cos(phi + phase): c = A cos, s = -A sin."""
+    return a, -b
+
+
+_AMPLITUDE = ("amplitude", "phase")
+_DOWNHILL = ("ratio", "direction")
+
+_ALL: Final = (
+    _plain("ticks_per_rev", "encoder", encoder.ticks_per_rev, "scale"),
+    _sided(
+        "encoder_eccentricity",
+        "encoder",
+        encoder.encoder_eccentricity_left,
+        encoder.encoder_eccentricity_right,
+        "sine",
+        "cosine",
+        polar=_AMPLITUDE,
+    ),
+    Explanation("missed_ticks", 0, _missed_ticks),
+    _sided(
+        "extra_ticks", "encoder", encoder.extra_ticks_left, encoder.extra_ticks_right, "rate"
+    ),
+    _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
+    _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),
+    _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
+    _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
+    _plain("longitudinal_slip", "wheel", wheel.longitudinal_slip, "compliance", positive=True),
+    Explanation("one_sided_slip", 1, _one_sided_slip),
+    _plain("lateral_slip", "wheel", wheel.lateral_slip, "compliance", positive=True),
+    Explanation(
+        "cross_slope_drift",
+        1,
+        lambda motion: (
+            Variant(
+                "cross_slope_drift", wheel.cross_slope_drift, ("east", "north"), polar=_DOWNHILL,
+                polar_turn=_swap_axes,
+            ),
+        ),
+    ),
+    Explanation(
+        "grade_slip",
+        1,
+        lambda motion: (
+            Variant("grade_slip", wheel.grade_slip, ("north", "east"), polar=_DOWNHILL),
+        ),
+    ),
+    _sided(
+        "wheel_eccentricity",
+        "wheel",
+        wheel.wheel_eccentricity_left,
+        wheel.wheel_eccentricity_right,
+        "cosine",
+        "sine",
+        polar=_AMPLITUDE,
+        polar_turn=_turn_back,
+    ),
+    _plain("gyro_lag", "gyro", gyro.gyro_lag, "time_constant", positive=True),
+    _plain("gyro_nonlinearity", "gyro", gyro.gyro_nonlinearity, "quadratic", "cubic"),
+    _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale"),
+    _plain("gyro_temperature_scale", "gyro", gyro.gyro_temperature_scale, "slope"),
+    _plain("supply_ratio", "gyro", gyro.supply_ratio, "coefficient"),
+    _plain("gyro_bias", "gyro", gyro.gyro_bias, "bias"),
+    _plain("gyro_temperature_bias", "gyro", gyro.gyro_temperature_bias, "slope"),
+    _plain("gyro_vibration", "gyro", gyro.gyro_vibration, "coefficient"),
+    _plain("gyro_g_sensitivity", "gyro", gyro.gyro_g_sensitivity, "x", "y"),
+    Explanation("gyro_saturation", 2, _gyro_saturation),
+    _plain("adc_inl", "gyro", gyro.adc_inl, "peak"),
+    Explanation("adc_stuck_bit", 2, _adc_stuck_bit),
+    _plain("reference_yaw", "reference", reference.reference_yaw, "angle"),
+    _plain("reference_lever_arm", "reference", reference.reference_lever_arm, "x", "y"),
+    _plain("reference_time_offset", "reference", reference.reference_time_offset, "offset"),
+    _plain("reference_clock_skew", "reference", reference.reference_clock_skew, "skew"),
+    _plain("reference_scale", "reference", reference.reference_scale, "scale"),
+    _plain("setup_wheels_swapped", "encoder", encoder.wheels_swapped),
+    Explanation("setup_sign", 0, _setup_sign),
+    Explanation("setup_unit", 0, _setup_unit),
+)
+
+EXPLAINED: Final[Mapping[str, Explanation]] = {one.effect: one for one in _ALL}
+"""Every effect that the motion block can fit, by name."""
+
+Setting = tuple[Variant, Sequence[float]]
+"""A variant with its coefficients."""
+
+
+def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
+    """Return what the recording means with these effects at work, applied in stage order.
+
+    An effect that a user's library explains without a rank of its own acts last.
+    """
+    prediction = Prediction(motion)
+    ordered = sorted(settings, key=lambda one: _rank(one[0]))
+    rolled = False
+    for variant, coefficients in ordered:
+        if not rolled and _rank(variant) >= 1:
+            prediction.roll()
+            rolled = True
+        variant.apply(prediction, coefficients)
+    if not rolled:
+        prediction.roll()
+    return prediction
+
+
+def _rank(variant: Variant) -> int:
+    known = EXPLAINED.get(variant.effect)
+    return 3 if known is None else known.stage_rank
+
+
+def twins_of(effect: str) -> tuple[str, ...]:
+    """Return effects that leave the same data as this one in every log."""
+    return _TWINS.get(effect, ())
+
+
+_TWINS: Final[Mapping[str, tuple[str, ...]]] = {
+    "radius_scale": ("ticks_per_rev",),
+    "gyro_bias": ("adc_offset",),
+    "gyro_scale": ("adc_gain", "gyro_tilt"),
+}

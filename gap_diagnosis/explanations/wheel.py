@@ -1,0 +1,101 @@
+"""Stage wheel: from the wheels' turns to steps over ground."""
+
+import numpy as np
+
+from gap_diagnosis.prediction import Prediction
+
+
+def radius_scale(p: Prediction, *, scale: float) -> None:
+    """Make both wheels larger."""
+    p.left_m = p.left_m * (1 + scale)
+    p.right_m = p.right_m * (1 + scale)
+
+
+def radius_mismatch(p: Prediction, *, mismatch: float) -> None:
+    """Make the right wheel larger and the left one smaller."""
+    p.left_m = p.left_m * (1 - 0.5 * mismatch)
+    p.right_m = p.right_m * (1 + 0.5 * mismatch)
+
+
+def payload(p: Prediction, *, compression_left: float, compression_right: float) -> None:
+    """Press the tyres."""
+    p.left_m = p.left_m * (1 - compression_left)
+    p.right_m = p.right_m * (1 - compression_right)
+
+
+def tyre_drift(p: Prediction, *, rate: float) -> None:
+    """Let both radii grow with time."""
+    growth = 1 + rate * p.motion.elapsed_s
+    p.left_m = p.left_m * growth
+    p.right_m = p.right_m * growth
+
+
+def wheelbase_scale(p: Prediction, *, scale: float) -> None:
+    """Set the wheels farther apart."""
+    p.wheelbase_m = p.wheelbase_m * (1 + scale)
+
+
+def turn_scrub(p: Prediction, *, scrub: float) -> None:
+    """Widen the effective wheelbase the more, the tighter the turn."""
+    across = np.abs(p.motion.right_rate_rad_s - p.motion.left_rate_rad_s)
+    along = np.abs(p.motion.right_rate_rad_s + p.motion.left_rate_rad_s)
+    spin = across / np.maximum(across + along, 1e-9)
+    p.wheelbase_m = p.wheelbase_m * (1 + scrub * spin)
+
+
+def longitudinal_slip(p: Prediction, *, compliance: float) -> None:
+    """Let the wheels over-read when speeding up: c * a_wheel * sign(v_wheel)."""
+    m = p.motion
+    left = m.radius_m * m.left_acceleration_rad_s2 * np.sign(m.left_rate_rad_s)
+    right = m.radius_m * m.right_acceleration_rad_s2 * np.sign(m.right_rate_rad_s)
+    p.left_m = p.left_m * (1 - compliance * left)
+    p.right_m = p.right_m * (1 - compliance * right)
+
+
+def slip_left(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:
+    """Let the left wheel slip in a window."""
+    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    p.left_m = np.where(inside, p.left_m * (1 - ratio), p.left_m)
+
+
+def slip_right(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:
+    """Let the right wheel slip in a window."""
+    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    p.right_m = np.where(inside, p.right_m * (1 - ratio), p.right_m)
+
+
+def lateral_slip(p: Prediction, *, compliance: float) -> None:
+    """Slide outward in turns: v_y = -c * v * omega."""
+    p.lateral_m = p.lateral_m - compliance * p.forward_m * p.motion.turn_rate_rad_s
+
+
+def cross_slope_drift(p: Prediction, *, north: float, east: float) -> None:
+    """Slide downhill: v_y = |v| * ratio * sin(direction - heading), from ratio*(cos, sin)."""
+    heading = p.motion.heading_rad
+    down = north * -np.sin(heading) + east * np.cos(heading)
+    p.lateral_m = p.lateral_m + np.abs(p.forward_m) * down
+
+
+def grade_slip(p: Prediction, *, north: float, east: float) -> None:
+    """Go farther downhill: 1 + ratio * sign(v) * cos(direction - heading)."""
+    heading = p.motion.heading_rad
+    down = north * np.cos(heading) + east * np.sin(heading)
+    p.left_m = p.left_m * (1 + np.sign(p.left_m) * down)
+    p.right_m = p.right_m * (1 + np.sign(p.right_m) * down)
+
+
+def wheel_toe(p: Prediction, *, angle: float) -> None:
+    """Roll to the left of the body's x axis."""
+    p.lateral_m = p.lateral_m + np.tan(angle) * p.forward_m
+
+
+def wheel_eccentricity_left(p: Prediction, *, cosine: float, sine: float) -> None:
+    """Vary the left radius once per turn: 1 + cosine*cos(phi) + sine*sin(phi)."""
+    angle = p.motion.left_angle_rad - 0.5 * p.motion.left_step_rad
+    p.left_m = p.left_m * (1 + cosine * np.cos(angle) + sine * np.sin(angle))
+
+
+def wheel_eccentricity_right(p: Prediction, *, cosine: float, sine: float) -> None:
+    """Vary the right radius once per turn: 1 + cosine*cos(phi) + sine*sin(phi)."""
+    angle = p.motion.right_angle_rad - 0.5 * p.motion.right_step_rad
+    p.right_m = p.right_m * (1 + cosine * np.cos(angle) + sine * np.sin(angle))

@@ -1,0 +1,146 @@
+"""What the recorded signals mean, and what they would mean if effects were at work.
+
+`Motion` holds a recording at tick level beside a smooth estimate of the true motion; a `Prediction`
+is what one set of effects makes of it: steps over ground explained from the counts, the gyro's
+reading explained from the true turn, the reference's reading explained from the true pose. Effects
+change a prediction in the order in which data flows; each is a short function of
+`gap_diagnosis.explanations`.
+
+Index k of every array speaks of the tick that ends at t_k; at k = 0 steps are zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gap_diagnosis.recording import Floats
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A recording at tick level, all float64[n].
+
+    Attributes:
+        t_s, dt_s: end and length of each tick on the log's clock.
+        left_step_rad, right_step_rad: wheel turns as the description reads the counts.
+        left_angle_rad, right_angle_rad: their sums.
+        left_rate_rad_s, right_rate_rad_s, left_acceleration_rad_s2, right_acceleration_rad_s2:
+            smoothed.
+        x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
+        speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, smoothed.
+        gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
+        gyro_code: as recorded, lost samples interpolated; None without a gyro.
+        gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, adc_max_code: of the description.
+        warm_k: temperature over 298.15 K; None where not recorded.
+        supply_error: supply over the described one - 1; None where not recorded.
+        radius_m, wheelbase_m, rad_per_count: of the description.
+    """
+
+    t_s: Floats
+    dt_s: Floats
+    left_step_rad: Floats
+    right_step_rad: Floats
+    left_angle_rad: Floats
+    right_angle_rad: Floats
+    left_rate_rad_s: Floats
+    right_rate_rad_s: Floats
+    left_acceleration_rad_s2: Floats
+    right_acceleration_rad_s2: Floats
+    x_m: Floats
+    y_m: Floats
+    heading_rad: Floats
+    speed_m_s: Floats
+    turn_rate_rad_s: Floats
+    acceleration_m_s2: Floats
+    gyro_turn_rad: Floats | None
+    gyro_code: Floats | None
+    gyro_sensitivity_lsb_per_rad_s: float
+    gyro_zero_rate_code: float
+    adc_max_code: float
+    warm_k: Floats | None
+    supply_error: Floats | None
+    radius_m: float
+    wheelbase_m: float
+    rad_per_count: float
+
+    @property
+    def elapsed_s(self) -> Floats:
+        """Time since the log's start."""
+        return np.asarray(self.t_s - self.t_s[0])
+
+
+@dataclass
+class Prediction:
+    """What a set of effects makes of a recording; arrays are float64[n] and may be replaced.
+
+    Attributes:
+        motion: what was recorded.
+        left_rad, right_rad: true wheel turns (encoder effects correct what was counted).
+        left_m, right_m: steps over ground (wheel effects).
+        wheelbase_m: effective distance of the wheels.
+        lateral_m: step to the left of the body's x axis.
+        yaw_rad: turn that no wheel made.
+        gyro_rad_s: rate that the gyro should read.
+        reference_forward_m, reference_left_m: tracked point in the body frame.
+        reference_heading_rad: added to the reported heading.
+        reference_delay_s: reported stamp - true time.
+        reference_scale: reported over true distance - 1.
+        encoder_delay_s: stamp of the counts - time of sampling.
+    """
+
+    motion: Motion
+    left_rad: Floats = field(init=False)
+    right_rad: Floats = field(init=False)
+    left_m: Floats = field(init=False)
+    right_m: Floats = field(init=False)
+    wheelbase_m: Floats = field(init=False)
+    lateral_m: Floats = field(init=False)
+    yaw_rad: Floats = field(init=False)
+    gyro_rad_s: Floats = field(init=False)
+    reference_forward_m: float = 0.0
+    reference_left_m: float = 0.0
+    reference_heading_rad: float = 0.0
+    reference_delay_s: Floats | float = 0.0
+    reference_scale: float = 0.0
+    encoder_delay_s: Floats | float = 0.0
+
+    def __post_init__(self) -> None:
+        """Start from the description."""
+        self.left_rad = self.motion.left_step_rad
+        self.right_rad = self.motion.right_step_rad
+        self.gyro_rad_s = self.motion.turn_rate_rad_s
+        self.roll()
+
+    def roll(self) -> None:
+        """Let the wheels roll as described, by the turns explained so far."""
+        count = len(self.motion.t_s)
+        self.left_m = self.motion.radius_m * self.left_rad
+        self.right_m = self.motion.radius_m * self.right_rad
+        self.wheelbase_m = np.full(count, self.motion.wheelbase_m)
+        self.lateral_m = np.zeros(count)
+        self.yaw_rad = np.zeros(count)
+
+    @property
+    def forward_m(self) -> Floats:
+        """Step along the body's x axis."""
+        return np.asarray(0.5 * (self.left_m + self.right_m))
+
+    @property
+    def turn_rad(self) -> Floats:
+        """Turn of each tick."""
+        return np.asarray((self.right_m - self.left_m) / self.wheelbase_m + self.yaw_rad)
+
+    def path(self, heading_rad: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+        """Return x_m, y_m, heading_rad dead-reckoned from zero by the midpoint rule.
+
+        With *heading_rad* (float64[n], for example from a gyro) steps go along it.
+        """
+        if heading_rad is None:
+            heading_rad = np.cumsum(self.turn_rad)
+        middle = heading_rad - 0.5 * np.diff(heading_rad, prepend=heading_rad[0])
+        forward, lateral = self.forward_m, self.lateral_m
+        x_m = np.cumsum(forward * np.cos(middle) - lateral * np.sin(middle))
+        y_m = np.cumsum(forward * np.sin(middle) + lateral * np.cos(middle))
+        return x_m, y_m, heading_rad

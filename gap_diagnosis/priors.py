@@ -1,0 +1,73 @@
+"""The prior, as data: how likely each kind of answer is, and how large parameters may be."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from gap_diagnosis.recording import Floats
+
+
+@dataclass(frozen=True)
+class ParameterPrior:
+    """How large an effect's coefficient may be.
+
+    Attributes:
+        tolerance: a deviation up to this is no news.
+        high: beyond the typical range; the prior is heavy-tailed up to here.
+    """
+
+    tolerance: float
+    high: float
+
+    def scales(self, count: int = 5) -> Floats:
+        """Return standard deviations of the normal mixture that stands for the prior.
+
+        They are spaced evenly in logarithm from the tolerance to the high end, with equal weight:
+        nearly even over orders of magnitude, and proper.
+        """
+        return np.geomspace(max(self.tolerance, 1e-3 * self.high), self.high, count)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The whole prior.
+
+    Attributes:
+        effects: probability of 0, 1, 2, 3 effects.
+        unknown: probability that the cause is not in the library.
+        parameters: by effect, one prior for all of its coefficients or one by coefficient.
+    """
+
+    effects: tuple[float, ...]
+    unknown: float
+    parameters: Mapping[str, Mapping[str, ParameterPrior]]
+
+    def of(self, effect: str, coefficient: str) -> ParameterPrior:
+        """Return the prior of one coefficient."""
+        known = self.parameters[effect]
+        return known.get(coefficient) or known["all"]
+
+
+@cache
+def default_prior() -> Prior:
+    """Return the prior that ships, from data/prior.toml."""
+    text = (files("gap_diagnosis") / "data" / "prior.toml").read_text(encoding="utf-8")
+    return _prior(tomllib.loads(text))
+
+
+def _prior(table: Mapping[str, Any]) -> Prior:
+    parameters = {
+        effect: {
+            name: ParameterPrior(float(one["tolerance"]), float(one["high"]))
+            for name, one in coefficients.items()
+        }
+        for effect, coefficients in table["parameters"].items()
+    }
+    return Prior(tuple(table["effects"]), float(table["unknown"]), parameters)
