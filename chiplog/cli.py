@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from chiplog.commands import doctor, effects, init, laws, node, replay, run, schema
+from chiplog.commands import doctor, effects, encode, init, laws, node, replay, run, schema
 from chiplog.errors import CommandError, describe, one_line
 
 
@@ -64,6 +64,7 @@ for name, function, summary in (
     ("init", init.command, "Write a robot, a map, a scenario and a test to start from."),
     ("node", node.command, "Run plant or firmware as a process of its own."),
     ("replay", replay.command, "Compare a log's odometry with the firmware model's, bit for bit."),
+    ("encode", encode.command, "Write a table's rows as a log of valid frames."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),
     ("effects", effects.command, "List what can make a real robot differ."),
     ("schema", schema.command, "Print the JSON schema of robot.toml."),

@@ -7,8 +7,8 @@ from difflib import get_close_matches
 
 import typer
 
-_KNOWN = ("can_bus", "firmware_model", "sim_plant", "hil_harness")
-_ERROR_BASES = ("CanBusError", "FirmwareError", "PlantError", "HarnessError")
+_KNOWN = ("can_bus", "firmware_model", "sim_plant", "hil_harness", "gap_diagnosis")
+_ERROR_BASES = ("CanBusError", "FirmwareError", "PlantError", "HarnessError", "DiagnosisError")
 
 
 class CommandError(ValueError):
@@ -18,7 +18,7 @@ class CommandError(ValueError):
 def describe(error: BaseException) -> str | None:
     """Return the one line that tells a user about `error`, or None if it is a bug of ours.
 
-    Known are usage errors, the errors of the four rooms, and operating system errors that name a
+    Known are usage errors, the errors of the rooms, and operating system errors that name a
     file or an address.
     """
     if isinstance(error, typer.TyperException):

@@ -2,10 +2,11 @@
 
 The line runs through the *middle* of the stamps, not along their lower edge: the catalogue gives a
 delay as a mean with a spread about it, and a line through the middle leaves that mean where it
-belongs, in the latency, which stays free in every fit. Jitter is one-sided with a long tail, so the
-middle is Huber's: quadratic up to 1.345 spreads, linear beyond, 95 % efficient where the jitter is
-normal (P. J. Huber, Robust Statistics, 1981). Where the ECU restarted, the line has a step; its
-slope is shared.
+belongs, in the latency, which stays free in every fit. Jitter is one-sided with a long tail, and a
+recorder that was busy stamps a whole burst late, so the middle is Tukey's biweight (stamps beyond
+4.685 spreads have no say), started from Huber's line, which has one solution only; both are 95 %
+efficient where the jitter is normal (P. J. Huber, Robust Statistics, 1981). Where the ECU
+restarted, the line has a step; its slope is shared.
 
 The slope's standard deviation comes from the scatter of blocks of stamps, not of single ones, since
 neighbouring frames are late together (a sandwich estimate clustered by blocks).
@@ -22,8 +23,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _HUBER = 1.345
+_BIWEIGHT = 4.685
 _NORMAL_SD_PER_MAD = 1.4826
-_PASSES = 30
+_PASSES = 20
 _CONVERGED = 1e-13
 _BLOCKS = 60
 _STAMP_STEP_S = 1e-6
@@ -73,7 +75,7 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
     spread = 0.0
     centred: Floats = ecu_s
     residual = stamp_s
-    for _ in range(_PASSES):
+    for is_last_word in [False] * _PASSES + [True] * _PASSES:
         total = np.bincount(segment, weight, count)
         mean_x = np.bincount(segment, weight * ecu_s, count) / total
         mean_y = np.bincount(segment, weight * stamp_s, count) / total
@@ -85,10 +87,13 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
         start = mean_y - slope * mean_x
         residual = stamp_s - start[segment] - slope * ecu_s
         spread = _NORMAL_SD_PER_MAD * float(np.median(np.abs(residual)))
-        edge = _HUBER * max(spread, _STAMP_STEP_S)
-        weight = edge / np.maximum(np.abs(residual), edge)
-        if abs(slope - last) < _CONVERGED:
-            break
+        size = np.abs(residual) / max(spread, _STAMP_STEP_S)
+        if is_last_word:
+            weight = np.maximum(1 - (size / _BIWEIGHT) ** 2, 1e-9) ** 2
+            if abs(slope - last) < _CONVERGED:
+                break
+        else:
+            weight = _HUBER / np.maximum(size, _HUBER)
     return Clock(
         start_s=start,
         tick_s=slope * period_s,
