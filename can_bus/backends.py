@@ -61,20 +61,17 @@ class _QuickVirtualBus(_PlainErrors, VirtualBus):
             self.queue = light  # type: ignore[assignment]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if not self.preserve_timestamps:
+        if not self.preserve_timestamps or not self._open:
             super().send(msg, timeout)
             return
-        try:
-            self._check_if_open()
-        except can.CanError as error:
-            raise _gone(self, "send", error) from error
+        own = self.queue
         is_everywhere = True
         for receiver in self.channel:
-            if receiver is self.queue and not self.receive_own_messages:
+            if receiver is own and not self.receive_own_messages:
                 continue
             copy = msg.__deepcopy__(None)
             copy.channel = self.channel_id
-            copy.is_rx = receiver is not self.queue
+            copy.is_rx = receiver is not own
             try:
                 receiver.put(copy, True, timeout)
             except queue.Full:
@@ -86,9 +83,12 @@ class _QuickVirtualBus(_PlainErrors, VirtualBus):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if timeout != 0 or self._filters is not None or not self._open:
             return super().recv(timeout)
+        waiting = self.queue
+        if waiting.empty():  # quicker than the exception that says so
+            return None
         try:
-            return self.queue.get_nowait()
-        except queue.Empty:
+            return waiting.get_nowait()
+        except queue.Empty:  # somebody else was quicker
             return None
 
 

@@ -78,7 +78,6 @@ class FrameChecker:
         """Start with no frame seen; `rejected` counts by reason from here on."""
         self.rejected: dict[Reason, int] = dict.fromkeys(REASONS, 0)
         self.ignored = 0
-        self._database = database
         self._max_age_us = max_age_us
         self._receptions: dict[int, _Reception] = {}
         for name in accepted:
@@ -87,6 +86,8 @@ class FrameChecker:
                 raise unsupported_profile(spec.name, spec.e2e)
             key = identifier_key(spec.frame_id, spec.is_extended)
             self._receptions[key] = _Reception(spec)
+        known = (identifier_key(m.frame_id, m.is_extended) for m in database.messages.values())
+        self._unwanted = frozenset(known).difference(self._receptions)
 
     def check(self, message: can.Message, now_us: int) -> Accepted | None:
         """Return the frame's content if it may be used, None if not (see `rejected`)."""
@@ -95,7 +96,10 @@ class FrameChecker:
             key = identifier_key(key, True)
         reception = self._receptions.get(key)
         if reception is None or message.is_error_frame:
-            self._refuse_stranger(message)
+            if key in self._unwanted and not message.is_error_frame:
+                self.ignored += 1
+            else:
+                self._reject("unknown_id", message)
             return None
         data = message.data
         if (
@@ -150,13 +154,6 @@ class FrameChecker:
             self._reject("age", message)
             return None
         return Accepted(reception.spec, raw, invalid, round(stamp), alive)
-
-    def _refuse_stranger(self, message: can.Message) -> None:
-        known = self._database.by_id(message.arbitration_id, message.is_extended_id)
-        if known is None or message.is_error_frame:
-            self._reject("unknown_id", message)
-        else:
-            self.ignored += 1
 
     def _reject(self, reason: Reason, message: can.Message) -> None:
         self.rejected[reason] += 1

@@ -10,6 +10,7 @@ and PRS_E2EProtocol, "E2E Profile 1". Checked in the tests against an independen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, unique
 from typing import Final
@@ -59,10 +60,8 @@ def crc8_start(data_id: int) -> int:
     return crc8(bytes((data_id & 0xFF, data_id >> 8)), 0)
 
 
-def crc8(data: bytes | bytearray, start: int) -> int:
-    """Continue the CRC over `data` from the register value `start`."""
-    register: int = gsm_a(data, start)
-    return register
+crc8: Final[Callable[[bytes | bytearray, int], int]] = gsm_a
+"""Continue the CRC over the data from a register value."""
 
 
 def crc8_profile1(data_id: int, data: bytes | bytearray) -> int:

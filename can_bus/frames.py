@@ -48,7 +48,7 @@ def make_message(
     spec: MessageSpec, data: bytearray, timestamp_us: int, *, is_rx: bool = False
 ) -> QuickMessage:
     """Return a frame of `spec` stamped at `timestamp_us`; it takes `data` over without a copy."""
-    message = QuickMessage.__new__(QuickMessage)
+    message = _new_message(QuickMessage)
     message.timestamp = timestamp_us * _S_PER_MICROSECOND
     message.arbitration_id = spec.frame_id
     message.is_extended_id = spec.is_extended

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import can
@@ -45,10 +46,10 @@ class BusMeter:
 
     def _count(self) -> None:
         waiting, self._waiting = self._waiting, []
-        groups: dict[tuple[int, bool, int], list[can.Message]] = {}
+        groups: defaultdict[tuple[int, bool, int], list[can.Message]] = defaultdict(list)
         for message in waiting:
             key = (message.arbitration_id, message.is_extended_id, len(message.data))
-            groups.setdefault(key, []).append(message)
+            groups[key].append(message)
         for (frame_id, is_extended, size), messages in groups.items():
             spec = self._database.by_id(frame_id, is_extended)
             name = spec.name if spec is not None else f"0x{frame_id:X}"
@@ -57,7 +58,7 @@ class BusMeter:
                 m for m in messages if not (m.is_fd or m.is_remote_frame or m.is_error_frame)
             ]
             if classic:
-                joined = b"".join(bytes(message.data) for message in classic)
+                joined = b"".join([message.data for message in classic])
                 data = np.frombuffer(joined, dtype=np.uint8).reshape(len(classic), size)
                 lengths = frame_length_bits_array(frame_id, is_extended, data)
                 self.bits += int(lengths.sum()) + INTERFRAME_BITS * len(classic)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
@@ -80,32 +81,32 @@ class CandumpWriter:
         self._file = path.open("w", encoding="ascii", newline="\n")
         self._write: Callable[[str], int] = self._file.write
         self._flush_at_s = -1.0
+        self._stamp_s = math.nan
+        self._start = ""  # of each line with that stamp: the frames of a tick share it
 
     def write(self, message: can.Message, received: bool) -> None:
         """Append one frame. Raises CanBusError when the disk takes no more."""
-        try:
-            self._append(message, received)
-        except OSError as error:
-            raise _cannot_write(self._path, error) from error
-
-    def _append(self, message: can.Message, received: bool) -> None:
         stamp_s = message.timestamp
+        if stamp_s != self._stamp_s:
+            self._stamp_s = stamp_s
+            self._start = f"({stamp_s:.6f}) {LOG_CHANNEL} "
+        direction = "R" if received else "T"
         if (
             message.is_extended_id
             or message.is_fd
             or message.is_remote_frame
             or message.is_error_frame
         ):
-            self._write_other(message, received)
+            frame = _other_frame(message)
         else:
-            direction = "R" if received else "T"
-            self._write(
-                f"({stamp_s:.6f}) {LOG_CHANNEL} {message.arbitration_id:03X}#"
-                f"{message.data.hex().upper()} {direction}\n"
-            )
-        if stamp_s >= self._flush_at_s:
-            self._file.flush()
-            self._flush_at_s = stamp_s + _FLUSH_PERIOD_S
+            frame = f"{message.arbitration_id:03X}#{message.data.hex().upper()}"
+        try:
+            self._write(f"{self._start}{frame} {direction}\n")
+            if stamp_s >= self._flush_at_s:
+                self._file.flush()
+                self._flush_at_s = stamp_s + _FLUSH_PERIOD_S
+        except OSError as error:
+            raise _cannot_write(self._path, error) from error
 
     def close(self) -> None:
         """Complete the file; may be called twice."""
@@ -127,20 +128,20 @@ class CandumpWriter:
         """Close the file."""
         self.close()
 
-    def _write_other(self, message: can.Message, received: bool) -> None:
-        width = 8 if message.is_extended_id else 3
-        identifier = f"{message.arbitration_id:0{width}X}"
-        content = message.data.hex().upper()
-        if message.is_error_frame:
-            identifier, content = _ERROR_FRAME_ID, "0" * 16
-        elif message.is_remote_frame:
-            content = f"R{message.dlc}" if message.dlc else "R"
-        elif message.is_fd:
-            flags = int(message.bitrate_switch) | int(message.error_state_indicator) << 1
-            content = f"#{flags:X}{content}"
-        direction = "R" if received else "T"
-        stamp = f"{message.timestamp:.6f}"
-        self._write(f"({stamp}) {LOG_CHANNEL} {identifier}#{content} {direction}\n")
+
+def _other_frame(message: can.Message) -> str:
+    """Return `id#content` of a frame that is not a standard data frame."""
+    width = 8 if message.is_extended_id else 3
+    identifier = f"{message.arbitration_id:0{width}X}"
+    content = message.data.hex().upper()
+    if message.is_error_frame:
+        identifier, content = _ERROR_FRAME_ID, "0" * 16
+    elif message.is_remote_frame:
+        content = f"R{message.dlc}" if message.dlc else "R"
+    elif message.is_fd:
+        flags = int(message.bitrate_switch) | int(message.error_state_indicator) << 1
+        content = f"#{flags:X}{content}"
+    return f"{identifier}#{content}"
 
 
 class _LibraryWriter:

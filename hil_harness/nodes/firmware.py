@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Final
 
 import can
 import numpy as np
@@ -163,8 +163,8 @@ def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) ->
 
 def _encode(spec: MessageSpec, values: list[Raw], counter: int) -> bytearray:
     """Return a frame of payload values in order, protected where the DBC says so."""
-    if spec.is_plain:
-        whole = cast(list[int], values)  # a plain message has no float signal
+    if spec.is_plain:  # it has no float signal
+        whole: list[int] = values  # type: ignore[assignment]
         return spec.pack(whole, counter if spec.is_protected else None)
     names = (signal.name for signal in spec.payload)
     data = spec.encode_raw(dict(zip(names, values, strict=True)))
