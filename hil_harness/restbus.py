@@ -98,7 +98,7 @@ class RestBus:
                 self._active.add(spec.name)
         if not self._raw:
             raise HarnessError(
-                f"nothing is left for a rest bus of {', '.join(senders)}: in {database.path} "
+                f"nothing is left for a rest bus of {', '.join(senders)}: in {database.path.name} "
                 "no further message of theirs has a cycle time (GenMsgCycleTime)"
             )
         for name, values in (overrides or {}).items():

@@ -134,7 +134,7 @@ def tick_period_us_of(database: Database, signal_map: SignalMap | None) -> int:
     cycles_us = [spec.cycle_time_us for spec in database.messages.values() if spec.cycle_time_us]
     if not cycles_us:
         raise HarnessError(
-            f"{database.path}: no message has a cycle time (GenMsgCycleTime), "
+            f"{database.path.name}: no message has a cycle time (GenMsgCycleTime), "
             "so there is nothing to step by"
         )
     return min(cycles_us)

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from error_tables import buses, devices, files, logs, usage, wire
+from error_tables import buses, devices, files, formats, logs, rig, usage, wire
 from error_tables.row import Row
+
+from hil_harness.devices import include_dir
 
 SECTIONS: Mapping[str, tuple[Row, ...]] = {
     "Usage": usage.USAGE,
     "Robot description": files.ROBOT_DESCRIPTION,
+    "Firmware formats": formats.FORMATS,
     "Scenario": files.SCENARIO,
     "Effects": files.EFFECTS,
     "DBC and signal map": wire.WIRE,
@@ -36,25 +39,41 @@ the traceback. Each line below is printed by a test of this repository, word for
 """
 
 
+_SETTINGS = """In a test's report, where the rig could not be made. What is said above of robots,
+DBCs, devices and buses is said there too.
+"""
+_STATEMENTS = """Exceptions at the line of the test: `HarnessError` or `CanBusError`, both a
+`ValueError`.
+"""
+
+
 def page() -> str:
     """Return docs/reference/errors.md."""
     parts = [_HEAD]
     for section, rows in SECTIONS.items():
-        parts.append(f"## {section}\n\n| what is wrong | for example | message |\n|---|---|---|")
-        parts += [
-            f"| {_cell(row.when)} | `{_cell(row.command)}` | {_messages(row)} |" for row in rows
-        ]
-        parts.append("")
+        parts += _section(section, rows)
+    parts += _section("In a test: making the rig", rig.SETTINGS, _SETTINGS)
+    parts += _section("In a test: using the rig", rig.STATEMENTS, _STATEMENTS, prefix="")
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
-def _messages(row: Row) -> str:
-    lines = filter(None, (row.line, row.or_line))
-    return "<br>or ".join(f"`chiplog: {_cell(line)}`" for line in lines)
+def _section(
+    title: str, rows: tuple[Row, ...], said: str = "", prefix: str = "chiplog: "
+) -> list[str]:
+    lines = [f"## {title}", "", *filter(None, [said]), "| what is wrong | for example | message |"]
+    lines.append("|---|---|---|")
+    for row in rows:
+        messages = "<br>or ".join(
+            f"`{prefix}{_cell(line)}`" for line in filter(None, (row.line, row.or_line))
+        )
+        lines.append(f"| {_cell(row.when)} | `{_cell(row.command)}` | {messages} |")
+    return [*lines, ""]
 
 
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+    # Where the header lies differs from machine to machine.
+    shown = text.replace(str(include_dir()), "…/hil_harness/devices/include")
+    return shown.replace("|", "\\|")
 
 
 if __name__ == "__main__":

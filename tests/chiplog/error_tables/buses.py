@@ -79,3 +79,25 @@ BUS: tuple[Row, ...] = (
         "udp_multicast interface_ip 'here': expected an IPv4 address of this host",
     ),
 )
+
+BUS += (
+    Row(
+        "an address that is not of this host",
+        "chiplog run --interface udp_multicast --bus-arg interface_ip=192.0.2.1",
+        "udp_multicast 239.74.163.2:43113 on 192.0.2.1: [Errno 99] Cannot assign "
+        "requested address; interface_ip must be an address of this host with multicast",
+    ),
+    Row(
+        "a hop limit that is none",
+        "chiplog run --interface udp_multicast --bus-arg hop_limit=far",
+        "udp_multicast hop_limit 'far': expected 0 to 255",
+    ),
+    Row(
+        "CAN hardware that is not there",
+        "chiplog run --interface socketcan --channel can7",
+        "socketcan: this kernel has no SocketCAN; "
+        "as root: ip link set can7 up type can bitrate BITRATE",
+        or_line="socketcan: there is no network interface 'can7'; "
+        "as root: ip link set can7 up type can bitrate BITRATE",
+    ),
+)

@@ -14,7 +14,7 @@ class Row:
     """One message: when it comes, files that provoke it, the command, the line on stderr.
 
     `or_line` is what machines say that have what this one lacks. `breaks_after_frames` makes the
-    bus fail under way.
+    bus fail under way. `links` are symbolic links; a C file is compiled to a library beside it.
     """
 
     when: str
@@ -23,6 +23,7 @@ class Row:
     files: Mapping[str, Content] = field(default_factory=dict)
     or_line: str = ""
     breaks_after_frames: int | None = None
+    links: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def words(self) -> list[str]:

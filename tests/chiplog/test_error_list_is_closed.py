@@ -1,0 +1,110 @@
+"""No message is raised that errors.md does not list, but those that no command can provoke."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from error_rows import SECTIONS
+from error_tables import rig
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("can_bus", "chiplog", "firmware_model", "hil_harness", "sim_plant")
+ERRORS = {"CanBusError", "CommandError", "FirmwareError", "HarnessError", "PlantError"}
+LISTED = [
+    line
+    for rows in (*SECTIONS.values(), rig.SETTINGS, rig.STATEMENTS)
+    for row in rows
+    for line in (row.line, row.or_line)
+]
+
+UNLISTED = {
+    "only Python code hands these in": {
+        "can_bus/columns.py:_require_columns",
+        "can_bus/signals.py:to_bits",
+        "can_bus/specs.py:_cannot_protect",
+        "can_bus/specs.py:_wrong_length",
+        "can_bus/specs.py:encode_raw",
+        "can_bus/specs.py:pack",
+        "can_bus/specs.py:unpack",
+        "can_bus/timing.py:_require_classic",
+        "firmware_model/batch.py:_counts",
+        "firmware_model/batch.py:_spread",
+        "firmware_model/batch.py:_validity",
+        "firmware_model/batch.py:pose_m_rad",
+        "firmware_model/batch.py:run_batch",
+        "firmware_model/kernel.py:__init__",
+        "firmware_model/kernel.py:load_state",
+        "hil_harness/devices/shared_library.py:odometry",
+        "hil_harness/lockstep.py:__init__",
+        "hil_harness/rig.py:_last_value",
+        "hil_harness/running.py:_run_lockstep",
+        "hil_harness/scenarios/profile.py:__post_init__",
+        "hil_harness/scenarios/scenario.py:commands",
+        "hil_harness/sensor_frames.py:code_scale",
+        "sim_plant/batch.py:_check_commands",
+        "sim_plant/batch.py:simulate",
+        "sim_plant/mechanisms.py:__post_init__",
+        "sim_plant/plant.py:step",
+    },
+    "a table's map: no command reads one yet": {
+        "hil_harness/signal_map.py:load_table_map",
+        "hil_harness/table_map.py:_clock",
+        "hil_harness/table_map.py:_complete",
+        "hil_harness/table_map.py:_mapped",
+    },
+    "takes an installation, a load or a moment that no row can name; tested where it is raised": {
+        "can_bus/database.py:shipped_path",
+        "chiplog/pytest_rig.py:_channel",
+        "firmware_model/build.py:_require_v_fits",
+        "hil_harness/devices/process.py:_exchange",
+        "hil_harness/devices/shared_library.py:_put",
+        "hil_harness/devices/shared_library.py:step",
+        "hil_harness/rig_loops.py:_raise_failure",
+    },
+}
+
+
+def raised() -> Iterator[tuple[str, str, str]]:
+    """Yield file, function and pattern of each message that the rooms raise."""
+    for room in ROOMS:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            for function in ast.walk(tree):
+                if isinstance(function, ast.FunctionDef):
+                    for call in calls(function):
+                        name = f"{path.relative_to(ROOT)}:{function.name}"
+                        yield name, pattern(call.args[0]), ast.unparse(call.args[0])
+
+
+def calls(function: ast.FunctionDef) -> Iterator[ast.Call]:
+    """Yield where a function makes one of our errors."""
+    for node in ast.walk(function):
+        is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        if is_call and node.func.id in ERRORS and node.args:
+            yield node
+
+
+def pattern(message: ast.expr) -> str:
+    """Return the text of a message as a pattern: what is put into it may be anything."""
+    match message:
+        case ast.Constant(value=str(text)):
+            return re.escape(text)
+        case ast.JoinedStr(values=parts):
+            return "".join(map(pattern, parts))
+        case ast.BinOp(left=left, right=right):
+            return pattern(left) + pattern(right)
+    return ".*"
+
+
+def test_every_message_is_listed_but_those_named_here() -> None:
+    allowed = set().union(*UNLISTED.values())
+    unlisted = {
+        (place, text)
+        for place, wanted, text in raised()
+        if not any(re.fullmatch(rf"(?:.*: )?{wanted}", line) for line in LISTED)
+    }
+    assert [found for found in sorted(unlisted) if found[0] not in allowed] == []
+    assert allowed == {place for place, _ in unlisted} & allowed, "no longer raised, or listed"
