@@ -1,0 +1,288 @@
+"""The parts of a diagnosis: candidates with intervals, shares, gap, structure, advice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Annotated, Final, Literal, Self, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+SUM_TOLERANCE: Final = 1e-6
+CLOSABLE: Final = 1.2
+"""Below this many floors there is no gap to close: `closed` is null."""
+
+StageOrNone: TypeAlias = Literal[
+    "none", "actuation", "wheel", "encoder", "gyro", "bus", "firmware", "reference", "setup"
+]
+STAGES: Final[tuple[StageOrNone, ...]] = (
+    "none",
+    "actuation",
+    "wheel",
+    "encoder",
+    "gyro",
+    "bus",
+    "firmware",
+    "reference",
+    "setup",
+)
+Kind: TypeAlias = Literal["rest", "straight", "arc", "spin", "accelerate", "brake", "reverse"]
+Variable: TypeAlias = Literal[
+    "speed",
+    "acceleration",
+    "turn_rate",
+    "lateral_acceleration",
+    "direction",
+    "wheel_angle_left",
+    "wheel_angle_right",
+    "heading",
+    "place",
+    "temperature",
+    "supply",
+    "adc_code",
+    "command",
+    "distance",
+    "time",
+]
+Probability: TypeAlias = Annotated[float, Field(ge=0, le=1)]
+Interval: TypeAlias = tuple[float, float]
+EffectSet: TypeAlias = tuple[str, ...]
+
+
+class Part(BaseModel):
+    """Frozen, strict, finite, and without fields that the schema does not know."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True
+    )
+
+
+class NumberEstimate(Part):
+    """What is known of one number: posterior mean, spread and equal-tailed intervals."""
+
+    estimate: float
+    unit: str = Field(description='SI; "1" for a ratio or a count')
+    sd: float = Field(ge=0, description="posterior standard deviation")
+    ci50: Interval
+    ci80: Interval
+    ci95: Interval
+
+    @model_validator(mode="after")
+    def _ascends(self) -> Self:
+        bounds = [self.ci95[0], self.ci80[0], self.ci50[0], self.ci50[1], self.ci80[1]]
+        bounds.append(self.ci95[1])
+        if bounds != sorted(bounds):
+            raise ValueError("intervals are not nested: expected ci50 within ci80 within ci95")
+        return self
+
+
+class ChoiceEstimate(Part):
+    """What is known of one choice (a side, a rounding): the most probable, and all of them."""
+
+    estimate: int | str
+    probabilities: dict[str, Probability]
+
+    @model_validator(mode="after")
+    def _is_one_of_them(self) -> Self:
+        if str(self.estimate) not in self.probabilities:
+            raise ValueError(f"{self.estimate!r} has no probability")
+        return self
+
+
+ParameterEstimate: TypeAlias = NumberEstimate | ChoiceEstimate
+
+
+class Candidate(Part):
+    """One explanation: a set of effects, how probable it is, and with which values."""
+
+    effects: EffectSet = Field(min_length=1, description='sorted; or ["no_gap"], ["unknown"]')
+    probability: Probability
+    group_probability: Probability = Field(
+        description="of this set and all that this data cannot tell from it"
+    )
+    parameters: dict[str, ParameterEstimate] = Field(
+        default_factory=dict, description="keyed effect.parameter"
+    )
+    windows: tuple[Interval, ...] = Field(
+        default=(), description="[start_s, stop_s] of effects that act in part of the log"
+    )
+    ambiguous_with: tuple[EffectSet, ...] = ()
+    separation: float | None = Field(
+        default=None, description="twice the gain in log likelihood over no effect"
+    )
+    pareto_k: float | None = Field(
+        default=None,
+        description="of the importance sampling, trusted below 0.7; null where none was needed",
+    )
+
+    @model_validator(mode="after")
+    def _is_in_order(self) -> Self:
+        for names in (self.effects, *self.ambiguous_with):
+            if list(names) != sorted(set(names)):
+                raise ValueError(f"effects {', '.join(names)}: expected each once, sorted")
+        for key in self.parameters:
+            if key.partition(".")[0] not in self.effects:
+                raise ValueError(f"parameter {key} belongs to none of {', '.join(self.effects)}")
+        if self.group_probability < self.probability - SUM_TOLERANCE:
+            raise ValueError("group_probability is below probability")
+        return self
+
+
+class Segment(Part):
+    """A stretch of the log, what the robot did in it, and which stage's residual it holds."""
+
+    start_s: float
+    stop_s: float
+    kind: Kind
+    stage: StageOrNone = Field(description="the stage with the largest share here")
+    share: float = Field(description="of that stage in the error that arises here")
+
+
+class Where(Part):
+    """Which stage's data carries the gap, over the log and along it."""
+
+    stages: dict[StageOrNone, float] = Field(
+        description="share per stage: they sum to 1 and may be negative; empty without a gap"
+    )
+    segments: tuple[Segment, ...] = ()
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        if self.stages and not total_is_one(self.stages.values()):
+            raise ValueError("shares of the stages do not sum to 1")
+        return self
+
+
+class Dependence(Part):
+    """A variable on which an unexplained residual depends."""
+
+    variable: Variable
+    share: float = Field(description="of the leftover's energy that it explains")
+
+
+class Unknown(Part):
+    """What no listed effect explains: where, when, and what it goes with."""
+
+    stage: StageOrNone
+    windows: tuple[Interval, ...] = ()
+    depends_on: tuple[Dependence, ...] = ()
+    closes: float | None = Field(
+        default=None, description="share of the gap that modelling this dependence would close"
+    )
+
+
+class Metric(Part):
+    """One gap metric on held-out data: an RMS over windows of 5 m or 10 s."""
+
+    unit: str
+    before: float = Field(ge=0, description="simulation as described")
+    after: float | None = Field(default=None, ge=0, description="with the winning effects on")
+    floor: float | None = Field(default=None, ge=0, description="what noise alone leaves")
+    closed: float | None = Field(
+        default=None,
+        description="(before − after)/(before − floor); null when before is below 1.2 floors",
+    )
+    ci95: Interval | None = Field(default=None, description="of closed, over windows and values")
+    windows: int = Field(default=0, ge=0, description="disjoint windows behind the RMS")
+
+    @model_validator(mode="after")
+    def _closes_only_a_gap(self) -> Self:
+        small = self.floor is not None and self.before < CLOSABLE * self.floor
+        if small and self.closed is not None:
+            raise ValueError("closed is given where before is below 1.2 floors")
+        return self
+
+
+class Gap(Metric):
+    """How far the gap shrinks, in the metric in which the winning stage acts."""
+
+    metric: str
+    held_out: Literal["log", "stretches"] = Field(
+        description="another log, or stretches of the log that the fit never saw"
+    )
+    all: dict[str, Metric] = Field(default_factory=dict, description="every metric by name")
+
+
+class WaterfallStep(Part):
+    """What switching one effect on takes away (Shapley value); negative where it adds."""
+
+    effect: str
+    reduction: float
+
+
+class Waterfall(Part):
+    """From nominal to explained: before − Σ reduction = after."""
+
+    metric: str
+    unit: str
+    before: float
+    steps: tuple[WaterfallStep, ...]
+    after: float
+    floor: float | None = None
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        fallen = self.before - math.fsum(step.reduction for step in self.steps)
+        if not math.isclose(fallen, self.after, rel_tol=1e-6, abs_tol=1e-9 + 1e-6 * self.before):
+            raise ValueError(f"the waterfall ends at {fallen:g}, not at after = {self.after:g}")
+        return self
+
+
+class Structure(Part):
+    """What this log can tell, computed from its manoeuvres before any fit."""
+
+    detectable: dict[str, float | None] = Field(
+        default_factory=dict,
+        description="detection limit per effect, in its parameter's unit; null: cannot be seen",
+    )
+    groups: tuple[EffectSet, ...] = Field(
+        default=(), description="effects that this log cannot tell apart"
+    )
+
+
+class Advice(Part):
+    """The manoeuvre that tells the members of a group apart best."""
+
+    separates: tuple[EffectSet, ...] = Field(description="the sets of effects it tells apart")
+    scenario_file: str | None = Field(description="what `chiplog run --scenario` takes")
+    sentence: str = Field(description="for a person to drive")
+    expected_gain: float = Field(description="expected information on which of them it is [bit]")
+    scenario: str | None = Field(default=None, description="content of the scenario file (TOML)")
+
+
+class LogFacts(Part):
+    """What one log holds."""
+
+    name: str
+    duration_s: float
+    ticks: int
+    distance_m: float | None = None
+    turned_rad: float | None = Field(default=None, description="sum of |rotation|")
+    has_reference: bool = False
+    has_gyro: bool = True
+    has_commands: bool = False
+    has_odometry: bool = False
+    clock_skew: float | None = Field(default=None, description="ECU clock rate over log's − 1")
+    lost_ticks: int = 0
+
+
+class InputFile(Part):
+    """One file that the diagnosis read."""
+
+    role: Literal[
+        "log",
+        "reference",
+        "robot",
+        "dbc",
+        "signals",
+        "holdout",
+        "holdout_reference",
+        "effect_library",
+    ]
+    name: str
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+def total_is_one(values: Iterable[float]) -> bool:
+    """Whether `values` sum to 1, but for rounding."""
+    return abs(math.fsum(values) - 1) <= SUM_TOLERANCE
