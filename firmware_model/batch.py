@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass
 from typing import Any
@@ -133,9 +134,7 @@ def run_batch(
     }
 
     config_records, table = _records(configs)
-    states = np.zeros(runs, STATE_DTYPE)
-    for run, one in enumerate(configs):
-        states[run] = astuple(initial_state(one))
+    states = _initial_states(configs)
     twin_configs = _twin_records(configs if twin else ())
     twins = np.zeros(runs if twin else 0, TWIN_DTYPE)
     kept = runs if history else 0
@@ -201,26 +200,38 @@ def _records(configs: tuple[KernelConfig, ...]) -> tuple[npt.NDArray[np.void], I
     records = np.zeros(len(configs), CONFIG_DTYPE)
     starts: dict[tuple[int, ...], int] = {}
     flat: list[int] = []
-    for run, config in enumerate(configs):
-        if run > 0 and config is configs[run - 1]:
-            records[run] = records[run - 1]
-            continue
+    for same in _same_configs(configs):
+        config = configs[same.start]
         if config.table not in starts:
             starts[config.table] = len(flat)
             flat.extend(config.table)
-        records[run] = config_record(config, table_start=starts[config.table])[0]
+        records[same] = config_record(config, table_start=starts[config.table])[0]
     return records, np.array(flat, dtype=np.int64)
+
+
+def _initial_states(configs: tuple[KernelConfig, ...]) -> npt.NDArray[np.void]:
+    """Return the states at power-on, one record per run."""
+    states = np.zeros(len(configs), STATE_DTYPE)
+    for same in _same_configs(configs):
+        states[same] = astuple(initial_state(configs[same.start]))
+    return states
 
 
 def _twin_records(configs: tuple[KernelConfig, ...]) -> npt.NDArray[np.void]:
     """Return the twin's constants, one record per run."""
     records = np.zeros(len(configs), TWIN_CONFIG_DTYPE)
-    for run, config in enumerate(configs):
-        if run > 0 and config is configs[run - 1]:
-            records[run] = records[run - 1]
-        else:
-            records[run] = astuple(build_twin_config(config))
+    for same in _same_configs(configs):
+        records[same] = astuple(build_twin_config(configs[same.start]))
     return records
+
+
+def _same_configs(configs: tuple[KernelConfig, ...]) -> Iterator[slice]:
+    """Yield the stretches of neighbouring runs that share one configuration."""
+    start = 0
+    for _, group in itertools.groupby(configs, id):
+        stop = start + len(list(group))
+        yield slice(start, stop)
+        start = stop
 
 
 def _counts(name: str, values: npt.ArrayLike) -> Int64Array:
