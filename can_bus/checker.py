@@ -69,7 +69,7 @@ class FrameChecker:
     frame), the described range of every signal (`range`; a value marked SNA is not out of range: it
     is delivered as invalid), and its stamp (`age`: older than `max_age_us` before `now_us`, or in
     the future). Whatever the bytes, nothing raises. Messages that the database has and this
-    receiver does not want are counted in `ignored`.
+    receiver does not want are none of its business: neither accepted nor rejected.
 
     Raises CanBusError for an unknown message name or a protection that cannot be checked here.
     """
@@ -77,7 +77,6 @@ class FrameChecker:
     def __init__(self, database: Database, accepted: Iterable[str], *, max_age_us: int) -> None:
         """Start with no frame seen; `rejected` counts by reason from here on."""
         self.rejected: dict[Reason, int] = dict.fromkeys(REASONS, 0)
-        self.ignored = 0
         self._max_age_us = max_age_us
         self._receptions: dict[int, _Reception] = {}
         for name in accepted:
@@ -96,9 +95,7 @@ class FrameChecker:
             key = identifier_key(key, True)
         reception = self._receptions.get(key)
         if reception is None or message.is_error_frame:
-            if key in self._unwanted and not message.is_error_frame:
-                self.ignored += 1
-            else:
+            if key not in self._unwanted or message.is_error_frame:
                 self._reject("unknown_id", message)
             return None
         data = message.data

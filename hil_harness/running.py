@@ -26,6 +26,7 @@ from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
+from hil_harness.standalone import rejected_frames
 from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 
@@ -67,6 +68,7 @@ class _Outcome:
     wall_s: float
     timing: Timing = field(default_factory=Timing)
     interrupted: bool = False
+    bus: can.BusABC | None = None
 
 
 def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
@@ -204,7 +206,8 @@ def _run_real(
             )
         wall_s = time.perf_counter() - started
         done = parts.plant.ticks
-        return _Outcome(done, wall_s, pacer.timing(), interrupted=done < ticks)
+        heard = firmware_bus or plant_bus
+        return _Outcome(done, wall_s, pacer.timing(), interrupted=done < ticks, bus=heard)
 
 
 def _reporter(progress: Progress, ticks: int) -> Callable[[int], None]:
@@ -246,7 +249,7 @@ def _result(
         bus=BusStatistics(
             frames=meter.frames,
             load=meter.load(ticks * period_us, config.bitrate or wire.database.bitrate),
-            rejected={str(why): count for why, count in shadow.checker.rejected.items()},
+            rejected=rejected_frames(shadow.checker, outcome.bus),
             frames_by_message=meter.frames_by_message(),
         ),
         timing=outcome.timing,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import can
 
-from can_bus import LogWriter, open_bus, open_log_writer
+from can_bus import FrameChecker, LogWriter, open_bus, open_log_writer
 from hil_harness.assembly import RunConfig, build_plant_node, default_channel, load_wire
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import LOCKSTEP_INTERFACES
@@ -47,7 +47,7 @@ def run_plant_alone(config: RunConfig) -> NodeOutcome:
         pacer = Pacer(wire.tick_period_us)
         with stop_between_ticks() as stop:
             run_plant_node(node, bus, pacer=pacer, ticks=ticks, stop=stop, log=log)
-    rejected = {str(why): count for why, count in node.checker.rejected.items()}
+        rejected = rejected_frames(node.checker, bus)
     return NodeOutcome(node.ticks, stop.is_made, pacer.timing(), rejected=rejected)
 
 
@@ -72,11 +72,12 @@ def run_firmware_alone(config: RunConfig, *, ticks: int | None = None) -> NodeOu
             node, bus, tick_period_us=wire.tick_period_us, ticks=ticks, stop=stop, log=log
         ):
             starved += not is_complete
+        rejected = rejected_frames(node.checker, bus)
     return NodeOutcome(
         node.ticks,
         stop.is_made,
         starved_ticks=starved,
-        rejected={str(why): count for why, count in node.checker.rejected.items()},
+        rejected=rejected,
     )
 
 
@@ -91,6 +92,16 @@ def _opened(config: RunConfig) -> Iterator[tuple[can.BusABC, LogWriter | None]]:
             bus_args=config.bus_args,
         )
         yield stack.enter_context(bus), log
+
+
+def rejected_frames(checker: FrameChecker, bus: can.BusABC | None) -> dict[str, int]:
+    """Return how many frames were rejected, by reason.
+
+    `malformed` are datagrams on a UDP bus that are no CAN frame; it is left out where none came.
+    """
+    rejected = {str(why): count for why, count in checker.rejected.items()}
+    malformed: int = getattr(bus, "malformed", 0)
+    return rejected | ({"malformed": malformed} if malformed else {})
 
 
 def _refuse_in_process(interface: str) -> None:

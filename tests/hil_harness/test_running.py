@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from can_bus import load_database, read_log
+from can_bus import FrameChecker, load_database, open_bus, read_log
 from hil_harness import (
     HarnessError,
     RunConfig,
@@ -20,6 +20,7 @@ from hil_harness import (
     scenario,
 )
 from hil_harness.results import RunResult
+from hil_harness.standalone import rejected_frames
 
 
 def run_scenario(name: str, **arguments: object) -> RunResult:
@@ -189,3 +190,11 @@ def test_a_dbc_that_lost_its_attributes_is_refused_not_guessed_at(
     dbc.write_text("".join(line for line in lines if not line.startswith(lost)))
     with pytest.raises(HarnessError, match=complaint):
         run_scenario("spin", duration_s=0.1, dbc=dbc)
+
+
+def test_datagrams_that_are_no_frames_are_among_the_rejected() -> None:
+    with open_bus("udp_multicast", "239.74.163.77") as bus:
+        checker = FrameChecker(load_database(), ["ENCODER"], max_age_us=0)
+        assert "malformed" not in rejected_frames(checker, bus)
+        bus.malformed = 3  # type: ignore[attr-defined]
+        assert rejected_frames(checker, bus)["malformed"] == 3
