@@ -88,12 +88,12 @@ def command(
         _refuse_plant_options(
             {"--scenario": scenario, "--effect": effect, "--effects": effects, "--seed": seed}
         )
-    from chiplog.stopping import stoppable
     from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import RunConfig
     from hil_harness.effects import combine_effects, load_effects, parse_effect
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
+    from hil_harness.stopping import stoppable
 
     config = RunConfig(
         scenario=find_scenario(scenario or _DEFAULT_SCENARIO, seed=seed),

@@ -115,9 +115,9 @@ def command(
 def execute(config: RunConfig, folder: RunFolder) -> RunResult:
     """Run, write the folder, print the outcome; a run cut short by Ctrl-C is written as well."""
     from chiplog.run_table import show_run
-    from chiplog.stopping import stoppable
     from chiplog.terminal import progress, show_error
     from hil_harness.running import run
+    from hil_harness.stopping import stoppable
 
     with (
         folder.recording(config.scenario.name, config.seed_in_use),
