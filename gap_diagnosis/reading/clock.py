@@ -75,7 +75,8 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
     spread = 0.0
     centred: Floats = ecu_s
     residual = stamp_s
-    for is_last_word in [False] * _PASSES + [True] * _PASSES:
+    give: Floats = weight
+    for turn in range(2 * _PASSES):
         total = np.bincount(segment, weight, count)
         mean_x = np.bincount(segment, weight * ecu_s, count) / total
         mean_y = np.bincount(segment, weight * stamp_s, count) / total
@@ -88,27 +89,30 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
         residual = stamp_s - start[segment] - slope * ecu_s
         spread = _NORMAL_SD_PER_MAD * float(np.median(np.abs(residual)))
         size = np.abs(residual) / max(spread, _STAMP_STEP_S)
-        if is_last_word:
-            weight = np.maximum(1 - (size / _BIWEIGHT) ** 2, 1e-9) ** 2
-            if abs(slope - last) < _CONVERGED:
-                break
-        else:
+        if turn > _PASSES and abs(slope - last) < _CONVERGED:
+            break
+        if turn < _PASSES:
             weight = _HUBER / np.maximum(size, _HUBER)
+        else:
+            inside = 1 - (size / _BIWEIGHT) ** 2
+            weight = np.maximum(inside, 1e-9) ** 2
+            give = np.where(inside > 0, inside * (1 - 5 * (size / _BIWEIGHT) ** 2), 0.0)
     return Clock(
         start_s=start,
         tick_s=slope * period_s,
         skew=1 / slope - 1,
-        skew_sd=_slope_sd(weight * centred, weight * residual, centred) / slope**2,
+        skew_sd=_slope_sd(centred, weight * residual, give) / slope**2,
         jitter_s=spread,
     )
 
 
-def _slope_sd(lever: Floats, pull: Floats, centred: Floats) -> float:
-    power = float(np.sum(lever * centred))
-    if len(lever) < 4 or power <= 0:
+def _slope_sd(centred: Floats, pull: Floats, give: Floats) -> float:
+    """Return the slope's standard deviation, from each stamp's pull and how it gives way."""
+    power = float(np.sum(give * centred**2))
+    if len(centred) < 4 or power <= 0:
         return float("nan")
-    blocks = min(_BLOCKS, len(lever) // 2)
-    block = np.arange(len(lever)) * blocks // len(lever)
+    blocks = min(_BLOCKS, len(centred) // 2)
+    block = np.arange(len(centred)) * blocks // len(centred)
     score = np.bincount(block, centred * pull, blocks)
     clustered = float(np.sum(score**2)) * blocks / max(blocks - 2, 1)
     quantised = float(np.sum(centred**2)) * _STAMP_STEP_S**2 / 12

@@ -36,7 +36,7 @@ Ints = NDArray[np.int64]
 
 _US = 1e-6
 _LEAST_FRAMES = 20
-_LARGEST_SKEW = 0.05
+_LARGEST_SKEW = 0.1
 
 
 class _Log:
@@ -76,9 +76,12 @@ class _Log:
         return found
 
     def _refuse_other_period(self, anchor: MessageFrames) -> None:
-        if abs(self.clock.skew) > _LARGEST_SKEW:
+        apart_s = self.clock.tick_s
+        if anchor.counter is None:
+            apart_s = max(apart_s, float(np.median(np.diff(anchor.stamp_us))) * _US)
+        if abs(apart_s / self.period_s - 1) > _LARGEST_SKEW:
             raise DiagnosisError(
-                f"{self.path}: {anchor.spec.name} comes every {self.clock.tick_s * 1e3:.3g} ms, "
+                f"{self.path}: {anchor.spec.name} comes every {apart_s * 1e3:.3g} ms, "
                 f"{self.wire.database.path.name} says {self.period_s * 1e3:.3g} ms: expected its "
                 "GenMsgCycleTime in the DBC"
             )

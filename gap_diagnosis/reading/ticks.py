@@ -27,12 +27,18 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _BLOCK: Final = 128
+_SHORT_BLOCK: Final = 16
+_WORST_CLOCK: Final = 0.01
+"""Two clocks differ by less; what rises faster is lost frames."""
 _WINDOW: Final = 64
 _LONG_RUN: Final = 20
 _RESTART_FRAMES: Final = 100
+_RESTART_TICKS: Final = 0.5
 _RESTART_PART: Final = 0.15
-"""Of a round: a lasting change of the phase by more is no jitter."""
+"""A lasting change of the phase by more ticks, or by more of a round, is no jitter."""
 _CONCENTRATED: Final = 0.7
+_DRIFT_ERROR: Final = 3e-4
+"""How well the clock's rate is known while ticks are still being told apart."""
 _GAP_CYCLES: Final = 3
 
 
@@ -72,13 +78,21 @@ def unwrap_ticks(
     steps, round_ticks = _steps(stamp_s, counter, modulo, cycle_ticks, period_s, repeats)
     first = 0 if counter is None or not len(counter) else int(counter[0])
     base = first + np.concatenate(([0], np.cumsum(steps)))[: len(stamp_s)].astype(np.int64)
+    lost_are_rounds = counter is None or cycle_ticks > modulo / 2
     stamp_ticks = stamp_s / period_s
-    stamp_ticks = stamp_ticks / (1 + _drift(stamp_ticks, base, round_ticks, counter is None))
+    stamp_ticks = stamp_ticks / (1 + _drift(stamp_ticks, base, round_ticks, lost_are_rounds))
     elapsed = np.diff(stamp_ticks)
     breaks = np.flatnonzero(np.abs(elapsed - steps) > round_ticks / 2) + 1
     phase = stamp_ticks - base
     gaps = breaks[elapsed[breaks - 1] > _GAP_CYCLES * cycle_ticks]
-    starts = [0, *(place for place in gaps.tolist() if _restarts(phase, place, round_ticks))]
+    starts = [
+        0,
+        *(
+            place
+            for place in gaps.tolist()
+            if _restarts(phase, place, round_ticks, _DRIFT_ERROR * float(elapsed[place - 1]))
+        ),
+    ]
     tick, segment = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number, (start, stop) in enumerate(pairwise([*starts, len(base)])):
         inside = breaks[(breaks > start) & (breaks < stop)] - start
@@ -111,22 +125,23 @@ def _steps(
     return steps, cycle_ticks
 
 
-def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, stamps_tell_losses: bool) -> float:
+def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, lost_are_rounds: bool) -> float:
     """Return how much longer a tick lasts on the log's clock than described, less 1.
 
     From the earliest arrivals of neighbouring blocks; the median passes over lost rounds. Where
     every lost frame is a round, the stamps are believed about them first.
     """
-    if stamps_tell_losses:
-        lost = np.rint(np.diff(stamp_ticks) - np.diff(base)).astype(np.int64)
-        base = base + np.concatenate(([0], np.cumsum(lost)))
-    blocks = len(base) // _BLOCK
+    if lost_are_rounds:
+        lost = np.rint((np.diff(stamp_ticks) - np.diff(base)) / round_ticks).astype(np.int64)
+        base = base + np.concatenate(([0], np.cumsum(lost))) * round_ticks
+    size = min(_BLOCK, max(_SHORT_BLOCK, len(base) // 16))
+    blocks = len(base) // size
     if blocks < 2:
         return 0.0
-    used = blocks * _BLOCK
-    phases = (stamp_ticks[:used] - base[:used]).reshape(blocks, _BLOCK)
+    used = blocks * size
+    phases = (stamp_ticks[:used] - base[:used]).reshape(blocks, size)
     row, earliest = np.arange(blocks), np.argmin(phases, axis=1)
-    at = base[:used].reshape(blocks, _BLOCK)[row, earliest].astype(np.float64)
+    at = base[:used].reshape(blocks, size)[row, earliest].astype(np.float64)
     phase = phases[row, earliest]
     slope = _median_slope(at, phase, 1)
     # Without the steps of whole rounds, far blocks can be held against each other.
@@ -136,7 +151,9 @@ def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, stamps_tell_losses
 
 def _median_slope(x: Floats, y: Floats, lag: int) -> float:
     run, rise = x[lag:] - x[:-lag], y[lag:] - y[:-lag]
-    return float(np.median(rise[run > 0] / run[run > 0])) if np.any(run > 0) else 0.0
+    slope = rise[run > 0] / run[run > 0]
+    believable = slope[np.abs(slope) < _WORST_CLOCK]
+    return float(np.median(believable)) if len(believable) else 0.0
 
 
 def _centre(phase: Floats, round_ticks: int) -> tuple[float, float]:
@@ -145,8 +162,8 @@ def _centre(phase: Floats, round_ticks: int) -> tuple[float, float]:
     return float(np.angle(mean)) * round_ticks / (2 * np.pi), float(np.abs(mean))
 
 
-def _restarts(phase: Floats, place: int, round_ticks: int) -> bool:
-    """Tell whether the phase changes at *place* for good."""
+def _restarts(phase: Floats, place: int, round_ticks: int, drifted: float) -> bool:
+    """Tell whether the phase changes at *place* for good, and by more than it has *drifted*."""
     before = phase[max(0, place - 2 * _RESTART_FRAMES) : place]
     after = phase[place : place + 2 * _RESTART_FRAMES]
     if min(len(before), len(after)) < _RESTART_FRAMES:
@@ -154,8 +171,13 @@ def _restarts(phase: Floats, place: int, round_ticks: int) -> bool:
     (was, sure_before), (now, sure_after) = (
         _centre(part, round_ticks) for part in (before, after[_WINDOW:])
     )
+    sure = min(sure_before, sure_after)
+    if sure < _CONCENTRATED:
+        return False
     away = abs((now - was + round_ticks / 2) % round_ticks - round_ticks / 2)
-    return min(sure_before, sure_after) > _CONCENTRATED and away > _RESTART_PART * round_ticks
+    spread = round_ticks / (2 * np.pi) * np.sqrt(-2 * np.log(min(sure, 1.0)))
+    least = min(_RESTART_TICKS, _RESTART_PART * round_ticks)
+    return bool(away > least + drifted + 5 * spread / np.sqrt(_RESTART_FRAMES))
 
 
 def _shift(phase: Floats, breaks: NDArray[np.intp], round_ticks: int) -> Ints:

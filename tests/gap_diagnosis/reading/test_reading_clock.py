@@ -1,0 +1,64 @@
+"""The line from ticks to the log's clock: unmoved by jitter, honest about what it does not know."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from gap_diagnosis.reading.clock import fit_clock
+
+PERIOD_S = 0.01
+
+
+def one_segment(tick: np.ndarray) -> np.ndarray:
+    return np.zeros(len(tick), dtype=np.int64)
+
+
+@given(skew=st.floats(-2e-3, 2e-3), start_s=st.floats(0, 1e3), ticks=st.integers(100, 20_000))
+def test_stamps_without_jitter_give_the_clock_to_the_step_of_the_stamps(
+    skew: float, start_s: float, ticks: int
+) -> None:
+    tick = np.arange(ticks)
+    stamp_s = np.round(start_s + tick * PERIOD_S / (1 + skew), 6)
+    clock = fit_clock(tick, one_segment(tick), stamp_s, PERIOD_S)
+    assert np.max(np.abs(clock.time_s(tick) - start_s - tick * PERIOD_S / (1 + skew))) < 2e-6
+    assert abs(clock.skew - skew) < 6 * clock.skew_sd + 1e-12
+
+
+@pytest.mark.parametrize("law", ["exponential", "normal", "uniform"])
+def test_the_skew_misses_by_what_its_standard_deviation_says(law: str) -> None:
+    tick = np.arange(2000)
+    scores = []
+    for seed in range(200):
+        draw = getattr(np.random.default_rng(seed), law)
+        jitter_s = 0.002 * draw(size=len(tick))
+        clock = fit_clock(tick, one_segment(tick), tick * PERIOD_S / 1.0012 + jitter_s, PERIOD_S)
+        scores.append((clock.skew - 0.0012) / clock.skew_sd)
+    spread = float(np.std(scores))
+    # The standard deviation of 200 scores is itself known to 1/√400; 60 blocks add their own share.
+    assert 0.83 < spread < 1.25
+    assert abs(np.mean(scores)) < stats.norm.ppf(0.9995) * spread / np.sqrt(200)
+
+
+def test_a_burst_of_late_stamps_has_no_say() -> None:
+    tick = np.arange(4000)
+    stamp_s = tick * PERIOD_S + 0.0005 * np.random.default_rng(0).exponential(size=4000)
+    without = fit_clock(tick[100:], one_segment(tick[100:]), stamp_s[100:], PERIOD_S)
+    stamp_s[:100] = stamp_s[100]
+    burst = fit_clock(tick, one_segment(tick), stamp_s, PERIOD_S)
+    assert burst.skew == pytest.approx(without.skew, abs=without.skew_sd / 2)
+
+
+def test_segments_share_the_slope_and_have_their_own_start() -> None:
+    tick = np.concatenate((np.arange(500), np.arange(600, 900)))
+    segment = np.repeat([0, 1], [500, 300])
+    stamp_s = tick * PERIOD_S * 1.001 + np.where(segment == 1, 0.0137, 0.0)
+    clock = fit_clock(tick, segment, stamp_s, PERIOD_S)
+    assert clock.time_s(tick, segment) == pytest.approx(stamp_s, abs=1e-9)
+    assert clock.tick(stamp_s, segment) == pytest.approx(tick, abs=1e-6)
+
+
+def test_too_few_stamps_say_nothing_of_the_skew() -> None:
+    tick = np.arange(3)
+    assert np.isnan(fit_clock(tick, one_segment(tick), tick * PERIOD_S, PERIOD_S).skew_sd)
