@@ -14,6 +14,7 @@ from can_bus.backends import (
 from can_bus.checker import REASONS, Accepted, FrameChecker, Reason
 from can_bus.columns import decode_columns, decode_columns_scaled, present_columns
 from can_bus.database import Database, load_database, parse_database, shipped_path
+from can_bus.disturbances import SENSORS, Arrivals, Disturbances, DisturbanceSchedule, Traffic
 from can_bus.e2e import (
     COUNTER_MODULO,
     CounterCheck,
@@ -40,10 +41,14 @@ __all__ = [
     "IN_PROCESS_INTERFACES",
     "LOG_SUFFIXES",
     "REASONS",
+    "SENSORS",
     "Accepted",
+    "Arrivals",
     "CanBusError",
     "CounterCheck",
     "Database",
+    "DisturbanceSchedule",
+    "Disturbances",
     "E2EProtection",
     "E2EStatus",
     "Fault",
@@ -58,6 +63,7 @@ __all__ = [
     "Raw",
     "Reason",
     "SignalSpec",
+    "Traffic",
     "check_interface",
     "columns_of",
     "crc8_profile1",

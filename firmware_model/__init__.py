@@ -6,6 +6,7 @@ knows no CAN and no plant.
 
 from firmware_model.batch import BatchRuns, pose_m_rad, run_batch
 from firmware_model.build import build_config
+from firmware_model.changes import FirmwareChanges
 from firmware_model.config import KernelConfig
 from firmware_model.constants import FirmwareConstants
 from firmware_model.description import FirmwareDescription
@@ -29,6 +30,7 @@ __all__ = [
     "STATE_FIELDS",
     "BatchRuns",
     "EncoderDecision",
+    "FirmwareChanges",
     "FirmwareConstants",
     "FirmwareDescription",
     "FirmwareError",

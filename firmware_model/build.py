@@ -155,12 +155,12 @@ class _Builder:
         self._require_w_fits(w_shift, one_tick_turn)
         velocity_low, velocity_high = _word(_VELOCITY_WORD_BITS)
 
-        offset_scale = 1 << one.gyro.offset_frac_bits
         return KernelConfig(
             mode=_MODES[one.mode],
             integration=_RULES[one.integration],
             blend_weight_q=_round(Fraction(one.blend_weight), blend_frac_bits),
             blend_frac_bits=blend_frac_bits,
+            stale_heading_ticks=one.stale_heading_ticks,
             counter_bits=known.counter_bits,
             max_step_ticks=max_step_ticks,
             gap_limit_ticks=gap_limit_ticks,
@@ -204,19 +204,13 @@ class _Builder:
             zero_rate_code_q=_round(Fraction(known.gyro_zero_rate_code), one.gyro.offset_frac_bits),
             offset_frac_bits=one.gyro.offset_frac_bits,
             offset_rounding=_ROUNDINGS[one.gyro.rounding],
+            auto_zero_rate_q=self._rate_q(one.gyro.auto_zero_rad_s),
             stuck_ticks=one.stuck.ticks,
             stuck_block_ticks=1 << one.stuck.block_log2,
             stuck_span_ticks=self._stuck_span_ticks(),
             still_ticks=one.standstill.ticks,
             still_tolerance_ticks=one.standstill.tolerance_ticks,
-            rest_max_rate_q=min(
-                math.ceil(
-                    Fraction(one.standstill.max_rate_rad_s)
-                    / Fraction(known.gyro_sensitivity_rad_s_per_lsb)
-                    * offset_scale
-                ),
-                INTERMEDIATE_LIMIT,
-            ),
+            rest_max_rate_q=self._rate_q(one.standstill.max_rate_rad_s),
             settle_ticks=one.standstill.settle_ticks,
             offset_block_log2=one.standstill.block_log2,
             offset_max_log2=self._offset_max_log2(),
@@ -474,6 +468,12 @@ class _Builder:
         stuck = self.description.stuck
         two_lsb = 2 * self.sensitivity_turn * (1 << stuck.block_log2) / self.tick_turn
         return min(stuck.span_ticks + math.ceil(two_lsb), INTERMEDIATE_LIMIT)
+
+    def _rate_q(self, rate_rad_s: float) -> int:
+        """Return a rate in codes with the offset's fraction bits, rounded up."""
+        sensitivity = Fraction(self.constants.gyro_sensitivity_rad_s_per_lsb)
+        scale = 1 << self.description.gyro.offset_frac_bits
+        return min(math.ceil(Fraction(rate_rad_s) / sensitivity * scale), INTERMEDIATE_LIMIT)
 
     def _offset_max_log2(self) -> int:
         rest = self.description.standstill

@@ -35,6 +35,8 @@ class KernelConfig:
     integration: int
     blend_weight_q: int
     blend_frac_bits: int
+    # 0: the heading that `integration` names; n: the one of n ticks ago.
+    stale_heading_ticks: int
 
     # Encoder.
     counter_bits: int
@@ -92,6 +94,7 @@ class KernelConfig:
     zero_rate_code_q: int
     offset_frac_bits: int
     offset_rounding: int
+    auto_zero_rate_q: int
     stuck_ticks: int
     stuck_block_ticks: int
     stuck_span_ticks: int

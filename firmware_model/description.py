@@ -110,6 +110,7 @@ class GyroFormat(_Table):
     offset_frac_bits: int = _whole("fraction bits of the zero-rate offset [LSB]", 16, 0, 16)
     sensitivity_frac_bits: int | None = _constant_frac_bits("rotation per LSB and tick [turn]")
     rounding: Rounding = Field(default="half_up", description=_ROUNDING + " (of the offset)")
+    auto_zero_rad_s: float = _number("slower turns are taken for rest [rad/s]", 0.0, 0.0, 100.0)
 
 
 class Standstill(_Table):
@@ -179,6 +180,9 @@ class FirmwareDescription(_Table):
     integration: Integration = Field(
         default="euler_before",
         description="which heading of a tick the step is taken along: before, middle, after",
+    )
+    stale_heading_ticks: int = _whole(
+        "the position uses the heading of so many ticks ago; 0: as integration says", 0, 0, 4
     )
     position: PositionFormat = PositionFormat()
     step: StepFormat = StepFormat()

@@ -19,6 +19,7 @@ from firmware_model.velocity import speed_m_s, turn_rate_rad_s
 
 Implementation = Literal["compiled", "python"]
 
+_OFFSET_LOG2 = 14
 _POSE_FIELDS = ("x_m_q", "y_m_q", "heading_turn_q")
 assert STATE_FIELDS[: len(_POSE_FIELDS)] == _POSE_FIELDS, "the pose leads the record"
 
@@ -104,6 +105,48 @@ class Kernel:
                 gyro_code,
                 gyro_validity,
             )
+
+    def reconfigure(self, config: KernelConfig) -> None:
+        """Go on under another configuration from the present state, as after a reflash.
+
+        Pose and gyro offset are brought to the new fraction bits (floor); remainders are dropped.
+        """
+        state = self.state()
+        position = config.position_frac_bits - self.config.position_frac_bits
+        heading = config.heading_frac_bits - self.config.heading_frac_bits
+        offset = config.offset_frac_bits - self.config.offset_frac_bits
+        for name, bits in (
+            ("x_m_q", position),
+            ("y_m_q", position),
+            ("heading_turn_q", heading),
+            ("gyro_offset_q", offset),
+        ):
+            state[name] = state[name] << bits if bits >= 0 else state[name] >> -bits
+        for name in state:
+            if name.endswith("_remainder_q") or name in ("v_filter_q", "w_filter_q", "gap_turn_q"):
+                state[name] = 0
+        if state["offset_is_valid"] == 0:
+            state["gyro_offset_q"] = config.zero_rate_code_q
+        self.config = config
+        if self.implementation == "compiled":
+            self._configs = config_record(config)
+            self._table = np.array(config.table, dtype=np.int64)
+        self.load_state(state)
+
+    def set_gyro_offset(self, code: float) -> None:
+        """Use a zero-rate code found elsewhere, to the nearest 2^-14 LSB.
+
+        Raises:
+            FirmwareError: no code of a gyro.
+        """
+        if not 0.0 <= code <= 65535.0:
+            raise FirmwareError(f"gyro offset = {code}: expected a code from 0 to 65535")
+        state = self.state()
+        state["offset_is_valid"] = 1
+        state["offset_samples_log2"] = _OFFSET_LOG2
+        state["offset_sum"] = round(code * (1 << _OFFSET_LOG2))
+        state["gyro_offset_q"] = round(code * (1 << self.config.offset_frac_bits))
+        self.load_state(state)
 
     def _get(self, name: str) -> int:
         if self.implementation == "python":
@@ -225,11 +268,19 @@ class FloatTwin:
 
     def __init__(self, config: KernelConfig) -> None:
         self.twin = Twin()
+        self._kernel_config = config
         self._config: TwinConfig = build_twin_config(config)
 
     def step(self, kernel: Kernel) -> None:
         """Follow the tick that *kernel* has just taken."""
         step_twin(self.twin, self._config, kernel._plain_state())
+
+    def follow(self, kernel: Kernel) -> None:
+        """As `step`, with the constants that the kernel has now."""
+        if kernel.config is not self._kernel_config:
+            self._kernel_config = kernel.config
+            self._config = build_twin_config(kernel.config)
+        self.step(kernel)
 
     @property
     def pose(self) -> tuple[float, float, float]:

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_model._source import kernel_function
+from firmware_model._source import kernel_function, rare_kernel_function
 from firmware_model.config import MODE_BLEND, MODE_WHEEL, KernelConfig
 from firmware_model.encoder import ACCEPTED
 from firmware_model.integers import (
@@ -112,6 +112,10 @@ def gyro_turn(state: State, config: KernelConfig) -> int:
     product with the sensitivity plus the carried remainder is below 2^62.
     """
     rate_q = state.gyro_code * (1 << config.offset_frac_bits) - state.gyro_offset_q
+    state.gyro_is_zeroed = 0
+    if -config.auto_zero_rate_q < rate_q < config.auto_zero_rate_q:
+        state.gyro_is_zeroed = 1
+        rate_q = 0
     total = rate_q * config.sensitivity_turn_q + state.gyro_turn_remainder_q
     turn = shift_round(total, config.gyro_turn_shift, config.turn_rounding)
     dropped = total - turn * (1 << config.gyro_turn_shift)
@@ -166,6 +170,32 @@ def heading_with_remainder(state: State, config: KernelConfig) -> int:
     return state.heading_turn_q * (1 << config.heading_shift) + state.heading_remainder_q
 
 
+@rare_kernel_function
+def past_heading(state: State, config: KernelConfig) -> int:
+    """Return the heading of so many ticks ago, in 2^−F turn.
+
+    Scaling and overflow: a heading, unchanged.
+    """
+    if config.stale_heading_ticks == 1:
+        return state.heading_turn_q
+    if config.stale_heading_ticks == 2:
+        return state.past_1_turn_q
+    if config.stale_heading_ticks == 3:
+        return state.past_2_turn_q
+    return state.past_3_turn_q
+
+
+@rare_kernel_function
+def remember_heading(state: State) -> None:
+    """Keep the heading before this tick's turn.
+
+    Scaling and overflow: headings, unchanged.
+    """
+    state.past_3_turn_q = state.past_2_turn_q
+    state.past_2_turn_q = state.past_1_turn_q
+    state.past_1_turn_q = state.heading_turn_q
+
+
 @kernel_function
 def move(
     state: State, config: KernelConfig, table: Sequence[int], step_q: int, turn_q: int
@@ -182,6 +212,8 @@ def move(
     start_q = heading_with_remainder(state, config) - state.gap_turn_q
     angle_q = 2 * start_q + config.integration * (state.gap_turn_q + turn_q)
     angle_q = shift_round(angle_q, config.heading_shift + 1, config.heading_rounding)
+    if config.stale_heading_ticks > 0:
+        angle_q = past_heading(state, config)
     phase_turn_q32 = (angle_q & ((1 << config.heading_frac_bits) - 1)) * (
         1 << (32 - config.heading_frac_bits)
     )

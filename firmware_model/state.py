@@ -91,9 +91,15 @@ class State:
     v_is_valid: int = 0
     w_is_valid: int = 0
 
+    # Headings before those of the last ticks, newest first; kept only where one of them is used.
+    past_1_turn_q: int = 0
+    past_2_turn_q: int = 0
+    past_3_turn_q: int = 0
+
     # Decisions of the present tick; with the gap and the offset, all that the float twin needs.
     encoder_decision: int = 0
     heading_source: int = 0
+    gyro_is_zeroed: int = 0
     left_step_ticks: int = 0
     right_step_ticks: int = 0
     gyro_code: int = 0

@@ -13,6 +13,7 @@ from firmware_model.pose import (
     HELD,
     choose_source,
     move,
+    remember_heading,
     step_of_tick,
     turn_heading,
     turn_of_tick,
@@ -64,6 +65,8 @@ def step_kernel(
             move(state, config, table, step_q, turn_q)
         else:
             state.status |= _POSITION_HELD
+        if config.stale_heading_ticks > 0:
+            remember_heading(state)
         turn_heading(state, config, turn_q)
     filter_velocity(state, config, step_q, turn_q)
 

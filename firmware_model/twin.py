@@ -28,6 +28,9 @@ class Twin:
     y_m: float = 0.0
     heading_rad: float = 0.0
     gap_turn_rad: float = 0.0
+    past_1_rad: float = 0.0
+    past_2_rad: float = 0.0
+    past_3_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +43,7 @@ class TwinConfig:
     zero_rate_code: float
     blend_weight: float
     integration: float
+    stale_heading_ticks: float
 
 
 TWIN_DTYPE: Final = np.dtype([(one.name, np.float64) for one in fields(Twin)])
@@ -60,12 +64,15 @@ def build_twin_config(config: KernelConfig) -> TwinConfig:
         zero_rate_code=float(known.gyro_zero_rate_code),
         blend_weight=config.description.blend_weight,
         integration=config.integration / 2.0,
+        stale_heading_ticks=float(config.stale_heading_ticks),
     )
 
 
 @kernel_function
 def gyro_turn_rad(twin_config: TwinConfig, state: State) -> float:
     """Return the turn that the gyro gives for this tick [rad]."""
+    if state.gyro_is_zeroed == 1:
+        return 0.0
     offset = twin_config.zero_rate_code
     if state.offset_is_valid == 1:
         offset = state.offset_sum / (1 << state.offset_samples_log2)
@@ -92,10 +99,22 @@ def step_twin(twin: Twin, twin_config: TwinConfig, state: State) -> None:
         step_m = (state.left_step_ticks + state.right_step_ticks) * twin_config.half_tick_m
         start_rad = twin.heading_rad - twin.gap_turn_rad
         angle_rad = start_rad + twin_config.integration * (twin.gap_turn_rad + turn_rad)
+        if twin_config.stale_heading_ticks == 1.0:
+            angle_rad = twin.heading_rad
+        elif twin_config.stale_heading_ticks == 2.0:
+            angle_rad = twin.past_1_rad
+        elif twin_config.stale_heading_ticks == 3.0:
+            angle_rad = twin.past_2_rad
+        elif twin_config.stale_heading_ticks == 4.0:
+            angle_rad = twin.past_3_rad
         twin.x_m = twin.x_m + step_m * math.cos(angle_rad)
         twin.y_m = twin.y_m + step_m * math.sin(angle_rad)
     if state.encoder_decision == NOT_USED:
         twin.gap_turn_rad = twin.gap_turn_rad + turn_rad
     else:
         twin.gap_turn_rad = 0.0
+    if twin_config.stale_heading_ticks > 0.0:
+        twin.past_3_rad = twin.past_2_rad
+        twin.past_2_rad = twin.past_1_rad
+        twin.past_1_rad = twin.heading_rad
     twin.heading_rad = twin.heading_rad + turn_rad

@@ -24,9 +24,25 @@ PARAMETERS = [
     ("max_rate_rad_s", "f8"),
     ("max_acceleration_rad_s2", "f8"),
     ("time_constant_s", "f8"),
+    ("cogging_left", "f8"),
+    ("cogging_right", "f8"),
+    ("cogging_order", "f8"),
+    ("cogging_phase_rad", "f8"),
+    ("backlash_left_rad", "f8"),
+    ("backlash_right_rad", "f8"),
 ]
 
-STATE = [("rate_left_rad_s", "f8"), ("rate_right_rad_s", "f8")]
+# `play` is how far the motor is from where it drives the wheel forwards.
+STATE = [
+    ("rate_left_rad_s", "f8"),
+    ("rate_right_rad_s", "f8"),
+    ("motor_left_rad", "f8"),
+    ("motor_right_rad", "f8"),
+    ("motor_step_left_rad", "f8"),
+    ("motor_step_right_rad", "f8"),
+    ("play_left_rad", "f8"),
+    ("play_right_rad", "f8"),
+]
 
 
 def parameters(
@@ -49,6 +65,12 @@ def parameters(
             drive.max_wheel_acceleration_rad_s2, mechanisms.drive_acceleration_limit_rad_s2
         ),
         "time_constant_s": drive.time_constant_s + mechanisms.drive_lag_s,
+        "cogging_left": mechanisms.drive_cogging_left,
+        "cogging_right": mechanisms.drive_cogging_right,
+        "cogging_order": mechanisms.drive_cogging_order,
+        "cogging_phase_rad": mechanisms.drive_cogging_phase_rad,
+        "backlash_left_rad": mechanisms.backlash_left_rad,
+        "backlash_right_rad": mechanisms.backlash_right_rad,
     }
 
 
@@ -98,3 +120,40 @@ def drive(p: Any, s: Any, v_m_s: float, w_rad_s: float, dt_s: float) -> tuple[fl
     s.rate_left_rad_s, step_left_rad = turn_wheel(p, s.rate_left_rad_s, left, dt_s)
     s.rate_right_rad_s, step_right_rad = turn_wheel(p, s.rate_right_rad_s, right, dt_s)
     return step_left_rad, step_right_rad
+
+
+@inlined
+def cogged(p: Any, amplitude: float, angle_rad: float, step_rad: float) -> float:
+    """Return a motor's step with the wave that its poles put on it."""
+    if amplitude == 0.0:
+        return step_rad
+    middle_rad = angle_rad + 0.5 * step_rad
+    wave = math.sin(p.cogging_order * middle_rad + p.cogging_phase_rad)
+    return step_rad * (1.0 + amplitude * wave)
+
+
+@inlined
+def through_play(play_rad: float, width_rad: float, step_rad: float) -> tuple[float, float]:
+    """Return how far the wheel turns with a motor's step, and the play left before it [rad]."""
+    if width_rad == 0.0:
+        return step_rad, 0.0
+    left_rad = min(play_rad, width_rad) - step_rad
+    if left_rad < 0.0:
+        return -left_rad, 0.0
+    if left_rad > width_rad:
+        return width_rad - left_rad, width_rad
+    return 0.0, left_rad
+
+
+@inlined
+def drive_train(p: Any, s: Any, step: tuple[float, float]) -> tuple[float, float]:
+    """Turn both motors by steps (left, right); return the steps of the wheels behind them [rad]."""
+    left = cogged(p, p.cogging_left, s.motor_left_rad, step[0])
+    right = cogged(p, p.cogging_right, s.motor_right_rad, step[1])
+    s.motor_step_left_rad = left
+    s.motor_step_right_rad = right
+    s.motor_left_rad += left
+    s.motor_right_rad += right
+    left, s.play_left_rad = through_play(s.play_left_rad, p.backlash_left_rad, left)
+    right, s.play_right_rad = through_play(s.play_right_rad, p.backlash_right_rad, right)
+    return left, right

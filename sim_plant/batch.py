@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim_plant import kernel, records
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
-from sim_plant.mechanisms import Mechanisms
+from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
 from sim_plant.records import DriveModel, EncoderModel
 from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream
@@ -55,7 +55,7 @@ class PlantRuns:
 
 def simulate(
     description: PlantDescription,
-    mechanisms: Mechanisms | Sequence[Mechanisms],
+    mechanisms: Mechanisms | MechanismSchedule | Sequence[Mechanisms | MechanismSchedule],
     commands: ArrayLike,
     seeds: Sequence[int] | NDArray[np.integer[Any]],
     *,
@@ -70,7 +70,8 @@ def simulate(
 
     Args:
         description: the robot as described.
-        mechanisms: how the real one differs; one for all runs, or one per run.
+        mechanisms: how the real one differs, always or over time; one for all runs, or one per
+            run.
         commands: float64[ticks, 2], rows (v_m_s, w_rad_s); row k drives (t_k, t_{k+1}], so the last
             one is not used.
         seeds: one whole number from 0 to 2^64 − 1 per run.
@@ -88,7 +89,8 @@ def simulate(
         raise PlantError(f"workers = {workers}: expected a whole number of at least 1")
     rows = _check_commands(commands)
     run_seeds = [check_seed(seed) for seed in seeds]
-    if isinstance(mechanisms, Mechanisms):
+    per_run: list[Mechanisms | MechanismSchedule]
+    if isinstance(mechanisms, Mechanisms | MechanismSchedule):
         per_run = [mechanisms] * len(run_seeds)
     else:
         per_run = list(mechanisms)

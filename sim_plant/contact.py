@@ -40,10 +40,14 @@ PARAMETERS = [
     ("eccentricity_right", "f8"),
     ("eccentricity_phase_left_rad", "f8"),
     ("eccentricity_phase_right_rad", "f8"),
+    ("kick_rad", "f8"),
+    ("kick_length_m", "f8"),
     ("bump_s", "f8"),
     ("bump_yaw_rad", "f8"),
     ("bump_forward_m", "f8"),
 ]
+
+_TURNING_RAD_S = 0.05  # slower is no turn that a caster follows
 
 # The pose and the wheel angles at the end of a tick, and what the tick did to them.
 STATE = [
@@ -57,6 +61,10 @@ STATE = [
     ("yaw_rate_rad_s", "f8"),
     ("forward_acceleration_m_s2", "f8"),
     ("lateral_acceleration_m_s2", "f8"),
+    ("sense", "f8"),
+    ("turn_sense", "f8"),
+    ("kick_sense", "f8"),
+    ("kick_left_m", "f8"),
 ]
 
 
@@ -95,6 +103,8 @@ def parameters(
         "eccentricity_right": m.wheel_eccentricity_right,
         "eccentricity_phase_left_rad": m.wheel_eccentricity_phase_left_rad,
         "eccentricity_phase_right_rad": m.wheel_eccentricity_phase_right_rad,
+        "kick_rad": m.caster_kick_rad,
+        "kick_length_m": m.caster_kick_length_m,
         "bump_s": m.floor_bump_s,
         "bump_yaw_rad": m.floor_bump_yaw_rad,
         "bump_forward_m": m.floor_bump_forward_m,
@@ -148,6 +158,23 @@ def pressed_slip(
         downhill = math.cos(p.grade_slip_direction_rad - heading_rad)
         slip -= p.grade_slip_ratio * direction * downhill
     return slip
+
+
+@inlined
+def caster_kick_rad(p: Any, s: Any, forward_m: float, turn_rad: float, tick_s: float) -> float:
+    """Return the yaw of a caster that turns over after a reversal."""
+    if forward_m != 0.0:
+        sense = math.copysign(1.0, forward_m)
+        if sense * s.sense < 0.0:
+            s.kick_left_m = p.kick_length_m
+            s.kick_sense = s.turn_sense
+        s.sense = sense
+    if abs(turn_rad) > _TURNING_RAD_S * tick_s:
+        s.turn_sense = math.copysign(1.0, turn_rad)
+    rolled_m = min(abs(forward_m), s.kick_left_m)
+    s.kick_left_m -= rolled_m
+    kick_rad: float = s.kick_sense * p.kick_rad * rolled_m / p.kick_length_m
+    return kick_rad
 
 
 @inlined
@@ -221,6 +248,8 @@ def move(
         spin = abs(difference_m) / (abs(difference_m) + 2.0 * abs(forward_m))
         wheelbase_m *= 1.0 + p.turn_scrub * spin
     turn_rad = difference_m / wheelbase_m
+    if p.kick_rad != 0.0:
+        turn_rad += caster_kick_rad(p, s, forward_m, turn_rad, tick_s)
     bumped = time_s - tick_s < p.bump_s <= time_s
     if bumped:
         turn_rad += p.bump_yaw_rad

@@ -92,6 +92,8 @@ def observe_gyro(p: Any, s: Any, out: Any, time_s: float, tick_s: float) -> None
     if p.gyro_lag_share < 1.0:
         s.gyro_filtered_rad_s += p.gyro_lag_share * (rate - s.gyro_filtered_rad_s)
         rate = s.gyro_filtered_rad_s
+    else:
+        s.gyro_filtered_rad_s = rate
 
     magnitude = abs(rate)
     bent = p.gyro_quadratic * rate * magnitude + p.gyro_cubic * rate * rate * rate

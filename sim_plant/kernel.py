@@ -2,7 +2,8 @@
 
 The motion part moves the body and observes it as ideal sensors would; the sensor part adds noise
 and rounds to counts and codes. Both read one parameter record, each owns a state record, and a
-sample record lies between them, so that many runs can share one motion. All floats are IEEE double
+sample record lies between them, so that many runs can share one motion. Where the robot
+changes in a run there is a parameter record for each piece in time. All floats are IEEE double
 without fast-math: the same call gives the same bits one by one and in a batch.
 """
 
@@ -16,10 +17,10 @@ from numba import njit
 
 from sim_plant import compiled, generators, streams
 from sim_plant.accelerometer import accel_code, observe_accelerometer
-from sim_plant.actuation import drive
+from sim_plant.actuation import drive, drive_train
 from sim_plant.compiled import inlined
 from sim_plant.contact import move, radii_m
-from sim_plant.encoder import observe_encoders, read_encoders
+from sim_plant.encoder import change_encoders, observe_encoders, read_encoders
 from sim_plant.environment import observe_environment, supply_code, temperature_code
 from sim_plant.gyro import observe_gyro, read_gyro
 from sim_plant.records import STAGES
@@ -31,6 +32,23 @@ def _sources_digest() -> int:
     for module in (*STAGES, compiled, generators, streams):
         digest.update(Path(str(module.__file__)).read_bytes())
     return int.from_bytes(digest.digest()[:7], "little")
+
+
+@inlined
+def _piece(p: Any, tick: int) -> int:
+    """Return which record holds for a tick."""
+    index: int = p.size - 1
+    while index > 0 and tick < p[index].from_tick:
+        index -= 1
+    return index
+
+
+@inlined
+def _change(p: Any, s: Any, index: int) -> None:
+    """Go over to another record."""
+    if index != s.piece:
+        change_encoders(p[s.piece], p[index], s)
+        s.piece = index
 
 
 @njit(error_model="numpy")
@@ -46,6 +64,7 @@ def _advance(p: Any, s: Any, n: Any, v0: float, w0: float, v1: float, w1: float)
         step = (rolled[0] / radius_left_m, rolled[1] / radius_right_m)
         s.rate_left_rad_s = step[0] / p.tick_s
         s.rate_right_rad_s = step[1] / p.tick_s
+        drive_train(p, s, step)
         if s.tick == 1:  # an ideal drive is in motion from the start
             rate_before = (s.rate_left_rad_s, s.rate_right_rad_s)
     else:
@@ -53,7 +72,7 @@ def _advance(p: Any, s: Any, n: Any, v0: float, w0: float, v1: float, w1: float)
         if p.delay_rest_s > 0.0:
             step = drive(p, s, v0, w0, p.delay_rest_s)
         later = drive(p, s, v1, w1, p.tick_s - p.delay_rest_s)
-        step = (step[0] + later[0], step[1] + later[1])
+        step = drive_train(p, s, (step[0] + later[0], step[1] + later[1]))
         radius_left_m, radius_right_m = radii_m(p, time_s - 0.5 * p.tick_s)
         rolled = (step[0] * radius_left_m, step[1] * radius_right_m)
     rate = (s.rate_left_rad_s, s.rate_right_rad_s)
@@ -76,7 +95,7 @@ def _observe(p: Any, s: Any, out: Any) -> None:
 @inlined
 def _read(p: Any, s: Any, m: Any, n: Any) -> None:
     """Read encoders and gyro of a sample; the first call is tick 0."""
-    read_encoders(p, s, m, n)
+    read_encoders(p, s, m, n, s.tick > 0)
     read_gyro(p, s, m, n, s.tick > 0)
     s.tick += 1
 
@@ -128,7 +147,8 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
     @njit(cache=True, nogil=True, error_model="numpy")
     def read(p: Any, sensor_state: Any, sample: Any, normals: Any, k: int, codes: Any) -> int:
         """Read every sensor of one sample with the normals of row k."""
-        _read_all(p[0], sensor_state[0], sample[0], normals[k], codes)
+        now = p[_piece(p, sensor_state[0].tick)]
+        _read_all(now, sensor_state[0], sample[0], normals[k], codes)
         return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
@@ -146,17 +166,22 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         w1: float,
     ) -> int:
         """Move and read one tick with the normals of row k."""
-        _advance(p[0], motion_state[0], normals[k], v0, w0, v1, w1)
-        _observe(p[0], motion_state[0], sample[0])
-        _read_all(p[0], sensor_state[0], sample[0], normals[k], codes)
+        index = _piece(p, motion_state[0].tick + 1)
+        now = p[index]
+        _change(p, motion_state[0], index)
+        _advance(now, motion_state[0], normals[k], v0, w0, v1, w1)
+        _observe(now, motion_state[0], sample[0])
+        _read_all(now, sensor_state[0], sample[0], normals[k], codes)
         return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def run_motion(p: Any, motion_state: Any, samples: Any, normals: Any, commands: Any) -> int:
         """Sample a whole motion without noise; all normals are zero."""
         for tick in range(samples.size):
-            _move_to(p[0], motion_state[0], normals[0], commands, tick)
-            _observe(p[0], motion_state[0], samples[tick])
+            index = _piece(p, tick)
+            _change(p, motion_state[0], index)
+            _move_to(p[index], motion_state[0], normals[0], commands, tick)
+            _observe(p[index], motion_state[0], samples[tick])
         return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
@@ -201,15 +226,17 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
                 if truth.size > 0:
                     poses = truth[run, first : first + count]
                     for k in range(count):
-                        _move_to(p[0], motion_states[index], normals[k], commands, first + k)
-                        _observe(p[0], motion_states[index], span[k])
+                        now = _piece(p, first + k)
+                        _change(p, motion_states[index], now)
+                        _move_to(p[now], motion_states[index], normals[k], commands, first + k)
+                        _observe(p[now], motion_states[index], span[k])
                         poses[k, 0] = span[k].x_m
                         poses[k, 1] = span[k].y_m
                         poses[k, 2] = span[k].heading_rad
                 lefts, rights = left[run, first:], right[run, first:]
                 codes = gyro_code[run, first:]
                 for k in range(count):
-                    _read(p[0], state, span[k], normals[k])
+                    _read(p[_piece(p, first + k)], state, span[k], normals[k])
                     lefts[k] = state.left_count
                     rights[k] = state.right_count
                     codes[k] = state.gyro_code
@@ -217,11 +244,11 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
                         gyro_rate[run, first + k] = state.gyro_rate_rad_s
                 if everything:
                     for k in range(count):
-                        m, n = span[k], normals[k]
-                        accel_x[run, first + k] = accel_code(p[0], m.accel_x_m_s2, n.accel_x)
-                        accel_y[run, first + k] = accel_code(p[0], m.accel_y_m_s2, n.accel_y)
-                        temperature[run, first + k] = temperature_code(p[0], m, n)
-                        supply[run, first + k] = supply_code(p[0], m, n)
+                        q, m, n = p[_piece(p, first + k)], span[k], normals[k]
+                        accel_x[run, first + k] = accel_code(q, m.accel_x_m_s2, n.accel_x)
+                        accel_y[run, first + k] = accel_code(q, m.accel_y_m_s2, n.accel_y)
+                        temperature[run, first + k] = temperature_code(q, m, n)
+                        supply[run, first + k] = supply_code(q, m, n)
         return sources_digest
 
     return fill_noise, read, step, run_motion, run

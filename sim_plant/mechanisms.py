@@ -63,6 +63,18 @@ class Mechanisms:
     drive_acceleration_limit_rad_s2: float = _limit("rad/s²", "largest wheel acceleration")
     drive_lag_s: float = _level("s", "first-order lag beyond the described one", 10.0)
     drive_delay_s: float = _level("s", "pure delay beyond the described one", 1.0)
+    drive_cogging_left: float = _level("1", "left wheel rate × (1 + A·sin(order·φ + phase))", 0.9)
+    drive_cogging_right: float = _level("1", "right wheel rate × (1 + A·sin(order·φ + phase))", 0.9)
+    drive_cogging_order: int = _mechanism(
+        "1", "waves per wheel turn", neutral=1, low=1, high=10_000
+    )
+    drive_cogging_phase_rad: float = _signed("rad", "its phase", 1e3)
+    backlash_left_rad: float = _level(
+        "rad", "left encoder turns this far after a reversal before the wheel follows", 3.2
+    )
+    backlash_right_rad: float = _level(
+        "rad", "right encoder turns this far after a reversal before the wheel follows", 3.2
+    )
 
     # wheel: geometry
     radius_scale: float = _ratio("both rolling radii; + is a larger wheel")
@@ -123,6 +135,12 @@ class Mechanisms:
     )
     wheel_eccentricity_phase_left_rad: float = _signed("rad", "phase of the left one", 1e3)
     wheel_eccentricity_phase_right_rad: float = _signed("rad", "phase of the right one", 1e3)
+    caster_kick_rad: float = _signed(
+        "rad", "yaw added after each reversal, in the sense of the last turn before it", 1.0
+    )
+    caster_kick_length_m: float = _mechanism(
+        "m", "distance over which the kick is spread", neutral=0.1, low=1e-3, high=10.0
+    )
     floor_bump_s: float = _from_time("when the pose is bumped", neutral=INF)
     floor_bump_yaw_rad: float = _signed("rad", "yaw that no encoder sees", 10.0)
     floor_bump_forward_m: float = _signed("m", "forward step that no encoder sees", 10.0)
@@ -135,6 +153,21 @@ class Mechanisms:
     encoder_eccentricity_phase_right_rad: float = _signed("rad", "phase of the right one", 1e3)
     encoder_dead_left_s: float = _from_time("left count frozen from then on", neutral=INF)
     encoder_dead_right_s: float = _from_time("right count frozen from then on", neutral=INF)
+
+    missed_ticks_left: float = _level("1", "left ticks are lost with this probability", 1.0)
+    missed_ticks_right: float = _level("1", "right ticks are lost with this probability", 1.0)
+    missed_ticks_threshold_rad_s: float = _level("rad/s", "at faster wheel rates only", 1e4)
+    extra_ticks_left_per_s: float = _signed("1/s", "spurious left counts, + counts up", 1e5)
+    extra_ticks_right_per_s: float = _signed("1/s", "spurious right counts, + counts up", 1e5)
+    quadrature_left_rad: float = _signed(
+        "rad", "left channel B off its 90° (electrical angle)", 1.5
+    )
+    quadrature_right_rad: float = _signed(
+        "rad", "right channel B off its 90° (electrical angle)", 1.5
+    )
+    encoder_wrap_bits: int = _mechanism(
+        "1", "the counters wrap at this width, 0: as described", neutral=0, low=0, high=16
+    )
 
     # gyro
     gyro_bias_rad_s: float = _signed("rad/s", "added to the measured rate")
@@ -185,6 +218,9 @@ class Mechanisms:
     supply_offset_v: float = _signed("V", "real − described supply at the start")
     supply_drift_v_per_s: float = _signed("V/s", "linear drift of the supply", 10.0)
 
+    # the clock that all of this is sampled by
+    clock_skew: float = _signed("1", "ECU clock rate over true clock rate − 1; + is fast", 0.05)
+
     def __post_init__(self) -> None:
         """Refuse what is not a number of the field's kind within the field's range."""
         for item in fields(self):
@@ -199,6 +235,27 @@ class Mechanisms:
                     f"{_expected(whole, low, high)}{'' if unit == '1' else ' ' + unit}, "
                     f"neutral {item.default:g}"
                 )
+
+
+@dataclass(frozen=True)
+class MechanismSchedule:
+    """Mechanisms that change with time.
+
+    A tick is moved and read under what holds at its middle. Counts go on from where they are.
+
+    Attributes:
+        pieces: (from_s, mechanisms) in ascending order; the first holds from the start.
+    """
+
+    pieces: tuple[tuple[float, Mechanisms], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no schedule."""
+        times = [start_s for start_s, _ in self.pieces[1:]]
+        if not self.pieces or times != sorted(times):
+            raise PlantError("schedule: expected pieces (from_s, mechanisms) in ascending order")
+        if len({item.clock_skew for _, item in self.pieces}) > 1:
+            raise PlantError("schedule: clock_skew changes: expected one clock rate for the run")
 
 
 def _expected(whole: bool, low: float, high: float) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from sim_plant import kernel, records
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
-from sim_plant.mechanisms import Mechanisms
+from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.records import DriveModel, EncoderModel
 from sim_plant.streams import BLOCK_TICKS, Noise
 
@@ -43,7 +43,7 @@ class Plant:
 
     Args:
         description: the robot as described.
-        mechanisms: how the real one differs.
+        mechanisms: how the real one differs, always or over time.
         tick_period_us: tick period [µs], 100 to 1 000 000.
         seed: 0 to 2^64 − 1; one seed is one run, here and in `simulate`.
         encoder_model: "counter" (a real one) or "lesson_counter".
@@ -59,7 +59,7 @@ class Plant:
     def __init__(
         self,
         description: PlantDescription,
-        mechanisms: Mechanisms | None = None,
+        mechanisms: Mechanisms | MechanismSchedule | None = None,
         *,
         tick_period_us: int,
         seed: int,
@@ -79,9 +79,14 @@ class Plant:
         )
         self._noise = Noise(records.active_streams(self._parameters), lesson=noise == "lesson")
         self._noise.start(check_seed(seed))
-        delay_ticks = 0 if drive == "ideal" else int(self._parameters["delay_ticks"][0])
+        delays = [0] if drive == "ideal" else self._parameters["delay_ticks"].tolist()
+        longest = max(delays)
         # commands k − delay − 1 … k; the robot was told to rest before the first
-        self._commands = deque([(0.0, 0.0)] * (delay_ticks + 2), maxlen=delay_ticks + 2)
+        self._commands = deque([(0.0, 0.0)] * (longest + 2), maxlen=longest + 2)
+        starts = self._parameters["from_tick"].tolist()[1:]
+        # from which tick on, and how many of the oldest commands are too old then
+        self._changes = [(tick, longest - delay) for tick, delay in zip(starts, delays[1:], strict=True)]
+        self._skipped = longest - delays[0]
         self._motion_state = np.zeros(1, records.MOTION_STATE)
         self._sensor_state = np.zeros(1, records.SENSOR_STATE)
         self._sample = np.zeros(1, records.SAMPLE)
@@ -125,8 +130,10 @@ class Plant:
             self._fill_noise(self._tick // BLOCK_TICKS)
         commands = self._commands
         commands.append((float(v_command_m_s), float(w_command_rad_s)))
-        v0, w0 = commands[0]
-        v1, w1 = commands[1]
+        while self._changes and self._tick >= self._changes[0][0]:
+            self._skipped = self._changes.pop(0)[1]
+        v0, w0 = commands[self._skipped]
+        v1, w1 = commands[self._skipped + 1]
         kernel.step(
             self._parameters,
             self._motion_state,

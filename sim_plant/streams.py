@@ -35,6 +35,10 @@ class Stream(IntEnum):
     ACCEL_Y = 9
     TEMPERATURE = 10
     SUPPLY = 11
+    MISSED_LEFT = 12
+    MISSED_RIGHT = 13
+    EXTRA_LEFT = 14
+    EXTRA_RIGHT = 15
 
 
 MOTION_STREAMS = frozenset(

@@ -45,4 +45,18 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         "Wheel speed follows the command late, corners unchanged.",
         moves("delay", "drive_delay_s"),
     ),
+    plant_effect(
+        "drive_cogging",
+        "actuation",
+        "Wheel speed waves with the wheel's angle; encoder, gyro and ground see it alike.",
+        moves("amplitude", "drive_cogging_{side}"),
+        moves("order", "drive_cogging_order"),
+        moves("phase", "drive_cogging_phase_rad"),
+    ),
+    plant_effect(
+        "backlash",
+        "actuation",
+        "After each reversal the encoder counts a constant angle that the wheel does not roll.",
+        moves("width", "backlash_{side}_rad"),
+    ),
 )

@@ -4,11 +4,24 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from hil_harness.effects import actuation, encoder, gyro, wheel
+from hil_harness.effects import (
+    actuation,
+    bus,
+    encoder,
+    firmware,
+    gyro,
+    reference,
+    setup,
+    wheel,
+)
 from hil_harness.effects.model import Effect
 
 _CATALOGUE: Final = MappingProxyType(
-    {effect.name: effect for stage in (actuation, wheel, encoder, gyro) for effect in stage.EFFECTS}
+    {
+        effect.name: effect
+        for stage in (actuation, wheel, encoder, gyro, bus, firmware, reference, setup)
+        for effect in stage.EFFECTS
+    }
 )
 
 

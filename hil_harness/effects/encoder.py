@@ -24,6 +24,32 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         twins=(Twins(("wheel_eccentricity",), "there is no gyro and no reference"),),
     ),
     plant_effect(
+        "missed_ticks",
+        "encoder",
+        "Distance is under-read in proportion to the path above some speed, usually on one side.",
+        moves("probability", "missed_ticks_{side}"),
+        moves("threshold", "missed_ticks_threshold_rad_s"),
+    ),
+    plant_effect(
+        "extra_ticks",
+        "encoder",
+        "Counts come in at a constant rate, at rest too.",
+        moves("rate", "extra_ticks_{side}_per_s"),
+    ),
+    plant_effect(
+        "quadrature_phase",
+        "encoder",
+        "Every other tick is long and the ones between are short; bounded, and the same in both "
+        "directions of travel.",
+        moves("error", "quadrature_{side}_rad"),
+    ),
+    plant_effect(
+        "encoder_wrap",
+        "encoder",
+        "The count jumps back by a power of two at a value below the described counter's end.",
+        moves("bits", "encoder_wrap_bits"),
+    ),
+    plant_effect(
         "encoder_dead",
         "encoder",
         "A count stops for good while the robot goes on.",

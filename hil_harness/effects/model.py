@@ -3,9 +3,13 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, TypeVar
 
-from sim_plant import Mechanisms
+from can_bus import Disturbances
+from firmware_model import FirmwareChanges
+from hil_harness.effects.reference_errors import ReferenceErrors
+from hil_harness.effects.setup_mistakes import SetupMistakes
+from sim_plant import Mechanisms, MechanismSchedule
 
 Stage: TypeAlias = Literal[
     "actuation", "wheel", "encoder", "gyro", "bus", "firmware", "reference", "setup"
@@ -40,7 +44,7 @@ class EffectParameter:
         unit: SI; "1" for a ratio or a plain count, "" for a choice.
         neutral: the value at which the effect changes nothing; for a choice, its default.
         meaning: what the value says and which way its sign goes.
-        kind: "real", "whole" or "choice".
+        kind: "real", "whole", "choice", or "message": the name of a message of the DBC in use.
         minimum: smallest value that makes sense.
         maximum: largest value that makes sense.
         choices: what a choice can be.
@@ -51,7 +55,7 @@ class EffectParameter:
     unit: str
     neutral: Value
     meaning: str
-    kind: Literal["real", "whole", "choice"] = "real"
+    kind: Literal["real", "whole", "choice", "message"] = "real"
     minimum: float = -math.inf
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
@@ -61,6 +65,8 @@ class EffectParameter:
         """Return in words what the parameter takes: ``a number from -1 to 1 [rad/s]``."""
         if self.kind == "choice":
             return f"one of {', '.join(self.choices)}"
+        if self.kind == "message":
+            return f"the name of a message of the DBC, or {self.neutral}"
         noun = "a whole number" if self.kind == "whole" else "a number"
         low, high = self.minimum, self.maximum
         if math.isfinite(low) and math.isfinite(high):
@@ -106,19 +112,73 @@ Values: TypeAlias = Mapping[str, Value]
 """All parameters of one effect by name, those not set standing at neutral."""
 
 
+WINDOW: Final = (
+    EffectParameter("start_s", "s", -math.inf, "log time from which the effect acts"),
+    EffectParameter("stop_s", "s", math.inf, "log time at which it ceases to act"),
+)
+"""Any effect may act in a part of the log only."""
+
+_Part = TypeVar("_Part")
+
+
 @dataclass(frozen=True)
 class Settings:
     """What switched-on effects add up to: the parameters of every mechanism they move.
 
     Attributes:
         plant: the physical deviations of the simulated robot.
+        bus: what happens to frames on their way.
+        firmware: how the ECU's arithmetic and constants differ from the described ones.
+        reference: errors of the measuring system outside the robot.
+        setup: mistakes of whoever connected things.
+        later: (log time in seconds from which on they hold, settings), in ascending order: what
+            becomes of these settings where an effect has `start_s` or `stop_s`.
     """
 
     plant: Mechanisms = field(default_factory=Mechanisms)
+    bus: Disturbances = field(default_factory=Disturbances)
+    firmware: FirmwareChanges = field(default_factory=FirmwareChanges)
+    reference: ReferenceErrors = field(default_factory=ReferenceErrors)
+    setup: SetupMistakes = field(default_factory=SetupMistakes)
+    later: tuple[tuple[float, "Settings"], ...] = ()
 
     def with_plant(self, **changes: Any) -> "Settings":
         """Return settings whose plant mechanisms have *changes*, by their field names."""
         return replace(self, plant=replace(self.plant, **changes))
+
+    def with_bus(self, **changes: Any) -> "Settings":
+        """Return settings whose disturbances of the bus have *changes*."""
+        return replace(self, bus=replace(self.bus, **changes))
+
+    def with_firmware(self, **changes: Any) -> "Settings":
+        """Return settings whose firmware has *changes*."""
+        return replace(self, firmware=replace(self.firmware, **changes))
+
+    def with_reference(self, **changes: Any) -> "Settings":
+        """Return settings whose reference has *changes*."""
+        return replace(self, reference=replace(self.reference, **changes))
+
+    def with_setup(self, **changes: Any) -> "Settings":
+        """Return settings whose set-up has *changes*."""
+        return replace(self, setup=replace(self.setup, **changes))
+
+    @property
+    def plant_over_time(self) -> Mechanisms | MechanismSchedule:
+        """The plant's deviations, as a schedule only where they change with time."""
+        pieces = self.over_time(lambda settings: settings.plant)
+        return self.plant if len(pieces) == 1 else MechanismSchedule(pieces)
+
+    def over_time(self, part: Callable[["Settings"], _Part]) -> tuple[tuple[float, _Part], ...]:
+        """Return one part as (from_s, part) in ascending order, neighbours that are equal joined.
+
+        The first holds from -inf on; its length is 1 where the part never changes.
+        """
+        found = [(-math.inf, part(self))]
+        for start_s, settings in self.later:
+            now = part(settings)
+            if now != found[-1][1]:
+                found.append((start_s, now))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -134,6 +194,10 @@ class Effect:
             unchanged, bit for bit.
         twins: effects that leave the same data.
         is_noise: the parameters are levels of noise that the description states too.
+        tolerance: sizes of parameters that are no news, where robot.toml states none (effects of a
+            user's library).
+        explain: for effects of a user's library: ``explain(prediction, **values)`` changes what a
+            recording predicts, so that the diagnosis can fit it; None leaves that to Chiplog.
     """
 
     name: str
@@ -143,10 +207,18 @@ class Effect:
     apply: Callable[[Settings, Values], Settings]
     twins: tuple[Twins, ...] = ()
     is_noise: bool = False
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    explain: Callable[..., None] | None = None
+
+    @property
+    def settable(self) -> tuple[EffectParameter, ...]:
+        """All that can be set: the parameters, and the window unless the effect has its own."""
+        own = {parameter.name for parameter in self.parameters}
+        return (*self.parameters, *(p for p in WINDOW if p.name not in own))
 
     def parameter(self, name: str) -> EffectParameter:
-        """Return the parameter called *name*; raise KeyError when there is none."""
-        for parameter in self.parameters:
+        """Return what can be set under *name*; raise KeyError when there is nothing."""
+        for parameter in self.settable:
             if parameter.name == name:
                 return parameter
         raise KeyError(name)

@@ -1,8 +1,11 @@
 """From what a person writes to settings: the command line, TOML files, and their sum."""
 
+import math
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 from hil_harness.effects.catalogue import catalogue
 from hil_harness.effects.model import Effect, EffectParameter, EffectSetting, Settings, Value
@@ -15,19 +18,27 @@ from hil_harness.toml_source import TomlSource, load_toml, shorten, toml_text
 _FORM: Final = "expected NAME.PARAMETER=VALUE, for example gyro_bias.bias=0.005"
 _TABLES: Final = "a table per effect, for example [gyro_bias] with bias = 0.005"
 _LARGEST: Final = 1e12
+_MESSAGE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,127}")
+
+Known: TypeAlias = Mapping[str, Effect]
+"""The effects there are; None stands for the catalogue."""
 
 
-def parse_effect(text: str) -> EffectSetting:
+def parse_effect(text: str, known: Known | None = None) -> EffectSetting:
     """Return the setting that ``NAME.PARAMETER=VALUE`` means, as ``--effect`` takes it.
 
-    Raises HarnessError naming the nearest effect or parameter, or what the value should be.
+    An effect that is either on or off is its name alone. Raises HarnessError naming the nearest
+    effect or parameter, or what the value should be.
     """
+    known = catalogue() if known is None else known
+    if text.strip() in known and not known[text.strip()].parameters:
+        return EffectSetting(text.strip(), ())
     name, equals, written = text.partition("=")
     effect_name, dot, parameter_name = name.strip().partition(".")
     if not (equals and dot and parameter_name and written.strip()):
         raise HarnessError(f"effect {shorten(text)}: {_FORM}")
     try:
-        effect = _effect(effect_name)
+        effect = _effect(effect_name, known)
         parameter = _parameter(effect, parameter_name)
         value = _checked(parameter, _number_or_text(written.strip()))
     except HarnessError as error:
@@ -35,16 +46,19 @@ def parse_effect(text: str) -> EffectSetting:
     return EffectSetting(effect.name, ((parameter.name, value),))
 
 
-def load_effects(path: str | Path) -> tuple[EffectSetting, ...]:
+def load_effects(path: str | Path, known: Known | None = None) -> tuple[EffectSetting, ...]:
     """Return the settings in a TOML file with one table per effect: ``[gyro_bias] bias = 0.005``.
 
     Raises HarnessError with file, line and what would be right.
     """
-    return effects_from_toml(load_toml(path))
+    return effects_from_toml(load_toml(path), known=known)
 
 
-def effects_from_toml(source: TomlSource, table: KeyPath = ()) -> tuple[EffectSetting, ...]:
+def effects_from_toml(
+    source: TomlSource, table: KeyPath = (), *, known: Known | None = None
+) -> tuple[EffectSetting, ...]:
     """Return the settings in the *table* of *source*, which holds one table per effect."""
+    known = catalogue() if known is None else known
     tables = source.value_at(table)
     if not isinstance(tables, dict):
         raise source.error(table, f"{dotted(table)} = {toml_text(tables)}: expected {_TABLES}")
@@ -52,7 +66,7 @@ def effects_from_toml(source: TomlSource, table: KeyPath = ()) -> tuple[EffectSe
     for name, values in tables.items():
         path = (*table, name)
         try:
-            effect = _effect(name)
+            effect = _effect(name, known)
         except HarnessError as error:
             raise source.error(path, f"{dotted(path)}: {error}") from None
         if not isinstance(values, dict):
@@ -75,10 +89,12 @@ def _checked_table(
             checked[key] = _checked(parameter, value)
         except HarnessError as error:
             raise source.error(at, f"{dotted(at)} = {toml_text(value)}: {error}") from None
-    return tuple((p.name, checked[p.name]) for p in effect.parameters if p.name in checked)
+    return tuple((p.name, checked[p.name]) for p in effect.settable if p.name in checked)
 
 
-def combine_effects(*sources: Iterable[EffectSetting]) -> tuple[EffectSetting, ...]:
+def combine_effects(
+    *sources: Iterable[EffectSetting], known: Known | None = None
+) -> tuple[EffectSetting, ...]:
     """Return one setting per effect, in the catalogue's order.
 
     A later source overrides an earlier one, parameter by parameter (the command line overrides
@@ -98,29 +114,63 @@ def combine_effects(*sources: Iterable[EffectSetting]) -> tuple[EffectSetting, .
         EffectSetting(
             name,
             tuple(
-                (p.name, values[name][p.name]) for p in effect.parameters if p.name in values[name]
+                (p.name, values[name][p.name]) for p in effect.settable if p.name in values[name]
             ),
         )
-        for name, effect in catalogue().items()
+        for name, effect in (catalogue() if known is None else known).items()
         if name in values
     )
 
 
-def apply_effects(settings: Iterable[EffectSetting]) -> Settings:
+def apply_effects(settings: Iterable[EffectSetting], known: Known | None = None) -> Settings:
     """Return what *settings* add up to, applied in the catalogue's order whatever theirs is.
+
+    An effect with `start_s` or `stop_s` is in the `later` settings that hold in its window.
 
     Raises HarnessError for an unknown effect or parameter, and for one given twice.
     """
-    checked = [_checked_setting(setting) for setting in settings]
+    known = catalogue() if known is None else known
+    checked = combine_effects((_checked_setting(setting, known) for setting in settings), known=known)
+    windows = [_window(known[setting.effect], setting) for setting in checked]
+    edges = sorted({edge for window in windows for edge in window if math.isfinite(edge)})
+    pieces = [
+        _sum(
+            [s for s, (start, stop) in zip(checked, windows, strict=True) if start <= at < stop],
+            known,
+        )
+        for at in (-math.inf, *edges)
+    ]
+    return replace(pieces[0], later=tuple(zip(edges, pieces[1:], strict=True)))
+
+
+def _sum(settings: Iterable[EffectSetting], known: Known) -> Settings:
     result = Settings()
-    for setting in combine_effects(checked):
-        effect = catalogue()[setting.effect]
-        result = effect.apply(result, effect.neutral() | dict(setting.values))
+    for setting in settings:
+        effect = known[setting.effect]
+        given = {name: value for name, value in setting.values if name in effect.neutral()}
+        result = effect.apply(result, effect.neutral() | given)
     return result
 
 
-def _checked_setting(setting: EffectSetting) -> EffectSetting:
-    effect = _effect(setting.effect)
+def _window(effect: Effect, setting: EffectSetting) -> tuple[float, float]:
+    """Return from when to when an effect acts, as far as it has not a window of its own."""
+    own = effect.neutral()
+    given = {name: value for name, value in setting.values if name not in own}
+    if given and effect.name == "clock_skew":
+        raise HarnessError(
+            f"effect clock_skew.{next(iter(given))}: a clock has one rate for the whole log: "
+            "expected no start_s and no stop_s"
+        )
+    if given and effect.stage == "setup":
+        raise HarnessError(
+            f"effect {effect.name}.{next(iter(given))}: a mistake of the set-up holds for the "
+            "whole log: expected no start_s and no stop_s"
+        )
+    return float(given.get("start_s", -math.inf)), float(given.get("stop_s", math.inf))
+
+
+def _checked_setting(setting: EffectSetting, known: Known) -> EffectSetting:
+    effect = _effect(setting.effect, known)
     values = []
     for name, value in setting.values:
         parameter = _parameter(effect, name)
@@ -131,8 +181,7 @@ def _checked_setting(setting: EffectSetting) -> EffectSetting:
     return EffectSetting(effect.name, tuple(values))
 
 
-def _effect(name: str) -> Effect:
-    known = catalogue()
+def _effect(name: str, known: Known) -> Effect:
     if name not in known:
         raise HarnessError(f"no such effect: {did_you_mean(name, known)}")
     return known[name]
@@ -161,6 +210,9 @@ def _checked(parameter: EffectParameter, value: object) -> Value:
     """Return *value* as the parameter's type; raise HarnessError with what was expected."""
     if parameter.kind == "choice":
         if isinstance(value, str) and value in parameter.choices:
+            return value
+    elif parameter.kind == "message":
+        if isinstance(value, str) and _MESSAGE.fullmatch(value):
             return value
     elif isinstance(value, int | float) and not isinstance(value, bool):
         in_range = parameter.minimum <= value <= parameter.maximum

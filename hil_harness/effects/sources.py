@@ -18,3 +18,6 @@ GYRO_DATA_SHEETS: Final = "data sheets of BMI160, BMI055, ICM-20602 and ICM-4268
 MSP430: Final = "Texas Instruments, MSP430FR ADC data sheet, scaled to 16 bits of 3.3 V"
 COURSE_NOTES: Final = "public LEGO robot course notes: a 10-bit encoder, a geared motor"
 DESIGN: Final = "docs/design.md, section 5"
+BOSCH_CAN: Final = "Bosch, CAN specification 2.0, part B: frame lengths and clock tolerance"
+ROBOJACKETS: Final = "RoboJackets, public issue 361: stamps one period late"
+VICON: Final = "published accuracy studies of Vicon motion capture"

@@ -112,6 +112,14 @@ _CONTACT: Final[tuple[Effect, ...]] = (
         moves("direction", "grade_slip_direction_rad"),
     ),
     plant_effect(
+        "caster_kick",
+        "wheel",
+        "The robot yaws within the first centimetres after a reversal, in the sense of the last "
+        "turn before it; the gyro sees it, the encoders do not.",
+        moves("angle", "caster_kick_rad"),
+        moves("length", "caster_kick_length_m"),
+    ),
+    plant_effect(
         "floor_bump",
         "wheel",
         "One step of the true pose that the encoders do not see; the gyro sees its yaw.",

@@ -22,6 +22,7 @@ GYRO = {"gyro_code"}
 LEFT, RIGHT = {"left_count"}, {"right_count"}
 ACCEL = {"accel_x_code", "accel_y_code"}
 CONTACT = {"gyro_code", "accel_y_code", "truth"}
+COGGED = {"gyro_code", "accel_y_code", "truth"}
 DRIVE = LEFT | RIGHT | GYRO | ACCEL | {"truth"}
 
 # Each mechanism: a value that is felt, and all it may touch (with motors and streams on).
@@ -33,6 +34,12 @@ FELT: dict[str, tuple[float, set[str]]] = {
     "drive_acceleration_limit_rad_s2": (20.0, DRIVE),
     "drive_lag_s": (0.05, DRIVE),
     "drive_delay_s": (0.033, DRIVE),
+    "drive_cogging_left": (0.05, LEFT | COGGED),
+    "drive_cogging_right": (0.05, RIGHT | COGGED),
+    "drive_cogging_order": (7, LEFT | RIGHT | COGGED),
+    "drive_cogging_phase_rad": (1.0, LEFT | RIGHT | COGGED),
+    "backlash_left_rad": (0.05, CONTACT),
+    "backlash_right_rad": (0.05, CONTACT),
     "radius_scale": (0.01, GYRO | ACCEL | {"truth"}),
     "radius_mismatch": (0.01, GYRO | ACCEL | {"truth"}),
     "wheelbase_scale": (0.01, CONTACT),
@@ -61,6 +68,8 @@ FELT: dict[str, tuple[float, set[str]]] = {
     "wheel_eccentricity_right": (0.01, CONTACT),
     "wheel_eccentricity_phase_left_rad": (1.0, CONTACT),
     "wheel_eccentricity_phase_right_rad": (1.0, CONTACT),
+    "caster_kick_rad": (0.02, CONTACT),
+    "caster_kick_length_m": (0.05, CONTACT),
     "floor_bump_s": (0.555, CONTACT),
     "floor_bump_yaw_rad": (0.05, CONTACT),
     "floor_bump_forward_m": (0.01, {"truth"}),
@@ -71,6 +80,14 @@ FELT: dict[str, tuple[float, set[str]]] = {
     "encoder_eccentricity_phase_right_rad": (1.0, RIGHT),
     "encoder_dead_left_s": (1.0, LEFT),
     "encoder_dead_right_s": (1.0, RIGHT),
+    "missed_ticks_left": (0.05, LEFT),
+    "missed_ticks_right": (0.05, RIGHT),
+    "missed_ticks_threshold_rad_s": (8.0, LEFT | RIGHT),
+    "extra_ticks_left_per_s": (20.0, LEFT),
+    "extra_ticks_right_per_s": (20.0, RIGHT),
+    "quadrature_left_rad": (0.5, LEFT),
+    "quadrature_right_rad": (0.5, RIGHT),
+    "encoder_wrap_bits": (8, LEFT | RIGHT),
     "gyro_bias_rad_s": (0.01, GYRO),
     "gyro_bias_walk_rad_s_per_sqrt_s": (0.01, GYRO),
     "gyro_noise_rad_per_sqrt_s": (0.001, GYRO),
@@ -104,11 +121,16 @@ FELT: dict[str, tuple[float, set[str]]] = {
     "temperature_time_constant_s": (1.0, {"temperature_code"}),
     "supply_offset_v": (-1.0, {"supply_code"}),
     "supply_drift_v_per_s": (-0.01, {"supply_code"}),
+    "clock_skew": (0.01, DRIVE),
 }
 # What must be on beside for some of them to be felt.
 COMPANY: dict[str, dict[str, Any]] = {
     "slip_start_s": {"slip_ratio_left": 0.02},
     "slip_stop_s": {"slip_ratio_left": 0.02},
+    "drive_cogging_order": {"drive_cogging_left": 0.05, "drive_cogging_right": 0.05},
+    "drive_cogging_phase_rad": {"drive_cogging_left": 0.05, "drive_cogging_right": 0.05},
+    "caster_kick_length_m": {"caster_kick_rad": 0.02},
+    "missed_ticks_threshold_rad_s": {"missed_ticks_left": 0.05, "missed_ticks_right": 0.05},
     "cross_slope_direction_rad": {"cross_slope_ratio": 0.05},
     "grade_slip_direction_rad": {"grade_slip_ratio": 0.05},
     "wheel_eccentricity_phase_left_rad": {"wheel_eccentricity_left": 0.01},
