@@ -1,0 +1,140 @@
+"""How far an explanation closes the gap: before, after, the floor that noise leaves, intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from gap_diagnosis.gap.metrics import WindowErrors
+from gap_diagnosis.recording import Floats
+from gap_diagnosis.result_parts import CLOSABLE, Gap, Metric
+
+UNITS: Final[Mapping[str, str]] = {
+    "odometry_position_m": "m",
+    "odometry_heading_rad": "rad",
+    "drive_position_m": "m",
+    "firmware_position_m": "m",
+    "turn_difference_rad": "rad",
+    "timing_s": "s",
+}
+METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
+    "actuation": ("drive_position_m",),
+    "wheel": ("odometry_position_m", "odometry_heading_rad", "turn_difference_rad"),
+    "encoder": ("odometry_position_m", "odometry_heading_rad", "turn_difference_rad"),
+    "gyro": ("odometry_position_m", "odometry_heading_rad", "turn_difference_rad"),
+    "bus": ("timing_s", "odometry_position_m"),
+    "firmware": ("firmware_position_m",),
+    "reference": ("odometry_position_m", "odometry_heading_rad"),
+    "setup": ("odometry_position_m", "odometry_heading_rad", "turn_difference_rad"),
+}
+"""Per stage, the metrics in which it can act, the most telling first."""
+
+_RESAMPLES: Final = 2000
+_SEED: Final = 20_200
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One metric measured three times on the same windows.
+
+    Attributes:
+        before: as described.
+        after: with the winning effects on; None where there are none.
+        floor: float64[draws, w], mean squares that noise alone leaves; None where unknown.
+        after_draws: float64[draws, w], mean squares with values drawn from the posterior of the
+            effects' parameters, for the interval; None leaves their spread out.
+    """
+
+    before: WindowErrors
+    after: WindowErrors | None = None
+    floor: Floats | None = None
+    after_draws: Floats | None = None
+
+
+def closed_share(before: float, after: float, floor: float) -> float | None:
+    """Return (before − after)/(before − floor), never clipped; None when before < 1.2 floor."""
+    if before < CLOSABLE * floor or before <= floor:
+        return None
+    return (before - after) / (before - floor)
+
+
+def metric_of(name: str, compared: Compared) -> Metric | None:
+    """Return one metric with the 95 % interval of what was closed; None without a window.
+
+    The interval comes from windows drawn anew (with after's parameters drawn along with them).
+    """
+    before = compared.before.rms
+    if before is None:
+        return None
+    after = None if compared.after is None else compared.after.rms
+    floor = None
+    if compared.floor is not None and compared.floor.size:
+        floor = math.sqrt(float(compared.floor.mean()))
+    closed = interval = None
+    if after is not None and floor is not None:
+        closed = closed_share(before, after, floor)
+        if closed is not None:
+            interval = _closed_interval(compared)
+    return Metric(
+        unit=UNITS[name],
+        before=before,
+        after=after,
+        floor=floor,
+        closed=closed,
+        ci95=interval,
+        windows=len(compared.before.mean_square),
+    )
+
+
+def bootstrap_interval(mean_square: Floats) -> tuple[float, float] | None:
+    """Return the 95 % interval of an RMS over windows, from mean squares float64[w]."""
+    picks = _picks(len(mean_square))
+    if picks is None:
+        return None
+    low, high = np.quantile(np.sqrt(mean_square[picks].mean(1)), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def gap_of(
+    metrics: Mapping[str, Metric], stage: str, held_out: Literal["log", "stretches"]
+) -> Gap | None:
+    """Return the gap in the metric in which *stage* acts; None where none of these was measured.
+
+    Of several, the first with a gap to close (before at least 1.2 floor), or else the first.
+    """
+    able = [name for name in METRICS_OF_STAGE.get(stage, tuple(UNITS)) if name in metrics]
+    if not able:
+        return None
+    telling = [name for name in able if metrics[name].closed is not None]
+    name = (telling or able)[0]
+    chosen = metrics[name]
+    return Gap(metric=name, held_out=held_out, all=dict(metrics), **{k: v for k, v in chosen})
+
+
+def _picks(count: int) -> Floats | None:
+    if count < 2:
+        return None
+    return np.random.default_rng(_SEED).integers(count, size=(_RESAMPLES, count))
+
+
+def _closed_interval(compared: Compared) -> tuple[float, float] | None:
+    before, after, floor = compared.before, compared.after, compared.floor
+    picks = _picks(len(before.mean_square))
+    if picks is None or after is None or floor is None:
+        return None
+    afters = np.broadcast_to(after.mean_square, (_RESAMPLES, len(after.mean_square)))
+    if compared.after_draws is not None and len(compared.after_draws):
+        afters = compared.after_draws[np.arange(_RESAMPLES) % len(compared.after_draws)]
+    before_rms = np.sqrt(before.mean_square[picks].mean(1))
+    after_rms = np.sqrt(np.take_along_axis(afters, picks, axis=1).mean(1))
+    floor_rms = np.sqrt(floor.mean(0)[picks].mean(1))
+    width = before_rms - floor_rms
+    good = width > 0
+    if good.mean() < 0.975:
+        return None  # in some draws there is no gap to close
+    low, high = np.quantile((before_rms - after_rms)[good] / width[good], [0.025, 0.975])
+    return float(low), float(high)

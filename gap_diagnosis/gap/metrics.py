@@ -1,0 +1,165 @@
+"""Errors of a predicted path (or angle, or stamp) over windows, and their RMS.
+
+The prediction is known at the ticks and interpolated to the stamps of what it is held against, never
+the other way round. In each window only the start pose is estimated, from the first second.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.recording import Floats, FrameTimes
+
+_ALIGN_M: Final = 0.5  # without orientation: the way that tells the start heading
+
+
+@dataclass(frozen=True)
+class Path:
+    """A trajectory: float64[n] each, ascending stamps, heading unwrapped or None."""
+
+    t_s: Floats
+    x_m: Floats
+    y_m: Floats
+    heading_rad: Floats | None
+
+
+@dataclass(frozen=True)
+class WindowErrors:
+    """Errors window by window; windows without data are left out.
+
+    Attributes:
+        window: int64[w], each window's place in the sequence that was asked for.
+        mean_square: float64[w], mean squared error of the samples after the alignment.
+        end: float64[w, c], error at the window's end: predicted − measured.
+    """
+
+    window: Floats
+    mean_square: Floats
+    end: Floats
+
+    @property
+    def rms(self) -> float | None:
+        """Root of the mean over windows; None without any."""
+        if not len(self.mean_square):
+            return None
+        return math.sqrt(float(self.mean_square.mean()))
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """Position errors [m] (ends: forward, left of the window's start) and heading errors [rad]."""
+
+    position: WindowErrors
+    heading: WindowErrors | None
+
+
+def path_errors(path: Path, measured: Path, windows: Sequence[Window]) -> PathErrors:
+    """Return the errors of *path* (with headings) against *measured*.
+
+    Turning and moving the whole of *measured* changes nothing. Where it has no orientation, the
+    start heading comes from the positions of the first second, or of as much more as it takes to
+    travel half a metre, half the window at most.
+    """
+    if path.heading_rad is None:
+        raise ValueError("a predicted path has headings")
+    position: list[tuple[int, float, Floats]] = []
+    heading: list[tuple[int, float, Floats]] = []
+    for place, window in enumerate(windows):
+        first, stop = _samples(measured.t_s, window)
+        if stop - first < 4:
+            continue
+        at_s = measured.t_s[first:stop]
+        inside = slice(*np.searchsorted(path.t_s, [at_s[0], at_s[-1]]) + np.array([-1, 1]))
+        inside = slice(max(inside.start, 0), inside.stop)
+        x_m, y_m, predicted_rad = (
+            np.interp(at_s, path.t_s[inside], values[inside])
+            for values in (path.x_m, path.y_m, path.heading_rad)
+        )
+        known = int(np.searchsorted(at_s, window.align_s, side="right"))
+        mine = x_m + 1j * y_m
+        theirs = measured.x_m[first:stop] + 1j * measured.y_m[first:stop]
+        if measured.heading_rad is None:
+            known = _known_by_way(mine, known)
+            turn = _procrustes(mine[:known], theirs[:known])
+        else:
+            turned = np.exp(1j * (measured.heading_rad[first:stop] - predicted_rad))
+            turn = float(np.angle(turned[:known].sum()))
+        if not 0 < known < len(at_s):
+            continue
+        # The measured path, turned and moved onto the predicted one, seen from its start.
+        theirs = theirs * np.exp(-1j * turn)
+        theirs = theirs + (mine[:known] - theirs[:known]).mean()
+        off = (mine - theirs) * np.exp(-1j * predicted_rad[0])
+        mean_square = float((np.abs(off[known:]) ** 2).mean())
+        position.append((place, mean_square, np.array([off[-1].real, off[-1].imag])))
+        if measured.heading_rad is not None:
+            angle = np.angle(np.exp(1j * turn) / turned)
+            angle = np.unwrap(angle)
+            heading.append((place, float((angle[known:] ** 2).mean()), angle[-1:]))
+    return PathErrors(
+        _errors(position, 2), None if measured.heading_rad is None else _errors(heading, 1)
+    )
+
+
+def series_errors(t_s: Floats, difference: Floats, windows: Sequence[Window]) -> WindowErrors:
+    """Return the errors of a difference of two cumulated signals, float64[n], as of two angles.
+
+    Its mean over each window's first second is taken off; samples that are not finite are left out.
+    """
+    good = np.isfinite(difference)
+    t_s, difference = t_s[good], difference[good]
+    found: list[tuple[int, float, Floats]] = []
+    for place, window in enumerate(windows):
+        first, stop = _samples(t_s, window)
+        known = int(np.searchsorted(t_s[first:stop], window.align_s, side="right"))
+        if not 0 < known < stop - first:
+            continue
+        values = difference[first:stop] - difference[first : first + known].mean()
+        found.append((place, float((values[known:] ** 2).mean()), values[-1:]))
+    return _errors(found, 1)
+
+
+def stamp_errors(frames: FrameTimes, windows: Sequence[Window]) -> WindowErrors:
+    """Return how far a message's stamps lie from its described beat in each window [s].
+
+    The beat is the frame counter (where it runs) or the order of arrival, times the described cycle
+    time; its start is the mean of the window's first second.
+    """
+    t_s, counter = frames.t_s, frames.counter
+    number = counter if frames.modulo and (counter >= 0).all() else np.arange(len(t_s))
+    order = np.argsort(t_s, kind="stable")
+    beat_s = number.astype(np.float64) * frames.cycle_s
+    return series_errors(t_s[order], (t_s - beat_s)[order], windows)
+
+
+def _samples(t_s: Floats, window: Window) -> tuple[int, int]:
+    return (
+        int(np.searchsorted(t_s, window.start_s, side="left")),
+        int(np.searchsorted(t_s, window.stop_s, side="right")),
+    )
+
+
+def _known_by_way(points: Floats, known: int) -> int:
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
+    by_way = int(np.searchsorted(way, _ALIGN_M))
+    return max(known, min(by_way, len(points) // 2))
+
+
+def _procrustes(mine: Floats, theirs: Floats) -> float:
+    """Return the turn that takes *mine* to *theirs* (complex positions) with least squares."""
+    cross = np.sum(np.conj(mine - mine.mean()) * (theirs - theirs.mean()))
+    return float(np.angle(cross))
+
+
+def _errors(rows: list[tuple[int, float, Floats]], width: int) -> WindowErrors:
+    return WindowErrors(
+        np.array([place for place, _, _ in rows], dtype=np.int64),
+        np.array([mean_square for _, mean_square, _ in rows]),
+        np.array([end for _, _, end in rows]).reshape(-1, width),
+    )
