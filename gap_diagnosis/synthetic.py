@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO, MessageSpec
-from gap_diagnosis.reading.clock import fit_clock
+from gap_diagnosis.reading.clock import Clock, fit_clock
 from gap_diagnosis.reading.counts import unwrap_counts
 from gap_diagnosis.reading.wheels import fastest_ticks
 from gap_diagnosis.recording import FrameTimes, Recording, Reference
@@ -139,7 +139,7 @@ def _recording(
     stamps = rows.stamps(wheels)
     ticks = np.arange(len(run.time_s), dtype=np.int64)
     there = np.isfinite(stamps)
-    clock = fit_clock(ticks[there], np.zeros(there.sum(), np.int64), stamps[there], period_s)
+    clock = _clock(run, wheels.name, ticks[there], stamps[there], period_s)
     period, fastest = float(1 << plant.encoder.counter_bits), fastest_ticks(plant, period_s)
     v_m_s, w_rad_s = run.commands.T
     odometry = np.where(run.executed[:, np.newaxis], run.pose, np.nan)
@@ -171,6 +171,15 @@ def _recording(
         clock_skew=clock.skew,
         clock_skew_sd=clock.skew_sd,
     )
+
+
+def _clock(run: EffectRun, wheels: str, ticks: Ints, stamp_s: Floats, period_s: float) -> Clock:
+    """Return the line from ticks to log time; exact where nothing happens to the stamps."""
+    if wheels in run.arrivals:
+        return fit_clock(ticks, np.zeros(len(ticks), np.int64), stamp_s, period_s)
+    skew = run.settings.plant.clock_skew
+    quantised = _US / (period_s * len(ticks) ** 1.5)
+    return Clock(np.zeros(1), period_s / (1.0 + skew), skew, quantised, 0.0)
 
 
 class _Rows:

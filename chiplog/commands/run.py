@@ -48,7 +48,7 @@ def command(
         typer.Option(
             "--scenario",
             help="lesson, straight, square, square_cw, square_ccw, figure8, spin, stop_and_go, "
-            "random, or a file (TOML).",
+            "calibration, random, or a file (TOML).",
         ),
     ] = "lesson",
     out: Annotated[

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -90,13 +91,15 @@ def correlated_noise(time_s: Floats, correlation_time_s: float, seed: int, strea
     if correlation_time_s <= 0.0 or len(time_s) < 2:
         return normals
     kept = np.exp(-np.diff(time_s) / correlation_time_s)
-    fresh = np.sqrt(1.0 - kept**2)
-    level, *rest = normals.tolist()
-    noise = [level]
-    for keep, new, normal in zip(kept.tolist(), fresh.tolist(), rest, strict=True):
-        level = keep * level + new * normal
-        noise.append(level)
-    return np.array(noise)
+    _follow(normals, kept, np.sqrt(1.0 - kept**2))
+    return normals
+
+
+@njit(cache=True)
+def _follow(noise: Floats, kept: Floats, fresh: Floats) -> None:
+    """Turn normals into a first-order Gauss-Markov process, in place."""
+    for k in range(1, len(noise)):
+        noise[k] = kept[k - 1] * noise[k - 1] + fresh[k - 1] * noise[k]
 
 
 def measure_over_time(

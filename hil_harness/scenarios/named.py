@@ -118,6 +118,33 @@ def stop_and_go() -> Scenario:
     )
 
 
+def calibration() -> Scenario:
+    """Return two minutes that tell most effects apart: each manoeuvre in both senses, two speeds.
+
+    Rests at both ends, straights, spins, arcs of three radii ahead and one behind, stop and go.
+    """
+    segments = [_stop(8.0)]
+    for speed_m_s, rate_rad_s, driving_s, turning_s in ((0.25, 0.5, 7.0, 7.0), (0.6, 2.0, 4.5, 6.0)):
+        for sense in (1.0, -1.0):
+            segments += [_go(sense * speed_m_s, driving_s), _stop(1.2)]
+        for sense in (1.0, -1.0):
+            segments += [_turn(sense * rate_rad_s, turning_s), _stop(1.2)]
+    for speed_m_s, rate_rad_s, driving_s in (
+        (0.4, 0.4, 5.0), (0.4, -0.4, 5.0), (0.4, 1.0, 5.0), (0.4, -1.0, 5.0),
+        (0.5, 0.2, 4.0), (0.5, -0.2, 4.0), (0.0, 0.0, 1.2), (-0.3, 0.6, 4.0),
+    ):  # fmt: skip
+        segments.append(Segment(speed_m_s, rate_rad_s, driving_s, _RAMP_S))
+    segments.append(_stop(0.9))
+    for _ in range(4):
+        segments += [_go(0.5, 1.4), _stop(0.9)]
+    return _of_segments(
+        "calibration",
+        "rests, straights, spins, arcs and stops, each both ways and at two speeds: "
+        "a drive that tells causes apart",
+        [*segments, _stop(10.0)],
+    )
+
+
 def random(seed: int = 1) -> Scenario:
     """Return a drive of random arcs, straights and stops that depends on *seed* alone.
 
@@ -137,7 +164,8 @@ def random(seed: int = 1) -> Scenario:
 NAMED: Final[dict[str, Callable[[], Scenario]]] = {
     make.__name__: make
     for make in (
-        lesson, straight, square, square_cw, square_ccw, figure8, spin, stop_and_go, random,
+        lesson, straight, square, square_cw, square_ccw, figure8, spin, stop_and_go, calibration,
+        random,
     )
 }  # fmt: skip
 """Every shipped scenario by its name, in the order in which they are listed."""
