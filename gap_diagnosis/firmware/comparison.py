@@ -1,0 +1,172 @@
+"""How well a replay explains the recorded odometry: window by window, with honest exits.
+
+In each window the relative motion (forward, left, turn) of the record is held against that of the
+replay. Its misfit has one of four densities, mixed with weights that do not depend on the replay:
+
+* *equal*: every tick of the window agrees to the last digit of the record;
+* *exact*: the window's misfit is within a few digits;
+* *practical*: normal about zero with the floor below which no one would speak of a gap;
+* *wild*: even in logarithm over many orders of magnitude, for lost frames and the like.
+
+A program that is named must fit nearly all windows in one of the first three ways. The catch-all,
+"some other arithmetic", has only the last, but may take out a smooth function of the motion first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.firmware.inputs import Odometry
+from gap_diagnosis.recording import Floats, Ints
+
+WINDOW_S: Final = 2.0
+_MOST_WINDOWS: Final = 400
+
+PATH_FLOOR: Final = 1e-4
+"""Misfit of path over path, and of turn over turn, that makes no practical difference."""
+_LEAST_M: Final = 1e-6
+_LEAST_RAD: Final = 1e-5
+
+_EXACT_QUANTA: Final = 3.0
+_EQUAL_QUANTA: Final = 0.51
+_EQUAL_NATS: Final = 20.0
+_WEIGHT_EQUAL: Final = 0.3
+_WEIGHT_EXACT: Final = 0.34
+_WEIGHT_PRACTICAL: Final = 0.34
+_WEIGHT_WILD: Final = 0.02
+_DECADES: Final = 30.0  # e-folds over which a wild misfit is spread
+
+COMPONENTS: Final = 3
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The record cut into windows, with what each says.
+
+    Attributes:
+        rows: int64[r], the recording's rows with odometry.
+        first, last: int64[w], a window's ends as places in `rows`.
+        motion: float64[w, 3], recorded forward [m], left [m], turn [rad] in each.
+        floor: float64[w, 3], misfit that makes no practical difference.
+        quantum: float64[3], resolution of the record: of x, y and heading.
+    """
+
+    rows: Ints
+    first: Ints
+    last: Ints
+    motion: Floats
+    floor: Floats
+    quantum: Floats
+    pose: Floats
+
+    @property
+    def count(self) -> int:
+        """How many windows there are."""
+        return len(self.first)
+
+    def head(self, rows: int) -> Windows:
+        """Return the windows that end before this many of the recording's rows."""
+        kept = self.rows[self.last] < rows
+        return Windows(
+            self.rows,
+            self.first[kept],
+            self.last[kept],
+            self.motion[kept],
+            self.floor[kept],
+            self.quantum,
+            self.pose,
+        )
+
+
+def cut_windows(odometry: Odometry, t_s: Floats) -> Windows:
+    """Return windows of two seconds, or as many longer ones as are worth looking at."""
+    rows = np.flatnonzero(np.isfinite(odometry.pose[:, 0]))
+    time_s = t_s[rows] - t_s[rows[0]]
+    window_s = max(WINDOW_S, float(time_s[-1]) / _MOST_WINDOWS)
+    starts = np.unique(np.searchsorted(time_s, np.arange(0.0, float(time_s[-1]), window_s)))
+    first = starts
+    last = np.append(starts[1:], len(rows) - 1)
+    keep = last > first
+    first, last = first[keep], last[keep]
+    pose = odometry.pose[rows]
+    motion = relative_motion(pose, first, last)
+    steps = np.abs(np.diff(pose, axis=0, prepend=pose[:1]))
+    path_m = np.add.reduceat(np.hypot(steps[:, 0], steps[:, 1]), first)
+    turn_rad = np.add.reduceat(steps[:, 2], first)
+    quantum_m, quantum_rad = odometry.quantum_m, odometry.quantum_rad
+    turn_floor = PATH_FLOOR * turn_rad + _LEAST_RAD + 2.0 * quantum_rad
+    step_floor = PATH_FLOOR * path_m + _LEAST_M + 2.0 * quantum_m
+    floor = np.column_stack([step_floor, step_floor + path_m * turn_floor, turn_floor])
+    quantum = np.array([quantum_m, quantum_m, quantum_rad])
+    return Windows(rows, first, last, motion, floor, quantum, pose)
+
+
+def relative_motion(pose: Floats, first: Ints, last: Ints) -> Floats:
+    """Return forward, left and turn from *first* to *last*, seen from the pose at *first*."""
+    step = pose[last] - pose[first]
+    cosine, sine = np.cos(pose[first, 2]), np.sin(pose[first, 2])
+    return np.column_stack(
+        [
+            cosine * step[:, 0] + sine * step[:, 1],
+            cosine * step[:, 1] - sine * step[:, 0],
+            step[:, 2],
+        ]
+    )
+
+
+def misfit(windows: Windows, replayed: Floats) -> Floats:
+    """Return recorded minus replayed motion of each window: float64[w, 3]; *replayed* by row."""
+    return windows.motion - relative_motion(replayed[windows.rows], windows.first, windows.last)
+
+
+def equal_windows(windows: Windows, replayed: Floats) -> NDArray[np.bool_]:
+    """Tell for each window whether all of its ticks agree to the last digit: bool[w, 3]."""
+    difference = windows.pose - replayed[windows.rows]
+    starts = windows.first
+    high = np.maximum.reduceat(difference, starts, axis=0)
+    low = np.minimum.reduceat(difference, starts, axis=0)
+    ends = difference[windows.last]
+    high, low = np.maximum(high, ends), np.minimum(low, ends)
+    slack = 4.0 * np.spacing(np.max(np.abs(windows.pose), axis=0) + 1.0)
+    return np.asarray((high - low <= _EQUAL_QUANTA * windows.quantum + slack) & ~np.isnan(high))
+
+
+def is_equal(windows: Windows, replayed: Floats) -> bool:
+    """Tell whether the whole record agrees with the replay to its last digit."""
+    difference = np.abs(windows.pose - replayed[windows.rows])
+    slack = 4.0 * np.spacing(np.max(np.abs(windows.pose), axis=0) + 1.0)
+    return bool(np.all(difference <= _EQUAL_QUANTA * windows.quantum + slack))
+
+
+def score(windows: Windows, replayed: Floats) -> float:
+    """Return the log likelihood of a named program's replay."""
+    off = misfit(windows, replayed)
+    return float(np.sum(_window_scores(windows, off, equal_windows(windows, replayed))))
+
+
+def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> Floats:
+    off = np.where(np.isfinite(off), off, 1e30)
+    z = np.abs(off) / windows.floor
+    digits = _EXACT_QUANTA * windows.quantum
+    exact = np.abs(off) <= digits
+    per_digit = np.log(windows.floor / (2.0 * digits))
+    log_wild = math.log(_WEIGHT_WILD) + _log_wild(z)
+    log_practical = math.log(_WEIGHT_PRACTICAL) - 0.5 * z**2 - 0.5 * math.log(2.0 * math.pi)
+    log_exact = np.where(exact, math.log(_WEIGHT_EXACT) + per_digit, -np.inf)
+    log_equal = np.where(equal, math.log(_WEIGHT_EQUAL) + per_digit + _EQUAL_NATS, -np.inf)
+    total = np.logaddexp(np.logaddexp(log_wild, log_practical), np.logaddexp(log_exact, log_equal))
+    return np.asarray(total)
+
+
+def _log_wild(z: Floats) -> Floats:
+    return -math.log(2.0 * _DECADES) - np.log(np.maximum(z, 1.0))
+
+
+def catch_all_score(windows: Windows, off: Floats) -> float:
+    """Return the log likelihood of "some other arithmetic" whose misfit is *off*: float64[w, 3]."""
+    return float(np.sum(_log_wild(np.abs(off) / windows.floor)))

@@ -1,0 +1,163 @@
+"""Programs that differ at certain times: turns zeroed, an offset averaged in motion, ticks lost."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model import FRESH, KernelConfig
+from gap_diagnosis.firmware.candidates import Candidate, altered_config
+from gap_diagnosis.firmware.replay import Program
+from gap_diagnosis.firmware.workbench import Workbench
+from gap_diagnosis.recording import Floats
+
+_QUANTA: Final = 4.0
+_MOST_WINDOW_S: Final = 30.0
+_MOST_STARTS: Final = 8
+_MOST_ENDS: Final = 500
+
+
+def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
+    """Return thresholds that the zeroed turns allow: turns are 0 in the record and not in the replay.
+
+    All thresholds between the largest turn that was zeroed and the smallest that was not leave
+    the same log.
+    """
+    rows = bench.windows.rows
+    step_ticks = np.diff(bench.places[rows])
+    period_s = bench.steps.period_s
+    turned = np.diff(bench.windows.pose[:, 2])
+    replayed = np.diff(bench.described[rows, 2])
+    floor = _QUANTA * float(bench.windows.quantum[2])
+    usable = (step_ticks == 1) & (np.abs(replayed) > floor)
+    zeroed = usable & (np.abs(turned) < 0.5 * float(bench.windows.quantum[2]))
+    passed = usable & ~zeroed
+    if np.count_nonzero(zeroed) < 3:
+        return []
+    rate = np.abs(replayed) / period_s
+    thresholds = []
+    for share in (1.0, 0.99, 0.9):
+        low = float(np.quantile(rate[zeroed], share))
+        above = rate[passed & (rate > low)]
+        high = float(np.min(above)) if len(above) else 2.0 * low
+        thresholds.append((0.5 * (low + high), 0.5 * (high - low)))
+    return [
+        Candidate(
+            {"auto_zero.threshold": value},
+            {"auto_zero_rad_s": value},
+            math.log(max(min(0.2 * 2 * width / value, 1.0), 1e-12)),
+            {"auto_zero.threshold": width},
+        )
+        for value, width in dict(thresholds).items()
+    ]
+
+
+def calibration_programs(bench: Workbench) -> list[tuple[Candidate, Program]]:
+    """Return windows in whose codes' mean the heading's drift is found.
+
+    Before the window's end the offset is the nominal one; after it, and for good, the mean. The
+    first tick whose turn differs from the nominal replay's is the end; from the drift after it
+    follows the offset, and every start with that mean is a candidate.
+    """
+    base = altered_config(bench.config, {"calibration_start_s": 0.0, "calibration_stop_s": 1.0})
+    if base is None:
+        return []
+    rows = bench.windows.rows
+    nominal = bench.poses(Program(base))[rows, 2]
+    drift = (bench.windows.pose[:, 2] - bench.windows.pose[0, 2]) - (nominal - nominal[0])
+    quantum = float(bench.windows.quantum[2])
+    away = np.flatnonzero(np.abs(drift) > _QUANTA * quantum)
+    if len(away) == 0 or len(rows) - away[0] < 100:
+        return []
+    first_row = int(away[0])
+    codes = bench.inputs.gyro_code.astype(np.float64)
+    fresh = bench.inputs.gyro_validity == FRESH
+    per_lsb = bench.config.constants.gyro_sensitivity_rad_s_per_lsb * bench.steps.period_s
+    turns = np.abs(np.diff(bench.poses(Program(base))[rows, 2], prepend=0.0)) > 0.0
+    active = np.cumsum(turns)
+    later = np.arange(len(rows)) >= first_row
+    A = np.column_stack([active[later], np.ones(np.count_nonzero(later))])
+    slope = float(np.linalg.lstsq(A, drift[later], rcond=None)[0][0])
+    offset = bench.config.constants.gyro_zero_rate_code - slope / per_lsb
+    # While the heading is held an offset leaves no trace: the window may have ended there.
+    before = np.flatnonzero(turns[:first_row])
+    earliest = bench.places[rows[before[-1]]] if len(before) else 0
+    last = int(bench.places[rows[first_row]])
+    ends = range(max(int(earliest) - 1, last - _MOST_ENDS, 1), min(last + 2, bench.inputs.ticks))
+    return _windows_with_mean(bench, base, codes, fresh, ends, offset)
+
+
+def _windows_with_mean(
+    bench: Workbench,
+    config: KernelConfig,
+    codes: Floats,
+    fresh: NDArray[np.bool_],
+    ends: range,
+    mean: float,
+) -> list[tuple[Candidate, Program]]:
+    period_s = bench.steps.period_s
+    found: list[tuple[float, int, int, float]] = []
+    total = np.concatenate([[0.0], np.cumsum(np.where(fresh, codes, 0.0))])
+    count = np.concatenate([[0], np.cumsum(fresh)])
+    for end in ends:
+        begin = np.arange(max(0, end - round(_MOST_WINDOW_S / period_s)), end)
+        samples = np.maximum(count[end] - count[begin], 1)
+        means = (total[end] - total[begin]) / samples
+        for one in np.argsort(np.abs(means - mean))[:_MOST_STARTS]:
+            found.append((abs(float(means[one]) - mean), int(begin[one]), end, float(means[one])))
+    found.sort()
+    share = 2.0 * math.log(period_s / max(bench.inputs.ticks * period_s, 1.0))
+    results = []
+    for _, begin_tick, end, value in found[: 2 * _MOST_STARTS]:
+        start_s = float(bench.inputs.t_s[begin_tick])
+        stop_s = float(bench.inputs.t_s[min(end, bench.inputs.ticks - 1)])
+        candidate = Candidate(
+            {"moving_calibration.start_s": start_s, "moving_calibration.stop_s": stop_s},
+            {"calibration_start_s": start_s, "calibration_stop_s": stop_s},
+            share,
+            {"moving_calibration.start_s": period_s, "moving_calibration.stop_s": period_s},
+        )
+        results.append((candidate, Program(config, offset_lsb=value, offset_tick=end)))
+    return results
+
+
+def skipped_ticks(bench: Workbench) -> tuple[int, ...]:
+    """Return the ticks that seem not to have been executed.
+
+    No odometry came in them although it comes in nearly every tick, or the one before was repeated
+    while the replay moved on.
+    """
+    seen = np.zeros(bench.inputs.ticks, np.bool_)
+    rows = bench.windows.rows
+    places = bench.places[rows]
+    seen[places] = True
+    inside = np.zeros_like(seen)
+    inside[places[0] : places[-1] + 1] = True
+    if np.count_nonzero(seen) < 0.5 * np.count_nonzero(inside):
+        return ()
+    missing = np.flatnonzero(inside & ~seen)
+    still = np.all(np.diff(bench.windows.pose, axis=0) == 0.0, axis=1)
+    quanta = _QUANTA * bench.windows.quantum
+    moved = np.any(np.abs(np.diff(bench.described[rows], axis=0)) > quanta, axis=1)
+    repeated = places[1:][still & moved & (np.diff(places) == 1)]
+    return tuple(sorted({*missing.tolist(), *repeated.tolist()}))
+
+
+def missed_deadline(bench: Workbench) -> tuple[Candidate, Program] | None:
+    """Return the program that did not execute some ticks; None where each seems to have been."""
+    skipped = skipped_ticks(bench)
+    if not skipped or len(skipped) > bench.inputs.ticks // 2:
+        return None
+    share = (len(skipped) + 1) / (bench.inputs.ticks + 2)
+    width = math.sqrt(share * (1.0 - share) / bench.inputs.ticks)
+    candidate = Candidate(
+        {"missed_deadline.probability": share},
+        {"missed_deadline": share},
+        # Which ticks were lost is as good as a message of this length, at this rate.
+        bench.inputs.ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share)),
+        {"missed_deadline.probability": width},
+    )
+    return candidate, Program(bench.config, skipped=skipped)

@@ -1,0 +1,112 @@
+"""Everything about one log that each hypothesis needs: inputs, record, windows, start, lag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_model import KernelConfig
+from gap_diagnosis.firmware.candidates import altered_config
+from gap_diagnosis.firmware.comparison import Windows, is_equal, score
+from gap_diagnosis.firmware.foreign import Steps, recorded_path
+from gap_diagnosis.firmware.inputs import ReplayInputs
+from gap_diagnosis.firmware.replay import Program, Start, replay
+from gap_diagnosis.recording import Floats, Ints
+
+_NEWTON_STEPS: Final = 4
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """One log, ready to be replayed under any program.
+
+    Attributes:
+        inputs: what the kernel was handed.
+        windows: the recorded odometry.
+        start: where a replay begins.
+        places: int64[n], the tick whose odometry each row of the recording shows.
+        steps: path and turn of each tick as floats.
+        described: float64[n, 3], the described program's pose on the rows.
+        t_s: float64[n], time of the rows.
+    """
+
+    inputs: ReplayInputs
+    windows: Windows
+    start: Start
+    places: Ints
+    steps: Steps
+    described: Floats
+    t_s: Floats
+
+    @property
+    def config(self) -> KernelConfig:
+        """The described kernel."""
+        return self.inputs.config
+
+    def poses(self, program: Program, rows: int | None = None) -> Floats:
+        """Return a program's pose on the recording's rows (the first *rows* of them; NaN after)."""
+        places = self.places if rows is None else self.places[:rows]
+        pose = replay(self.inputs, program, self.start, int(np.max(places)) + 1)[places]
+        if rows is None:
+            return pose
+        whole = np.full((len(self.places), 3), np.nan)
+        whole[:rows] = pose
+        return whole
+
+    def program(self, changes: Mapping[str, Any], **more: Any) -> Program | None:
+        """Return the described program with *changes*; None where no firmware has them."""
+        config = altered_config(self.config, changes)
+        return None if config is None else Program(config, **more)
+
+    def score(self, pose: Floats) -> float:
+        """Return the log likelihood of a named program's pose."""
+        return score(self.windows, pose)
+
+    @property
+    def highest_score(self) -> float:
+        """The log likelihood of a replay that is equal to the record."""
+        recorded = np.zeros((len(self.places), 3))
+        recorded[self.windows.rows] = self.windows.pose
+        return self.score(recorded)
+
+    def is_equal(self, pose: Floats) -> bool:
+        """Tell whether a pose is the recorded one to the last digit."""
+        return is_equal(self.windows, pose)
+
+    def signals(self, pose: Floats) -> Floats:
+        """Return signed path and heading from the first row, in units of the record: float64[2r].
+
+        They depend smoothly on the constants, whatever way the path takes.
+        """
+        known = pose[self.windows.rows]
+        quantum_m, _, quantum_rad = self.windows.quantum
+        return np.concatenate(
+            [recorded_path(known) / quantum_m, (known[:, 2] - known[0, 2]) / quantum_rad]
+        )
+
+    def solve(self, pose_at: Callable[[float], Floats | None], low: float, high: float) -> float:
+        """Return the value whose pose comes closest to the record in path and heading.
+
+        Gauss-Newton from 0; 0 where the record says nothing of the value.
+        """
+        recorded = np.zeros((len(self.places), 3))
+        recorded[self.windows.rows] = self.windows.pose
+        wanted = self.signals(recorded)
+        value, step = 0.0, 1e-3 if high >= 1e-3 else -1e-3
+        for _ in range(_NEWTON_STEPS):
+            here, there = pose_at(value), pose_at(value + step)
+            if here is None or there is None:
+                break
+            ours = self.signals(here)
+            slope = (self.signals(there) - ours) / step
+            power = float(slope @ slope)
+            if not np.isfinite(power) or power <= 0.0:
+                break
+            change = float(slope @ (wanted - ours)) / power
+            value = float(np.clip(value + change, low, high))
+            if abs(change) < 1e-13:
+                break
+        return value
