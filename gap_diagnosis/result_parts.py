@@ -184,6 +184,8 @@ class Metric(Part):
     )
     ci95: Interval | None = Field(default=None, description="of closed, over windows and values")
     windows: int = Field(default=0, ge=0, description="disjoint windows behind the RMS")
+    window_m: float | None = Field(default=None, gt=0, description="their mean length [m]")
+    window_s: float | None = Field(default=None, gt=0, description="their mean length [s]")
 
     @model_validator(mode="after")
     def _closes_only_a_gap(self) -> Self:

@@ -1,0 +1,228 @@
+"""A diagnosis in words and rows: the same on the terminal and on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from chiplog.pages import quantities as q
+from chiplog.pages.findings import Words
+from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
+from gap_diagnosis.result_parts import (
+    Candidate,
+    ChoiceEstimate,
+    EffectSet,
+    Metric,
+    NumberEstimate,
+    ParameterEstimate,
+)
+
+METRIC_WORDS = {
+    "odometry_position_m": "position of the odometry",
+    "odometry_heading_rad": "heading of the odometry",
+    "drive_position_m": "position driven on command",
+    "firmware_position_m": "position from the firmware",
+    "turn_difference_rad": "turning, encoders against gyro",
+    "timing_s": "timing",
+}
+_MOST_NAMES = 4
+_PLAIN_UNITS = {"LSB", "K", "V"}
+
+
+def set_name(effects: Sequence[str]) -> str:
+    """Return a set of effects as one word: `a + b`, or the words of no_gap and unknown."""
+    if tuple(effects) == (NO_GAP,):
+        return "no gap"
+    if tuple(effects) == (UNKNOWN,):
+        return "an unlisted cause"
+    return " + ".join(effects)
+
+
+def group_name(sets: Sequence[EffectSet]) -> str:
+    """Return all members of a group that cannot be told apart: `a or b or c + d`."""
+    names = [set_name(effects) for effects in sets]
+    rest = len(names) - _MOST_NAMES
+    more = f" or {rest} more" if rest > 0 else ""
+    return " or ".join(names[:_MOST_NAMES]) + more
+
+
+def probability(value: float) -> str:
+    """Return a probability in percent, never as certain as 0 or 100 %."""
+    if value < 0.001:
+        return "< 0.1 %"
+    if value > 0.999:
+        return "> 99.9 %"
+    return f"{100 * value:.3g} %" if value < 0.995 else f"{100 * value:.1f} %"
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return verdict, probability and gap before and after in one line."""
+    name = group_name(diagnosis.group)
+    line = f"{name} ({probability(diagnosis.which[0].group_probability)})"
+    gap = diagnosis.gap
+    return line if gap is None else f"{line}: gap {gap_arrow(gap)}"
+
+
+def verdict(diagnosis: Diagnosis) -> list[Words]:
+    """Return the verdict as a sentence; it names the group, never its first member alone."""
+    best = diagnosis.which[0]
+    chance = Words(probability(best.group_probability), strong=True)
+    if best.effects == (NO_GAP,) and not best.ambiguous_with:
+        return [
+            Words("No gap", strong=True),
+            Words(" beyond tolerance and noise: probability "),
+            chance,
+            Words("."),
+        ]
+    if best.effects == (UNKNOWN,) and not best.ambiguous_with:
+        return [
+            Words("A gap that no listed effect explains", strong=True),
+            Words(f", in stage {diagnosis.stage}: probability "),
+            chance,
+            Words("."),
+        ]
+    name = Words(group_name(diagnosis.group), strong=True)
+    if len(diagnosis.group) > 1:
+        return [
+            name,
+            Words(f" (stage {diagnosis.stage}), which this data cannot tell apart: together "),
+            chance,
+            Words("."),
+        ]
+    verb = "explain" if len(best.effects) > 1 else "explains"
+    stage = f" {verb} the gap (stage {diagnosis.stage}): probability "
+    return [name, Words(stage), chance, Words(".")]
+
+
+def gap_arrow(gap: Metric) -> str:
+    """Return `48.1 mm → 2.3 mm (floor 2.0 mm)`."""
+    text = quantity(gap.before, gap.unit)
+    if gap.after is not None:
+        text += f" → {quantity(gap.after, gap.unit)}"
+    return text if gap.floor is None else f"{text} (floor {quantity(gap.floor, gap.unit)})"
+
+
+def gap_sentence(diagnosis: Diagnosis) -> str:
+    """Return what was measured on held-out data, or why nothing was."""
+    gap = diagnosis.gap
+    if gap is None:
+        return "No gap was measured: nothing could be held out."
+    where = "another log" if gap.held_out == "log" else "stretches the fit never saw"
+    text = f"{metric_name(gap.metric)}, RMS on {where}: {gap_arrow(gap)}"
+    if gap.closed is None:
+        return f"{text}; too close to the floor to say how much closed."
+    interval = ""
+    if gap.ci95 is not None:
+        low, high = (100 * bound for bound in gap.ci95)
+        interval = f" (95 %: {low:.0f} to {high:.0f} %)"
+    return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
+
+
+def metric_name(metric: str) -> str:
+    """Return a metric in words."""
+    return METRIC_WORDS.get(metric, metric)
+
+
+def unknown_sentence(diagnosis: Diagnosis) -> str:
+    """Return what the leftover looks like, where no listed effect explains it; else nothing."""
+    found = diagnosis.unknown
+    if found is None:
+        return ""
+    text = f"The leftover sits in stage {found.stage}"
+    if found.windows:
+        text += ", " + " and ".join(
+            f"from {start:.0f} to {stop:.0f} s" for start, stop in found.windows[:3]
+        )
+    if found.depends_on:
+        text += ", and goes with " + ", ".join(
+            f"{one.variable.replace('_', ' ')} ({100 * one.share:.0f} % of it)"
+            for one in found.depends_on
+        )
+    if found.closes is not None:
+        text += f"; modelling that would close {100 * found.closes:.0f} % of the gap"
+    return text + "."
+
+
+def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
+    """Return (explanation, probability, parameter, estimate, 95 % interval) of the likeliest.
+
+    A set of several parameters takes several rows.
+    """
+    rows = []
+    for candidate in diagnosis.which[:most]:
+        heads = [set_name(candidate.effects), probability(candidate.probability)]
+        for key, parameter in candidate.parameters.items():
+            rows.append([*heads, key, *parameter_words(parameter)])
+            heads = ["", ""]
+        if not candidate.parameters:
+            rows.append([*heads, "", "", ""])
+    return rows
+
+
+def parameter_words(parameter: ParameterEstimate) -> tuple[str, str]:
+    """Return an estimate and its 95 % interval; of a choice its probability."""
+    if isinstance(parameter, ChoiceEstimate):
+        sure = parameter.probabilities[str(parameter.estimate)]
+        return str(parameter.estimate), f"probability {probability(sure)}"
+    scale, unit = _scale(parameter)
+    low, high = (bound / scale for bound in parameter.ci95)
+    digits = _decimals((high - low) / 2)
+    values = (parameter.estimate / scale, low, high)
+    middle, below, above = (q.fixed(value, digits) for value in values)
+    return f"{middle} {unit}".rstrip(), f"{below} to {above} {unit}".rstrip()
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a value with its unit as a person would say it, three digits."""
+    if unit == "rad":
+        return q.angle(value, 3)
+    return q.prefixed(value, unit, 3)
+
+
+def ambiguity_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Return what this data cannot tell apart, the winning group first."""
+    sentences = []
+    if len(diagnosis.group) > 1:
+        sentences.append(f"{group_name(diagnosis.group)}: equally good explanations of this data.")
+    winners = {name for effects in diagnosis.group for name in effects}
+    for group in diagnosis.structure.groups:
+        if not winners & set(group):
+            sentences.append(f"{', '.join(group)}: this log could not have told them apart.")
+    return sentences
+
+
+def candidate_facts(candidate: Candidate) -> str:
+    """Return how well the sampling behind a candidate is trusted, and where it acts."""
+    facts = []
+    if candidate.windows:
+        spans = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in candidate.windows)
+        facts.append(f"acts from {spans}")
+    if candidate.separation is not None:
+        facts.append(f"2 ln L gained: {candidate.separation:.3g}")
+    if candidate.pareto_k is not None:
+        trust = "" if candidate.pareto_k < 0.7 else ": do not trust its interval"
+        facts.append(f"Pareto k {candidate.pareto_k:.2f}{trust}")
+    return ", ".join(facts)
+
+
+def _scale(parameter: NumberEstimate) -> tuple[float, str]:
+    """Return the divisor and the unit in which a number reads well."""
+    unit = parameter.unit
+    if unit == "1":
+        return 0.01, "%"
+    largest = max(abs(parameter.estimate), *(abs(bound) for bound in parameter.ci95))
+    if unit == "rad":
+        return math.pi / 180, "°"
+    if unit in _PLAIN_UNITS or "²" in unit or unit.startswith("1/") or largest == 0:
+        return 1.0, unit
+    for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "µ")):
+        if largest >= factor:
+            return factor, prefix + unit
+    return 1e-9, f"n{unit}"
+
+
+def _decimals(half_width: float) -> int:
+    """Return decimals that show two digits of an interval's half width."""
+    if half_width <= 0:
+        return 3
+    return min(8, max(0, 1 - math.floor(math.log10(half_width))))

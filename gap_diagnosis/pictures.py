@@ -1,0 +1,79 @@
+"""What a diagnosis shows beside its numbers: arrays to draw from, kept out of OUT.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gap_diagnosis.recording import Floats
+from gap_diagnosis.result import Diagnosis
+
+
+@dataclass(frozen=True)
+class ResidualSeries:
+    """One stage's residual over the log.
+
+    Attributes:
+        stage: whose data it speaks of.
+        name: what is compared, as in ``encoder heading - reference heading``.
+        unit: SI.
+        t_s: float64[n], time of the log's clock.
+        value: float64[n], as described; NaN where unknown.
+        explained: float64[n], with the winning effects on; None where they do not change it.
+    """
+
+    stage: str
+    name: str
+    unit: str
+    t_s: Floats
+    value: Floats
+    explained: Floats | None = None
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Which stage's residual arises when.
+
+    Attributes:
+        edges_s: float64[w + 1], borders of the time windows.
+        stages: the rows' names.
+        shares: float64[stages, w], share of the whole error's energy that arises in a cell; may be
+            negative, sums to 1.
+    """
+
+    edges_s: Floats
+    stages: tuple[str, ...]
+    shares: Floats
+
+
+@dataclass(frozen=True)
+class HeldOutPath:
+    """The same stretch three times; each float64[n, 2], x and y [m], started from one pose.
+
+    Attributes:
+        name: the log, or the stretch of it.
+        reference: measured; None without a reference.
+        before: the simulation as described.
+        after: with the winning effects on; None where there are none.
+    """
+
+    name: str
+    reference: Floats | None
+    before: Floats
+    after: Floats | None
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """All that a report draws; every part may be missing."""
+
+    residuals: tuple[ResidualSeries, ...] = ()
+    residual_map: ResidualMap | None = None
+    paths: tuple[HeldOutPath, ...] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """A diagnosis and the pictures that go with it."""
+
+    diagnosis: Diagnosis
+    pictures: Pictures

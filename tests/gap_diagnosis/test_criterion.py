@@ -1,0 +1,113 @@
+"""`position > 5 mm per 10 m`: what is accepted, what it means, and what it is held against."""
+
+from __future__ import annotations
+
+import math
+
+import diagnosis_samples as samples
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from gap_diagnosis.criterion import METRICS, Bound, judge, parse_bound, parse_criterion
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.result import Diagnosis
+
+SIZES = st.floats(1e-9, 1e9)
+BOUNDS = st.builds(
+    lambda metric, limit, per: Bound(metric, limit, *per),
+    st.sampled_from(sorted(METRICS)),
+    SIZES,
+    st.one_of(st.just((None, "")), st.tuples(SIZES, st.sampled_from(["m", "s"]))),
+)
+
+
+@given(BOUNDS)
+def test_a_bound_written_out_is_read_back(bound: Bound) -> None:
+    assert parse_criterion(str(bound)) == bound
+
+
+@given(st.text(max_size=200))
+@example("position > 1" + "0" * 90 + " m")
+@example("position > 1e999 m")
+@example("position > 5 mm per 0 m")
+@example("position > ٥ mm")
+def test_any_text_is_a_bound_or_one_line_that_says_what_was_expected(text: str) -> None:
+    try:
+        assert math.isfinite(parse_criterion(text).limit)
+        said = "expected"
+    except DiagnosisError as error:
+        said = str(error)
+    assert "expected" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "bound"),
+    [
+        ("position > 5 mm per 10 m", Bound("position", 0.005, 10.0, "m")),
+        ("position>5mm per 10m", Bound("position", 0.005, 10.0, "m")),
+        ("drive > 1.5 cm", Bound("drive", 0.015)),
+        ("heading > 1 deg per min", Bound("heading", math.pi / 180, 60.0, "s")),
+        ("turn > 0.5 ° per 2 min", Bound("turn", math.pi / 360, 120.0, "s")),
+        ("timing > 2 ms", Bound("timing", 0.002)),
+        ("firmware > 1e-3 m per km", Bound("firmware", 0.001, 1000.0, "m")),
+    ],
+)
+def test_bounds_read_as_a_person_means_them(text: str, bound: Bound) -> None:
+    read = parse_criterion(text)
+    assert (read.metric, read.per, read.span) == (bound.metric, bound.per, bound.span)
+    assert read.limit == pytest.approx(bound.limit, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("position", "'position': expected METRIC > NUMBER UNIT"),
+        ("speed > 1 m", "'speed': no such metric: expected position, heading, drive, firmware"),
+        ("position > five mm", "'five mm': expected NUMBER UNIT"),
+        ("position > 5 deg", "'deg': no unit of position: expected m, cm, mm"),
+        ("position > 5 mm per 10 turns", "per 'turns': expected a length or a time"),
+        ("position > 5 mm per 0 m", "per 0 m: expected more than 0"),
+        ("position > -5 mm", "'-5 mm': expected NUMBER UNIT"),
+    ],
+)
+def test_a_mistake_is_told_with_what_would_be_right(text: str, line: str) -> None:
+    with pytest.raises(DiagnosisError) as error:
+        parse_criterion(text)
+    assert str(error.value).startswith(line)
+
+
+@given(SIZES, SIZES)
+def test_a_bound_per_length_scales_with_the_windows(limit_m: float, per_m: float) -> None:
+    found = samples.diagnosis()
+    judgement = judge(Bound("position", limit_m, per_m, "m"), found)
+    assert judgement.value == pytest.approx(0.0481 * per_m / 5.0)
+    assert judgement.holds == (judgement.value <= limit_m)
+
+
+def test_the_gap_as_described_counts_not_the_one_that_effects_leave() -> None:
+    found = samples.diagnosis()
+    assert not judge(parse_bound("position", "5 mm per 10 m"), found).holds
+    assert judge(parse_bound("position", "97 mm per 10 m"), found).holds
+    assert judge(parse_bound("position", "48.1 mm"), found).holds
+
+
+def test_a_bound_per_time_uses_the_windows_seconds() -> None:
+    judgement = judge(parse_bound("heading", "2 deg per min"), samples.diagnosis())
+    assert judgement.value == pytest.approx(0.02 * 60 / 9)
+
+
+@pytest.mark.parametrize(
+    ("metric", "found", "line"),
+    [
+        ("firmware", samples.diagnosis(), "no gap in firmware: it has position, heading"),
+        ("position", samples.nothing(), "needs a reference): nothing was held out"),
+    ],
+)
+def test_a_metric_that_the_data_does_not_have_is_an_error(
+    metric: str, found: Diagnosis, line: str
+) -> None:
+    with pytest.raises(DiagnosisError) as error:
+        judge(parse_bound(metric, "1 mm"), found)
+    assert line in str(error.value)
