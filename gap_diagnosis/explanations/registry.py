@@ -99,7 +99,9 @@ def _sided(
 
 
 def _missed_ticks(motion: Motion) -> Iterable[Variant]:
-    fastest = float(max(np.abs(motion.left_rate_rad_s).max(), np.abs(motion.right_rate_rad_s).max()))
+    fastest = float(
+        max(np.abs(motion.left_rate_rad_s).max(), np.abs(motion.right_rate_rad_s).max())
+    )
     for side, act in (
         ("left", encoder.missed_ticks_left),
         ("right", encoder.missed_ticks_right),
@@ -108,9 +110,7 @@ def _missed_ticks(motion: Motion) -> Iterable[Variant]:
             threshold = share * fastest
             fixed = {"threshold": threshold}
             report: dict[str, Value] = {"side": side, "threshold": threshold}
-            yield Variant(
-                "missed_ticks", act, ("probability",), fixed, report, is_positive=True
-            )
+            yield Variant("missed_ticks", act, ("probability",), fixed, report, is_positive=True)
 
 
 SLIP_WINDOWS: Final = 12
@@ -189,7 +189,7 @@ _AMPLITUDE = ("amplitude", "phase")
 _DOWNHILL = ("ratio", "direction")
 
 _ALL: Final = (
-    _plain("ticks_per_rev", "encoder", encoder.ticks_per_rev, "scale"),
+    Explanation("ticks_per_rev", 0, lambda motion: ()),
     _sided(
         "encoder_eccentricity",
         "encoder",
@@ -200,9 +200,7 @@ _ALL: Final = (
         polar=_AMPLITUDE,
     ),
     Explanation("missed_ticks", 0, _missed_ticks),
-    _sided(
-        "extra_ticks", "encoder", encoder.extra_ticks_left, encoder.extra_ticks_right, "rate"
-    ),
+    _sided("extra_ticks", "encoder", encoder.extra_ticks_left, encoder.extra_ticks_right, "rate"),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
@@ -215,7 +213,10 @@ _ALL: Final = (
         1,
         lambda motion: (
             Variant(
-                "cross_slope_drift", wheel.cross_slope_drift, ("east", "north"), polar=_DOWNHILL,
+                "cross_slope_drift",
+                wheel.cross_slope_drift,
+                ("east", "north"),
+                polar=_DOWNHILL,
                 polar_turn=_swap_axes,
             ),
         ),

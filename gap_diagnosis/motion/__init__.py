@@ -1,0 +1,1 @@
+"""The motion block: wheels, gyro and reference in one likelihood."""

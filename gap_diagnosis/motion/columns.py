@@ -1,0 +1,183 @@
+"""Every effect as columns: how the residuals would change with each of its coefficients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.explanations import EXPLAINED, predict
+from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Variant
+from gap_diagnosis.motion.nodes import CHANNELS, Nodes, residuals
+from gap_diagnosis.priors import Prior
+from gap_diagnosis.recording import Floats
+
+NEVER_NUISANCE: Final = frozenset({"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio"})
+"""Effects whose small amounts another nuisance already stands for, or that come not in bits."""
+
+GROSS: Final = frozenset({"setup_wheels_swapped", "setup_sign", "setup_unit"})
+NEEDS_REFERENCE: Final = frozenset(
+    {
+        "lateral_slip",
+        "reference_yaw",
+        "reference_lever_arm",
+        "reference_time_offset",
+        "reference_clock_skew",
+        "reference_scale",
+        "cross_slope_drift",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A variant with the columns of its coefficients.
+
+    Attributes:
+        variant: what acts.
+        weights: per coefficient (one for a variant without any, whose amplitude is 1), the base
+            columns it is made of: pairs of index and weight.
+        tolerances: per coefficient, what is no news.
+    """
+
+    variant: Variant
+    weights: tuple[tuple[tuple[int, float], ...], ...]
+    tolerances: tuple[float, ...]
+
+    @property
+    def is_fixed(self) -> bool:
+        """There or not: no amplitude to fit."""
+        return not self.variant.coefficients
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The data and all effects at node level.
+
+    Attributes:
+        values: float64[4, m, 1 + c]: the residual of the description, then the base columns.
+        terms: every variant of every effect.
+        nuisances: for each coefficient that is always free within its tolerance: base column and
+            standard deviation.
+    """
+
+    values: Floats
+    terms: tuple[Term, ...]
+    nuisances: tuple[tuple[int, float], ...]
+
+
+def build_columns(
+    nodes: Nodes, prior: Prior, tolerances: dict[str, float], *, gross: bool
+) -> Columns:
+    """Return the columns of all effects that this log can speak of.
+
+    *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
+    set-up too.
+    """
+    motion = nodes.motion
+    nominal = residuals(nodes, predict(motion))
+    base: list[Floats] = [nominal]
+    terms: list[Term] = []
+    nuisances: list[tuple[int, float]] = []
+    for effect, explanation in EXPLAINED.items():
+        if effect in GROSS and not gross:
+            continue
+        if not nodes.has_reference and effect in NEEDS_REFERENCE:
+            continue
+        if effect == "reference_yaw" and not nodes.has_heading:
+            continue
+        if explanation.stage_rank == 2 and not nodes.has_gyro:
+            continue
+        variants = list(explanation.variants(motion))
+        if effect == "one_sided_slip":
+            terms += _windows(nodes, variants, nominal, base, prior)
+            continue
+        if effect == "adc_stuck_bit":
+            variants = [one for one in variants if _is_constant(nodes, one)]
+        for variant in variants:
+            weights = []
+            limits = []
+            if not variant.coefficients:
+                change = nominal - residuals(nodes, predict(motion, [(variant, ())]))
+                if not _says_something(change):
+                    continue
+                base.append(change)
+                weights.append(((len(base) - 2, 1.0),))
+            for index, name in enumerate(variant.coefficients):
+                known = prior.of(effect, name)
+                limit = tolerances.get(f"{effect}.{name}", known.tolerance)
+                steps = [0.0] * len(variant.coefficients)
+                # A step of the effect's usual size: a lag far below a tick changes nothing at all.
+                step = math.sqrt(limit * max(known.high, limit))
+                steps[index] = step
+                moved = residuals(nodes, predict(motion, [(variant, steps)]))
+                change = (nominal - moved) / step
+                if not _says_something(change * step):
+                    break
+                base.append(change)
+                weights.append(((len(base) - 2, 1.0),))
+                limits.append(limit)
+                if len(variants) == 1 and effect not in NEVER_NUISANCE:
+                    nuisances.append((len(base) - 2, 0.5 * limit))
+            if len(weights) == max(1, len(variant.coefficients)):
+                terms.append(Term(variant, tuple(weights), tuple(limits)))
+    values = np.ascontiguousarray(np.stack(base, axis=-1))
+    return Columns(values, tuple(terms), tuple(nuisances))
+
+
+_LEAST: Final = 1e-9
+"""A change below this [m, rad] is arithmetic, not an effect."""
+
+
+def _says_something(change: Floats) -> bool:
+    return bool(np.nanmax(np.abs(change), initial=0.0) > _LEAST)
+
+
+def _is_constant(nodes: Nodes, variant: Variant) -> bool:
+    """Tell whether every recorded code has this bit at this value."""
+    codes = nodes.motion.gyro_code
+    if codes is None:
+        return False
+    whole = np.rint(codes[codes == np.rint(codes)]).astype(np.int64)
+    bit, value = int(variant.fixed["bit"]), int(variant.fixed["value"])
+    return len(whole) > 0 and bool(np.all((whole >> bit) & 1 == value))
+
+
+def _windows(
+    nodes: Nodes,
+    variants: Sequence[Variant],
+    nominal: Floats,
+    base: list[Floats],
+    prior: Prior,
+) -> Iterable[Term]:
+    """Return windowed slips as differences of slips from the start on: one column per border."""
+    limit = prior.of("one_sided_slip", "ratio").tolerance
+    starts: dict[tuple[str, float], int] = {}
+    for variant in variants[:: len(variants) // 2]:
+        side = str(variant.report["side"])
+        begin = variant.fixed["start_s"]
+        edges = sorted({one.fixed["stop_s"] for one in variants})
+        for edge in edges:
+            window = Variant(
+                variant.effect,
+                variant.act,
+                variant.coefficients,
+                {"start_s": begin, "stop_s": edge},
+            )
+            moved = residuals(nodes, predict(nodes.motion, [(window, (limit,))]))
+            base.append((nominal - moved) / limit)
+            starts[side, edge] = len(base) - 2
+        assert len(edges) == SLIP_WINDOWS
+    for variant in variants:
+        side = str(variant.report["side"])
+        weights = [(starts[side, variant.fixed["stop_s"]], 1.0)]
+        before = starts.get((side, variant.fixed["start_s"]))
+        if before is not None:
+            weights.append((before, -1.0))
+        yield Term(variant, (tuple(weights),), (limit,))
+
+
+__all__ = ["CHANNELS", "Columns", "Term", "build_columns"]

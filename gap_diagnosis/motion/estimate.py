@@ -1,0 +1,152 @@
+"""A smooth estimate of the true motion, about which everything else is linear."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, Recording, Reference
+from hil_harness.robot import Robot
+
+_REFERENCE_K: Final = 298.15
+_RATE_SMOOTHING_S: Final = 0.05
+_FOLLOW_S: Final = 0.4
+"""Faster deviations of the reference from dead reckoning are taken for its noise."""
+
+
+def estimate_motion(
+    recording: Recording, robot: Robot, *, reference_delay_s: float = 0.0
+) -> Motion:
+    """Return the motion of a recording: dead reckoning, bent slowly onto the reference.
+
+    *reference_delay_s* is taken off the reference's stamps first. Only a linearisation point: the
+    reference is smoothed here and nowhere else.
+
+    Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
+    """
+    t_s = recording.t_s
+    if len(t_s) < 3 or not np.isfinite(recording.left_ticks).any():
+        raise DiagnosisError(
+            f"{recording.name}: no wheel counts to follow: expected at least three ticks with "
+            "left and right counts"
+        )
+    plant = robot.plant
+    rad_per_count = math.tau / plant.encoder.ticks_per_rev
+    dt_s = np.diff(t_s, prepend=t_s[0])
+    step_s = float(np.median(dt_s[1:]))
+    left = _filled(recording.left_ticks, t_s) * rad_per_count
+    right = _filled(recording.right_ticks, t_s) * rad_per_count
+    left, right = left - left[0], right - right[0]
+    width = max(_RATE_SMOOTHING_S / step_s, 0.5)
+    rates = [gaussian_filter1d(np.gradient(angle, t_s), width) for angle in (left, right)]
+    accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
+    radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
+    left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
+    forward_m = 0.5 * radius_m * (left_step + right_step)
+    heading = radius_m * (right - left) / wheelbase_m
+    gyro_turn = _gyro_turn(recording, dt_s)
+    reference = recording.reference
+    if reference is None:
+        x_m, y_m = _reckon(forward_m, heading)
+    else:
+        stamps = reference.t_s - reference_delay_s
+        heading = _heading_of(heading, t_s, stamps, reference, forward_m, step_s)
+        x_m, y_m = _reckon(forward_m, heading)
+        x_m = x_m + _slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
+        y_m = y_m + _slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
+    turn_rate = gaussian_filter1d(np.gradient(heading, t_s), width)
+    along = np.gradient(x_m, t_s) * np.cos(heading) + np.gradient(y_m, t_s) * np.sin(heading)
+    temperature, supply = recording.temperature_k, recording.supply_v
+    low_code, high_code = 0, plant.adc.max_code
+    return Motion(
+        t_s=t_s,
+        dt_s=dt_s,
+        left_step_rad=left_step,
+        right_step_rad=right_step,
+        left_angle_rad=left,
+        right_angle_rad=right,
+        left_rate_rad_s=rates[0],
+        right_rate_rad_s=rates[1],
+        left_acceleration_rad_s2=accelerations[0],
+        right_acceleration_rad_s2=accelerations[1],
+        x_m=x_m,
+        y_m=y_m,
+        heading_rad=heading,
+        speed_m_s=gaussian_filter1d(along, width),
+        turn_rate_rad_s=turn_rate,
+        acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
+        gyro_turn_rad=gyro_turn,
+        gyro_code=None
+        if recording.gyro_code is None or gyro_turn is None
+        else np.clip(_filled(recording.gyro_code, t_s), low_code, high_code),
+        gyro_sensitivity_lsb_per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
+        gyro_zero_rate_code=plant.gyro.zero_rate_code,
+        adc_max_code=high_code,
+        warm_k=None if temperature is None else _filled(temperature, t_s) - _REFERENCE_K,
+        supply_error=None
+        if supply is None
+        else _filled(supply, t_s) / plant.supply.nominal_v - 1.0,
+        radius_m=radius_m,
+        wheelbase_m=wheelbase_m,
+        rad_per_count=rad_per_count,
+    )
+
+
+def _filled(values: Floats, t_s: Floats) -> Floats:
+    """Return values with what is missing interpolated (counts and codes of lost frames)."""
+    known = np.isfinite(values)
+    if known.all():
+        return np.asarray(values, dtype=np.float64)
+    if not known.any():
+        return np.zeros(len(values))
+    return np.interp(t_s, t_s[known], values[known])
+
+
+def _gyro_turn(recording: Recording, dt_s: Floats) -> Floats | None:
+    rate = recording.gyro_rate_rad_s
+    if rate is None or np.isfinite(rate).sum() < 3:
+        return None
+    steps = _filled(rate, recording.t_s) * dt_s
+    return np.cumsum(steps) - steps[0]
+
+
+def _reckon(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
+    return np.cumsum(forward_m * np.cos(middle)), np.cumsum(forward_m * np.sin(middle))
+
+
+def _slow(stamps: Floats, residual: Floats, t_s: Floats, step_s: float) -> Floats:
+    """Return the residual at the ticks, without its fast part."""
+    at_ticks = np.interp(t_s, stamps, residual)
+    return np.asarray(gaussian_filter1d(at_ticks, _FOLLOW_S / step_s, mode="nearest"))
+
+
+def _heading_of(
+    heading: Floats,
+    t_s: Floats,
+    stamps: Floats,
+    reference: Reference,
+    forward_m: Floats,
+    step_s: float,
+) -> Floats:
+    """Return the encoders' heading bent onto the reference's heading, or onto its course."""
+    if reference.heading_rad is not None:
+        residual = reference.heading_rad - np.interp(stamps, t_s, heading)
+        return heading + _slow(stamps, residual, t_s, step_s)
+    # Without orientation: the course over stretches of about a third of a metre, where it moves.
+    distance = np.interp(stamps, t_s, np.cumsum(np.abs(forward_m)))
+    marks = np.searchsorted(distance, np.arange(0.0, distance[-1], 0.3))
+    marks = np.unique(np.clip(marks, 0, len(stamps) - 1))
+    if len(marks) < 3:
+        return heading
+    dx, dy = np.diff(reference.x_m[marks]), np.diff(reference.y_m[marks])
+    middle = 0.5 * (stamps[marks[1:]] + stamps[marks[:-1]])
+    backwards = np.interp(middle, t_s, gaussian_filter1d(forward_m, 0.1 / step_s)) < 0
+    course = np.arctan2(np.where(backwards, -dy, dy), np.where(backwards, -dx, dx))
+    residual = np.unwrap(course - np.interp(middle, t_s, heading))
+    return heading + _slow(middle, residual, t_s, 0.2 * step_s)

@@ -1,0 +1,222 @@
+"""The motion of one log, prepared: what was measured, every effect's columns, noise levels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.columns import Columns, Term, build_columns
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
+from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
+from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
+from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.motion.whitening import Course, course_of, whiten
+from gap_diagnosis.priors import Prior
+from gap_diagnosis.recording import Floats, Recording
+from hil_harness.robot import Robot
+
+_NEWTON_STEPS: Final = 3
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """A set of effects fitted again, about its own best coefficients and at its own noise levels.
+
+    Attributes:
+        scored: evidence and coefficients (they are the whole deviation: no tolerance beside them).
+        levels: noise levels, float64[8].
+        log_evidence: with the density of the levels; comparable between sets.
+        log_likelihood: at the best coefficients and levels, other tolerances marginalised.
+        coefficients: per term, the best ones.
+    """
+
+    scored: Scored
+    levels: Floats
+    log_evidence: float
+    log_likelihood: float
+    coefficients: tuple[tuple[float, ...], ...]
+
+
+class MotionModel:
+    """The motion of one log.
+
+    Attributes:
+        recording, robot, prior: what it was made from.
+        nodes, course, columns: see there.
+        level_prior: prior of the noise levels.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        robot: Robot,
+        prior: Prior,
+        *,
+        keep: NDArray[np.bool_] | None = None,
+        gross: bool = False,
+    ) -> None:
+        """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used."""
+        self.recording, self.robot, self.prior = recording, robot, prior
+        delay_s = coarse_delay_s(recording, robot)
+        motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
+        everything = np.ones(len(motion.t_s), dtype=np.bool_)
+        self.keep = everything if keep is None else keep
+        self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
+        self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
+        self.tolerances = _tolerances(robot)
+        self.columns: Columns = build_columns(self.nodes, prior, self.tolerances, gross=gross)
+        self.level_prior: LevelPrior = level_prior(robot)
+
+    def gram(self, levels: Floats) -> Gram:
+        """Return all inner products at these noise levels."""
+        return make_gram(self.columns, self.course, levels, self.nodes.ticks)
+
+    def levels_for(self, terms: Sequence[Term], start: Floats, rounds: int = 15) -> Floats:
+        """Return the noise levels that suit these effects best."""
+        used = {index for term in terms for weight in term.weights for index, _ in weight}
+        used |= {index for index, _ in self.columns.nuisances}
+        order = sorted(used)
+        place = {index: row for row, index in enumerate(order)}
+        values = np.ascontiguousarray(self.columns.values[..., [0, *(i + 1 for i in order)]])
+        nuisances = [(place[index], sd) for index, sd in self.columns.nuisances]
+        moved = [
+            replace(
+                term,
+                weights=tuple(
+                    tuple((place[index], value) for index, value in weight)
+                    for weight in term.weights
+                ),
+            )
+            for term in terms
+        ]
+        return best_levels(
+            lambda levels: self._evidence(values, nuisances, moved, levels),
+            self.level_prior,
+            start,
+            rounds=rounds,
+        )
+
+    def _evidence(
+        self,
+        values: Floats,
+        nuisances: Sequence[tuple[int, float]],
+        terms: Sequence[Term],
+        levels: Floats,
+    ) -> float:
+        white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
+        gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
+        if not terms:
+            return gram.log_nothing
+        return gram.log_nothing + score(gram, terms, self.prior).log_evidence
+
+    def refit(self, terms: Sequence[Term], levels: Floats, *, free_levels: bool = True) -> Refitted:
+        """Fit *terms* again about their own best coefficients (Gauss-Newton)."""
+        start = score(self.gram(levels), terms, self.prior)
+        coefficients = _split(terms, start.means[int(np.argmax(start.weights))])
+        for step in range(_NEWTON_STEPS):
+            values, nuisances, tangent = self._linearised(terms, coefficients)
+            if free_levels and step == 1:
+                levels = best_levels(
+                    lambda at, v=values, n=nuisances, t=tangent: self._evidence(v, n, t, at),
+                    self.level_prior,
+                    levels,
+                    rounds=10,
+                )
+            white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
+            gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
+            scored = score(gram, tangent, self.prior)
+            best = scored.means[int(np.argmax(scored.weights))]
+            coefficients = _bounded(terms, _split(terms, best))
+        density = self.level_prior.log_density(np.log(levels))
+        return Refitted(
+            scored=replace(scored, terms=tuple(terms)),
+            levels=levels,
+            log_evidence=gram.log_nothing + scored.log_evidence + density,
+            log_likelihood=gram.log_nothing + scored.log_likelihood + density,
+            coefficients=coefficients,
+        )
+
+    def _linearised(
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
+    ) -> tuple[Floats, list[tuple[int, float]], list[Term]]:
+        """Return columns about these coefficients: data, free tolerances, tangents of the terms."""
+        motion = self.nodes.motion
+        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
+        here = residuals(self.nodes, predict(motion, settings))
+        own = {index for term in terms for weight in term.weights for index, _ in weight}
+        free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
+        columns = [here, *(self.columns.values[..., i + 1] for i, _ in free)]
+        data = here.copy()
+        tangent: list[Term] = []
+        for place, term in enumerate(terms):
+            weights = []
+            for index in range(len(term.variant.coefficients)):
+                value = coefficients[place][index]
+                step = max(1e-3 * abs(value), 0.05 * term.tolerances[index])
+                moved = list(settings)
+                near = list(coefficients[place])
+                near[index] = value + step
+                moved[place] = (term.variant, tuple(near))
+                column = (here - residuals(self.nodes, predict(motion, moved))) / step
+                data = data + value * column
+                columns.append(column)
+                weights.append(((len(columns) - 2, 1.0),))
+            if not term.is_fixed:
+                tangent.append(replace(term, weights=tuple(weights)))
+        columns[0] = data
+        nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
+        return np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, tangent
+
+    @cached_property
+    def no_effect_levels(self) -> Floats:
+        """Noise levels that suit the description without any effect."""
+        return self.levels_for((), self.level_prior.median)
+
+
+def _split(terms: Sequence[Term], values: Floats) -> tuple[tuple[float, ...], ...]:
+    parts = []
+    place = 0
+    for term in terms:
+        width = 0 if term.is_fixed else len(term.weights)
+        parts.append(tuple(float(value) for value in values[place : place + width]))
+        place += width
+    return tuple(parts)
+
+
+def _bounded(
+    terms: Sequence[Term], coefficients: tuple[tuple[float, ...], ...]
+) -> tuple[tuple[float, ...], ...]:
+    """Keep sizes that cannot be negative at a tenth of their tolerance or more."""
+    return tuple(
+        tuple(max(value, 0.1 * low) for value, low in zip(one, term.tolerances, strict=True))
+        if term.variant.is_positive
+        else one
+        for term, one in zip(terms, coefficients, strict=True)
+    )
+
+
+def _tolerances(robot: Robot) -> dict[str, float]:
+    known = robot.tolerance
+    return {
+        "radius_scale.scale": known.radius_scale,
+        "ticks_per_rev.scale": known.radius_scale,
+        "radius_mismatch.mismatch": known.radius_mismatch,
+        "wheelbase_scale.scale": known.wheelbase_scale,
+        "gyro_scale.scale": known.gyro_scale,
+        "gyro_bias.bias": known.gyro_bias_rad_s,
+        "reference_time_offset.offset": known.time_offset_s,
+        "gyro_lag.time_constant": known.time_offset_s,
+    }
+
+
+def is_far(first: Floats, second: Floats) -> bool:
+    """Tell whether two sets of levels differ enough to be worth another pass."""
+    return bool(np.any(np.abs(np.log(first / second)) > math.log(1.3)))

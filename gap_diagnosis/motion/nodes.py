@@ -1,0 +1,203 @@
+"""The log in blocks of a twentieth of a second: residuals of reference and gyro, averaged.
+
+A prediction is compared with the log to first order about the estimated motion (Kelly 2004: the
+linearised error recursion of odometry), so a deviation stays small where the prediction is right,
+however far dead reckoning has drifted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats, Reference
+
+_BLOCK_S: Final = 0.05
+_MOST_NODES: Final = 12_000
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Where each block begins, and what lies in it.
+
+    Attributes:
+        motion: at tick level.
+        starts: int64[m], first tick of each block.
+        ticks: float64[m], ticks in each block.
+        sample_tick: int64[s], the tick at each reference sample that is used, ascending.
+        sample_t_s, sample_x_m, sample_y_m, sample_heading_rad: those samples.
+        sample_starts: int64[r], first sample of each block that has samples.
+        sample_node: int64[r], which block that is.
+        samples: float64[r], how many it has.
+        has_gyro, has_reference, has_heading: which channels there are.
+        gyro_mask: bool[m], blocks whose gyro is used.
+        sample_mask: bool[r], blocks of samples that are used.
+    """
+
+    motion: Motion
+    starts: Ints
+    ticks: Floats
+    sample_tick: Ints
+    sample_t_s: Floats
+    sample_x_m: Floats
+    sample_y_m: Floats
+    sample_heading_rad: Floats
+    sample_starts: Ints
+    sample_node: Ints
+    samples: Floats
+    has_gyro: bool
+    has_reference: bool
+    has_heading: bool
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return len(self.starts)
+
+    def mean(self, values: Floats) -> Floats:
+        """Return the block means of a tick-level array."""
+        return np.asarray(np.add.reduceat(values, self.starts) / self.ticks)
+
+
+def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.bool_]) -> Nodes:
+    """Cut the ticks into blocks; leave out reference samples where *keep* (bool[n]) is false."""
+    count = len(motion.t_s)
+    step_s = float(np.median(motion.dt_s[1:]))
+    size = max(1, round(_BLOCK_S / step_s), -(-count // _MOST_NODES))
+    starts = np.arange(0, count, size)
+    ticks = np.diff(np.append(starts, count)).astype(np.float64)
+    empty = np.empty(0)
+    tick = np.empty(0, dtype=np.int64)
+    x_m = y_m = heading = t_s = empty
+    has_heading = False
+    if reference is not None:
+        inside = (reference.t_s >= motion.t_s[0]) & (reference.t_s <= motion.t_s[-1])
+        t_s = reference.t_s[inside]
+        after = np.clip(np.searchsorted(motion.t_s, t_s), 1, count - 1)
+        nearer = t_s - motion.t_s[after - 1] < motion.t_s[after] - t_s
+        tick = np.where(nearer, after - 1, after).astype(np.int64)
+        x_m, y_m = reference.x_m[inside], reference.y_m[inside]
+        has_heading = reference.heading_rad is not None
+        heading = (
+            np.zeros(len(t_s)) if reference.heading_rad is None else (reference.heading_rad[inside])
+        )
+        good = keep[tick] & np.isfinite(x_m) & np.isfinite(y_m) & np.isfinite(heading)
+        t_s, tick, x_m, y_m, heading = (one[good] for one in (t_s, tick, x_m, y_m, heading))
+    node_of = tick // size
+    node, sample_starts = np.unique(node_of, return_index=True)
+    samples = np.diff(np.append(sample_starts, len(tick))).astype(np.float64)
+    return Nodes(
+        motion=motion,
+        starts=starts,
+        ticks=ticks,
+        sample_tick=tick,
+        sample_t_s=t_s,
+        sample_x_m=x_m,
+        sample_y_m=y_m,
+        sample_heading_rad=heading,
+        sample_starts=sample_starts.astype(np.int64),
+        sample_node=node.astype(np.int64),
+        samples=samples,
+        has_gyro=motion.gyro_turn_rad is not None,
+        has_reference=len(tick) > 0,
+        has_heading=has_heading,
+    )
+
+
+CHANNELS: Final = 4
+"""x, y and heading of the reference, turn of the gyro."""
+
+
+def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
+    """Return recorded minus predicted, float64[4, m]: x, y [m], heading, gyro turn [rad].
+
+    NaN where a block has no sample of a channel.
+    """
+    motion = nodes.motion
+    out = np.full((CHANNELS, nodes.count), np.nan)
+    d_x, d_y, d_heading = _deviation(
+        np.diff(motion.x_m, prepend=motion.x_m[0]),
+        np.diff(motion.y_m, prepend=motion.y_m[0]),
+        motion.heading_rad,
+        prediction.forward_m,
+        prediction.lateral_m,
+        prediction.turn_rad,
+    )
+    delay = np.asarray(prediction.encoder_delay_s)
+    if np.any(delay != 0.0):
+        velocity_x, velocity_y = _velocity(motion)
+        d_x = d_x + delay * velocity_x
+        d_y = d_y + delay * velocity_y
+        d_heading = d_heading + delay * motion.turn_rate_rad_s
+    if motion.gyro_turn_rad is not None:
+        extra = np.cumsum((prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s)
+        turned = motion.heading_rad - motion.heading_rad[0]
+        out[3] = nodes.mean(motion.gyro_turn_rad - turned - d_heading - extra)
+    if nodes.has_reference:
+        _compare_reference(nodes, prediction, d_x, d_y, d_heading, out)
+    return out
+
+
+def _velocity(motion: Motion) -> tuple[Floats, Floats]:
+    cosine, sine = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
+    return motion.speed_m_s * cosine, motion.speed_m_s * sine
+
+
+def _compare_reference(
+    nodes: Nodes, p: Prediction, d_x: Floats, d_y: Floats, d_heading: Floats, out: Floats
+) -> None:
+    motion, tick = nodes.motion, nodes.sample_tick
+    delay = np.asarray(p.reference_delay_s)
+    true_t_s = nodes.sample_t_s - (delay[tick] if delay.ndim else delay)
+    x_m = np.interp(true_t_s, motion.t_s, motion.x_m) + d_x[tick]
+    y_m = np.interp(true_t_s, motion.t_s, motion.y_m) + d_y[tick]
+    heading = np.interp(true_t_s, motion.t_s, motion.heading_rad) + d_heading[tick]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    x_m = x_m + p.reference_forward_m * cosine - p.reference_left_m * sine
+    y_m = y_m + p.reference_forward_m * sine + p.reference_left_m * cosine
+    x_m = x_m + p.reference_scale * (x_m - motion.x_m[0])
+    y_m = y_m + p.reference_scale * (y_m - motion.y_m[0])
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(np.add.reduceat(values, nodes.sample_starts) / nodes.samples)
+
+    out[0, nodes.sample_node] = mean(nodes.sample_x_m - x_m)
+    out[1, nodes.sample_node] = mean(nodes.sample_y_m - y_m)
+    if nodes.has_heading:
+        difference = nodes.sample_heading_rad - heading - p.reference_heading_rad
+        out[2, nodes.sample_node] = mean(difference)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _deviation(
+    step_x: Floats,
+    step_y: Floats,
+    heading: Floats,
+    forward: Floats,
+    lateral: Floats,
+    turn: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Add up what predicted steps differ from the estimated motion by, to first order."""
+    count = len(heading)
+    x, y, angle = np.zeros(count), np.zeros(count), np.zeros(count)
+    for k in range(1, count):
+        known_turn = heading[k] - heading[k - 1]
+        middle = heading[k - 1] + 0.5 * known_turn
+        cosine, sine = np.cos(middle), np.sin(middle)
+        known_forward = cosine * step_x[k] + sine * step_y[k]
+        known_lateral = -sine * step_x[k] + cosine * step_y[k]
+        d_forward = forward[k] - known_forward
+        d_lateral = lateral[k] - known_lateral
+        d_turn = turn[k] - known_turn
+        d_middle = angle[k - 1] + 0.5 * d_turn
+        x[k] = x[k - 1] + cosine * d_forward - sine * d_lateral - step_y[k] * d_middle
+        y[k] = y[k - 1] + sine * d_forward + cosine * d_lateral + step_x[k] * d_middle
+        angle[k] = angle[k - 1] + d_turn
+    return x, y, angle

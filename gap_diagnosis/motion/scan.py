@@ -1,0 +1,189 @@
+"""All single effects and all pairs, compared on Gram matrices; the best are fitted again."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.evidence import Gram, log_sum, score
+from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.recording import Floats
+
+Effects = frozenset[str]
+
+_LEADERS: Final = 6
+"""Single terms that are combined with every other term."""
+_VARIANTS_KEPT: Final = 3
+_LEVELS_TRIED: Final = 3
+_REFITTED: Final = 14
+_GREEDY: Final = 3
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best account that a set of effects gives of the motion.
+
+    Attributes:
+        effects: their names.
+        terms: the best variant of each.
+        log_evidence, log_likelihood: with the levels' density, variants averaged in the evidence;
+            comparable between sets of one log.
+        levels: at which noise levels.
+        refitted: the non-linear fit, for the best sets only.
+    """
+
+    effects: Effects
+    terms: tuple[Term, ...]
+    log_evidence: float
+    log_likelihood: float
+    levels: Floats
+    refitted: Refitted | None = None
+
+
+class Scan:
+    """The search through one log's motion.
+
+    Attributes:
+        model: the log.
+        found: the best account of every set of at most two effects that was scored, no effect
+            being the empty set.
+    """
+
+    def __init__(
+        self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
+    ) -> None:
+        """Search."""
+        self.model = model
+        self.by_effect: dict[str, list[Term]] = defaultdict(list)
+        for term in model.columns.terms:
+            self.by_effect[term.variant.effect].append(term)
+        self.found: dict[Effects, Found] = {}
+        self._grams: list[Gram] = []
+        self._search(progress)
+
+    @property
+    def effects(self) -> Effects:
+        """The effects that this log's motion can tell of."""
+        return frozenset(self.by_effect)
+
+    def _search(self, progress: Callable[[float], None]) -> None:
+        model = self.model
+        self._add_levels(model.level_prior.median)
+        greedy = self._greedy(self._grams[0])
+        self._add_levels(model.levels_for(greedy, model.level_prior.median))
+        progress(0.2)
+        self._add_levels(model.levels_for((), self._grams[-1].levels))
+        progress(0.3)
+        tried: set[Effects] = {frozenset()}
+        while len(tried) <= _LEVELS_TRIED:
+            candidates = [f for f in self._ranked() if f.effects not in tried]
+            if not candidates or candidates[0].log_evidence < self._ranked()[0].log_evidence - 5:
+                break
+            tried.add(candidates[0].effects)
+            self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels, rounds=6))
+            progress(0.3 + 0.05 * len(tried))
+        for done, one in enumerate(self._to_refit()):
+            self._refit(one)
+            progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+
+    def _greedy(self, gram: Gram) -> list[Term]:
+        """Return a few terms that together take most of what is there."""
+        chosen: list[Term] = []
+        reached = 0.0
+        for _ in range(_GREEDY):
+            rest = [t for t in self.model.columns.terms if all(_differ(t, c) for c in chosen)]
+            scored = [score(gram, [*chosen, term], self.model.prior) for term in rest]
+            if not scored:
+                break
+            best = max(scored, key=lambda one: one.log_evidence)
+            if best.log_evidence < reached + 3.0:
+                break
+            chosen, reached = list(best.terms), best.log_evidence
+        return chosen
+
+    def _add_levels(self, levels: Floats) -> None:
+        """Compare all sets at these levels too."""
+        if any(not is_far(levels, gram.levels) for gram in self._grams):
+            return
+        gram = self.model.gram(levels)
+        self._grams.append(gram)
+        density = self.model.level_prior.log_density(np.log(levels))
+        offset = gram.log_nothing + density
+        self._offer(Found(frozenset(), (), offset, offset, levels))
+        singles = {
+            effect: self._one(gram, [(term,) for term in terms], offset)
+            for effect, terms in self.by_effect.items()
+        }
+        kept: dict[str, list[Term]] = {}
+        for effect, (found, order) in singles.items():
+            self._offer(found)
+            kept[effect] = order[:_VARIANTS_KEPT]
+        ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
+        for first, second in combinations(ranked, 2):
+            if ranked.index(first) < _LEADERS:
+                lead = kept[first][:1]
+                pairs = [(one, two) for one in lead for two in self.by_effect[second]]
+            else:
+                pairs = [(kept[first][0], kept[second][0])]
+            self._offer(self._one(gram, pairs, offset)[0])
+
+    def _one(
+        self, gram: Gram, choices: Sequence[tuple[Term, ...]], offset: float
+    ) -> tuple[Found, list[Term]]:
+        """Return the account of a set of effects whose variants are *choices*."""
+        scored = [score(gram, terms, self.model.prior) for terms in choices]
+        order = sorted(range(len(scored)), key=lambda i: -scored[i].log_evidence)
+        best = scored[order[0]]
+        count = math.prod(len(self.by_effect[t.variant.effect]) for t in best.terms)
+        evidence = log_sum(np.array([one.log_evidence for one in scored])) - math.log(count)
+        effects = frozenset(term.variant.effect for term in best.terms)
+        found = Found(
+            effects,
+            best.terms,
+            offset + evidence,
+            offset + max(one.log_likelihood for one in scored),
+            gram.levels,
+        )
+        return found, [scored[i].terms[-1] for i in order]
+
+    def _offer(self, found: Found) -> None:
+        known = self.found.get(found.effects)
+        if known is None or found.log_evidence > known.log_evidence:
+            self.found[found.effects] = found
+
+    def _ranked(self) -> list[Found]:
+        return sorted(self.found.values(), key=lambda one: -one.log_evidence)
+
+    def _to_refit(self) -> list[Found]:
+        """Return the best sets, singles first, so that each kind of answer is exact."""
+        ranked = [one for one in self._ranked() if one.effects]
+        singles = [one for one in ranked if len(one.effects) == 1][: _REFITTED // 2]
+        pairs = [one for one in ranked if len(one.effects) > 1][: _REFITTED - len(singles)]
+        return singles + pairs
+
+    def _refit(self, one: Found) -> None:
+        again = self.model.refit(one.terms, one.levels)
+        # The other variants' share of the evidence stays as the scan found it.
+        gram = next(gram for gram in self._grams if gram.levels is one.levels)
+        linear = score(gram, one.terms, self.model.prior).log_evidence
+        density = self.model.level_prior.log_density(np.log(one.levels))
+        others = one.log_evidence - (gram.log_nothing + density + linear)
+        self.found[one.effects] = Found(
+            one.effects,
+            one.terms,
+            again.log_evidence + others,
+            again.log_likelihood,
+            again.levels,
+            again,
+        )
+
+
+def _differ(first: Term, second: Term) -> bool:
+    return first.variant.effect != second.variant.effect
