@@ -16,7 +16,19 @@ from typing import Annotated
 
 import typer
 
-from chiplog.commands import doctor, effects, encode, init, laws, node, replay, run, schema
+from chiplog.commands import (
+    diagnose,
+    doctor,
+    effects,
+    encode,
+    init,
+    laws,
+    node,
+    replay,
+    run,
+    schema,
+)
+from chiplog.commands import map as map_command
 from chiplog.errors import CommandError, describe, one_line
 
 
@@ -64,10 +76,12 @@ for name, function, summary in (
     ("init", init.command, "Write a robot, a map, a scenario and a test to start from."),
     ("node", node.command, "Run plant or firmware as a process of its own."),
     ("replay", replay.command, "Compare a log's odometry with the firmware model's, bit for bit."),
+    ("diagnose", diagnose.command, "Say where real differs from simulated, and why."),
+    ("map", map_command.command, "List a log's signals and propose which of them are what."),
     ("encode", encode.command, "Write a table's rows as a log of valid frames."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),
     ("effects", effects.command, "List what can make a real robot differ."),
-    ("schema", schema.command, "Print the JSON schema of robot.toml."),
+    ("schema", schema.command, "Print the JSON schema of a file we read or write."),
     ("doctor", doctor.command, "Say what this machine has, and what is missing."),
 ):
     app.command(name, short_help=summary)(function)

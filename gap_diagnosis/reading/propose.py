@@ -1,0 +1,359 @@
+"""Proposing what the signals of a log or table are: by unit, name, wraps and correlation.
+
+Every role is given to the signal with the most evidence for it. Two signals with the same evidence
+are not decided by a coin: that is an error which names both. Sides without a name are told apart by
+a gyro, which turns with right minus left.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.signals_found import FoundSignal, sounds_like_time
+from hil_harness.nearest import did_you_mean
+from hil_harness.signal_map import SHIPPED
+from hil_harness.signal_roles import COUNT_UNITS, QUANTITIES, RAW_KIND, ROLES, Role, unit_of
+from hil_harness.table_map import NAMED_COLUMNS
+
+Floats = NDArray[np.float64]
+
+_GRID_S: Final = 0.1
+_ENOUGH: Final = 3.0
+_SAME: Final = 0.25
+_CLEAR: Final = 0.6
+_COMMANDS: Final[tuple[Role, ...]] = ("v_command", "w_command")
+_REFERENCES: Final[tuple[Role, ...]] = ("reference_x", "reference_y", "reference_heading")
+_ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
+_SENSORS: Final[tuple[Role, ...]] = ("accel_x", "accel_y", "temperature", "supply")
+_COMMAND_WORDS: Final = ("cmd", "command", "set", "target", "desired", "request", "ref_speed")
+_REFERENCE_WORDS: Final = ("reference", "mocap", "truth", "ground", "rtk", "gps", "optitrack")
+
+_WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
+    "left_count": ("left", "lft", "wl", "l"),
+    "right_count": ("right", "rgt", "wr", "r"),
+    "gyro": ("gyro", "yawrate", "yaw", "omega", "wz", "gz", "angular"),
+    "accel_x": ("accel", "acc", "ax"),
+    "accel_y": ("accel", "acc", "ay"),
+    "temperature": ("temperature", "temp"),
+    "supply": ("supply", "battery", "voltage", "vbat", "volt"),
+    "v_command": ("v", "speed", "linear", "velocity", "vx"),
+    "w_command": ("w", "turn", "angular", "omega", "yaw", "wz"),
+    "odom_x": ("x", "px"),
+    "odom_y": ("y", "py"),
+    "odom_heading": ("heading", "yaw", "theta", "angle", "psi"),
+    "reference_x": ("x", "px"),
+    "reference_y": ("y", "py"),
+    "reference_heading": ("heading", "yaw", "theta", "angle", "psi"),
+}
+_WHEEL_WORDS: Final = ("wheel", "encoder", "enc", "tick", "count", "pulse", "odo", "wheels")
+_UNIT_AT_END: Final = re.compile(
+    r"(?:^|_)(rad_s|deg_s|m_s|mm_s|rad|deg|mm|m|ticks?|counts?|codes?|v|k)$"
+)
+_SPELT: Final = {
+    "rad_s": "rad/s", "deg_s": "deg/s", "m_s": "m/s", "mm_s": "mm/s", "v": "V", "k": "K",
+    "tick": "", "ticks": "", "count": "", "counts": "", "code": "", "codes": "",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One line of a proposed map.
+
+    Attributes:
+        role: what the signal is taken to be.
+        signal: the signal.
+        unit: what the map must say, None where the DBC or the column's plain name says it.
+        invert: it counts the other way.
+        wrap: of a table's column: where it begins again.
+        reasons: why, for people.
+        is_certain: the name is the contract's own.
+    """
+
+    role: str
+    signal: FoundSignal
+    unit: str | None = None
+    invert: bool = False
+    wrap: float | None = None
+    reasons: tuple[str, ...] = ()
+    is_certain: bool = False
+
+
+@dataclass
+class _Search:
+    """Roles given so far, and what may still be given."""
+
+    found: Mapping[str, FoundSignal]
+    is_table: bool
+    guesses: dict[str, Guess] = field(default_factory=dict)
+
+    @property
+    def free(self) -> list[FoundSignal]:
+        taken = {guess.signal.path for guess in self.guesses.values()}
+        return [
+            signal
+            for signal in self.found.values()
+            if signal.path not in taken and not (self.is_table and sounds_like_time(signal.path))
+        ]
+
+
+def propose(
+    found: Mapping[str, FoundSignal], *, is_table: bool, given: Mapping[str, str] | None = None
+) -> dict[str, Guess]:
+    """Return a guess for each role that has enough evidence, by role.
+
+    *given* says signals of roles that are known. Raises DiagnosisError for a role or signal that
+    does not exist in it.
+
+    Raises DiagnosisError where two signals have the same evidence for one role, naming both, and
+    where no wheels are found.
+    """
+    search = _Search(found, is_table)
+    _take_given(search, given or {})
+    _take_plain_names(search)
+    for role in _COMMANDS:
+        _choose(search, role, lambda s: _named(s, _COMMAND_WORDS))
+    for role in _REFERENCES:
+        _choose(search, role, lambda s: _named(s, _REFERENCE_WORDS))
+    _choose_wheels(search)
+    turn = _turn(search)
+    _choose(search, "gyro", None, turn)
+    for role in _ODOMETRY:
+        _choose(search, role, _is_odometry, turn if role == "odom_heading" else None)
+    for role in _SENSORS:
+        _choose(search, role, None)
+    return {role: search.guesses[role] for role in ROLES if role in search.guesses}
+
+
+def _take_given(search: _Search, given: Mapping[str, str]) -> None:
+    for role, path in given.items():
+        if role not in ROLES:
+            raise DiagnosisError(f"{role}={path}: no such role: {did_you_mean(role, ROLES)}")
+        signal = search.found.get(path)
+        if signal is None:
+            near = did_you_mean(path, search.found)
+            raise DiagnosisError(f"{role}={path}: no such signal with values: {near}")
+        wrap = signal.wrap if search.is_table and signal.wraps else None
+        unit = unit_of_signal(signal, True) if search.is_table else None
+        search.guesses[role] = Guess(
+            role, signal, unit or None, False, wrap, ("as you said",), is_certain=True
+        )
+
+
+def _take_plain_names(search: _Search) -> None:
+    plain: list[tuple[str, str]] = [(".".join(path), role) for role, path in SHIPPED.items()]
+    if search.is_table:
+        plain = [(column, role) for column, (role, _) in NAMED_COLUMNS.items() if role in ROLES]
+    for column, role in plain:
+        signal = search.found.get(column)
+        if signal is not None and role not in search.guesses:
+            search.guesses[role] = Guess(role, signal, reasons=("its plain name",), is_certain=True)
+
+
+def _words_of(signal: FoundSignal) -> list[str]:
+    """Return the words in a name: ``IMU.gyroZ_raw`` has imu, gyro, z, raw."""
+    spaced = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", signal.path)
+    return [word for word in re.split(r"[^A-Za-z]+", spaced.lower()) if word]
+
+
+def _named(signal: FoundSignal, words: tuple[str, ...]) -> bool:
+    joined = " ".join(_words_of(signal))
+    return any(word in joined for word in words if len(word) > 2)
+
+
+def _is_odometry(signal: FoundSignal) -> bool:
+    return not _named(signal, _COMMAND_WORDS) and not _named(signal, _REFERENCE_WORDS)
+
+
+def unit_of_signal(signal: FoundSignal, is_table: bool) -> str:
+    """Return a signal's unit: the DBC's, or what the end of a column's name says."""
+    if not is_table:
+        return signal.unit
+    end = _UNIT_AT_END.search(signal.path.lower())
+    return "" if end is None else _SPELT.get(end[1], end[1])
+
+
+def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float, str | None]:
+    """Return how well the unit fits, and what is said for it; None where it cannot be."""
+    unit = unit_of_signal(signal, is_table)
+    if unit.strip().lower() in COUNT_UNITS:
+        if role in RAW_KIND:
+            whole = bool(np.all(signal.value[:1000] == np.rint(signal.value[:1000])))
+            return (1.0 if whole else -9.0), "whole numbers" if whole else None
+        return (0.0 if is_table else -9.0), None
+    known = unit_of(unit)
+    if known is None or known.quantity not in QUANTITIES[role]:
+        return -9.0, None
+    return 2.0, f"unit {unit}"
+
+
+def _choose(
+    search: _Search,
+    role: Role,
+    fits: Callable[[FoundSignal], bool] | None,
+    turn: tuple[Floats, Floats] | None = None,
+) -> None:
+    """Give a role to the signal with the most evidence, if it has enough."""
+    if role in search.guesses:
+        return
+    scored: list[tuple[float, Guess]] = []
+    for signal in search.free:
+        if (role == "gyro" and signal.is_constant) or (fits is not None and not fits(signal)):
+            continue
+        if fits is None and (
+            _named(signal, _COMMAND_WORDS) or (role == "gyro" and _named(signal, ("accel", "acc")))
+        ):
+            continue
+        score, said = _unit_score(signal, role, search.is_table)
+        reasons = [] if said is None else [said]
+        words = _words_of(signal)
+        hits = [
+            word
+            for word in _WORDS[role]
+            if word in words or (len(word) > 2 and _named(signal, (word,)))
+        ]
+        if hits:
+            score += 2.0 + (1.0 if words[-1] in hits or words[-2:-1] == [hits[0]] else 0.0)
+            reasons.append(f"name has {hits[0]}")
+        if fits is not None and hits and role.startswith(("v_", "w_", "reference")):
+            score += 1.0
+        if role in ("accel_x", "accel_y", "gyro"):
+            axis = role[-1] if role != "gyro" else "z"
+            score += 1.0 if axis in words else -2.0 if {"x", "y", "z"} & set(words) else 0.0
+        invert = False
+        if turn is not None and hits:
+            likeness = _likeness(signal, turn, is_rate=role == "gyro")
+            score += 3.0 * abs(likeness)
+            invert = likeness < -_CLEAR
+            reasons.append(f"turns with the wheels ({likeness:+.2f})")
+        unit = unit_of_signal(signal, True) if search.is_table else None
+        guess = Guess(role, signal, unit or None, invert, None, tuple(reasons))
+        scored.append((score, guess))
+    best = _best(scored, role)
+    if best is not None:
+        search.guesses[role] = best
+
+
+def _best(scored: list[tuple[float, Guess]], role: str) -> Guess | None:
+    ranked = sorted(scored, key=lambda entry: -entry[0])
+    if not ranked or ranked[0][0] < _ENOUGH:
+        return None
+    if len(ranked) > 1 and ranked[0][0] - ranked[1][0] < _SAME:
+        one, other = ranked[0][1].signal.path, ranked[1][1].signal.path
+        raise DiagnosisError(
+            f"{role} could be {one} as well as {other}: nothing in names, units or values tells "
+            f"them apart: expected --is {role}={one} or --is {role}={other}"
+        )
+    return ranked[0][1]
+
+
+def _choose_wheels(search: _Search) -> None:
+    if "left_count" in search.guesses and "right_count" in search.guesses:
+        return
+    by_side: dict[Role, list[tuple[float, Guess]]] = {"left_count": [], "right_count": []}
+    unnamed: list[tuple[float, Guess]] = []
+    for signal in search.free:
+        score, guess = _wheel_evidence(search, signal)
+        if score < _ENOUGH:
+            continue
+        words = set(_words_of(signal))
+        sides = [side for side in by_side if words & set(_WORDS[side])]
+        if len(sides) == 1:
+            named = Guess(
+                sides[0], signal, guess.unit, wrap=guess.wrap, reasons=("name", *guess.reasons)
+            )
+            by_side[sides[0]].append((score, named))
+        else:
+            unnamed.append((score, guess))
+    for role, scored in by_side.items():
+        if role not in search.guesses and (best := _best(scored, role)) is not None:
+            search.guesses[role] = best
+    missing = [role for role in by_side if role not in search.guesses]
+    if len(missing) == 2 and len(unnamed) >= 2:
+        _sides_by_gyro(search, unnamed)
+    elif missing:
+        seen = ", ".join(search.found) if len(search.found) < 30 else f"{len(search.found)} signals"
+        raise DiagnosisError(
+            f"no signal looks like {' or '.join(missing)}: expected a wheel's counts, angle, "
+            f"distance or speed among {seen}; --is {missing[0]}=SIGNAL says which"
+        )
+
+
+def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]:
+    guess = Guess("left_count", signal)
+    if signal.is_constant or _named(signal, _COMMAND_WORDS + _REFERENCE_WORDS):
+        return -9.0, guess
+    score, said = _unit_score(signal, "left_count", search.is_table)
+    reasons = [] if said is None else [said]
+    words = _words_of(signal)
+    if any(hint in word for word in words for hint in _WHEEL_WORDS):
+        score += 2.0
+        reasons.append("name of a wheel")
+    elif {"left", "right"} & set(words):
+        score += 1.0
+    if signal.wraps:
+        score += 1.0
+        reasons.append(f"wraps at {signal.wrap:g}")
+    if "pwm" in words or "current" in words or "cliff" in words:
+        score -= 4.0
+    unit = unit_of_signal(signal, True) if search.is_table else None
+    wrap = signal.wrap if search.is_table and signal.wraps else None
+    return score, Guess("left_count", signal, unit or None, wrap=wrap, reasons=tuple(reasons))
+
+
+def _sides_by_gyro(search: _Search, unnamed: list[tuple[float, Guess]]) -> None:
+    """Tell two wheels without sides in their names apart by a gyro."""
+    (_, one), (_, other) = sorted(unnamed, key=lambda entry: -entry[0])[:2]
+    gyros = [s for s in search.free if _named(s, _WORDS["gyro"]) and not s.is_constant]
+    for gyro in gyros:
+        likeness = _likeness(gyro, _difference(one.signal, other.signal), is_rate=True)
+        if abs(likeness) > _CLEAR:
+            left, right = (one, other) if likeness > 0 else (other, one)
+            why = f"sides by {gyro.path} ({abs(likeness):.2f})"
+            for role, guess in (("left_count", left), ("right_count", right)):
+                search.guesses[role] = Guess(
+                    role, guess.signal, guess.unit, wrap=guess.wrap, reasons=(*guess.reasons, why)
+                )
+            return
+    raise DiagnosisError(
+        f"left_count could be {one.signal.path} as well as {other.signal.path}: neither name says "
+        f"left or right: expected --is left_count={one.signal.path} or "
+        f"--is left_count={other.signal.path}"
+    )
+
+
+def _turn(search: _Search) -> tuple[Floats, Floats]:
+    return _difference(search.guesses["left_count"].signal, search.guesses["right_count"].signal)
+
+
+def _difference(left: FoundSignal, right: FoundSignal) -> tuple[Floats, Floats]:
+    """Return a grid of times and how fast right minus left grows on it."""
+    start = max(left.time_s[0], right.time_s[0])
+    stop = min(left.time_s[-1], right.time_s[-1])
+    grid = np.arange(start, stop, _GRID_S)[:1_000_000]
+    if len(grid) < 3:
+        return np.zeros(0), np.zeros(0)
+    away = np.interp(grid, right.time_s, right.unwrapped())
+    away -= np.interp(grid, left.time_s, left.unwrapped())
+    return grid[1:], np.diff(away)
+
+
+def _likeness(signal: FoundSignal, turn: tuple[Floats, Floats], *, is_rate: bool) -> float:
+    """Return the correlation of a signal with the wheels' turning, -1 to 1."""
+    grid, growth = turn
+    if len(grid) < 10:
+        return 0.0
+    values = signal.value if is_rate else signal.unwrapped()
+    seen = np.interp(grid, signal.time_s, values)
+    if not is_rate:
+        seen, growth = np.diff(seen), growth[1:]
+    spread = float(np.std(seen) * np.std(growth))
+    if spread == 0:
+        return 0.0
+    return float(np.mean((seen - seen.mean()) * (growth - growth.mean())) / spread)
