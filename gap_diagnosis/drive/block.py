@@ -1,0 +1,296 @@
+"""The drive's block: which effects bend the way from command to wheel, and how much."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.columns import DISCRETE, LINEAR, SHARED, Variant, is_possible, variants
+from gap_diagnosis.drive.data import DriveData, drive_data
+from gap_diagnosis.drive.grid import Weighted, integrate
+from gap_diagnosis.drive.noise import (
+    STARTS,
+    Levels,
+    fit_levels,
+    log_level_prior,
+    marginal,
+    whitened,
+)
+from gap_diagnosis.drive.shapes import BENT, Coordinate, Shapes
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.recording import Recording
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+_SAMPLES: Final = 2000
+_FREE_SD: Final = 0.3
+"""Of linear coefficients while noise levels and best likelihoods are sought."""
+_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005, "delay": 0.004}
+"""Deviations that every hypothesis may have: half the tolerances; delay includes the offset
+between a command's reception by log and by drive."""
+
+
+def drive_block(recording: Recording, robot: Robot) -> DriveBlock | None:
+    """Return the block, or None where the log holds no commands or no motion."""
+    data = drive_data(recording, robot)
+    return None if data is None else DriveBlock(data, robot)
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """A variant with everything that does not change from grid point to grid point."""
+
+    variant: Variant
+    shapes: Shapes
+    coordinates: tuple[Coordinate, ...]
+    has_gain: bool
+    nuisances: Floats
+    nuisance_sd: Floats
+
+    @property
+    def linear_sizes(self) -> tuple[prior.Size, ...]:
+        gains = (prior.GAIN, prior.GAIN) if self.has_gain else ()
+        return (*gains, *self.variant.sizes)
+
+    def values(self, point: Floats) -> dict[str, float]:
+        return {
+            one.effect: float(one.value(point[i : i + 1])[0])
+            for i, one in enumerate(self.coordinates)
+        }
+
+    def columns(self, values: Mapping[str, float]) -> Floats:
+        """Return residual, gain columns: float64[1 + 2 or 1, 2, m]."""
+        angle = self.shapes.angle(values)
+        measured = self.variant.data.angle
+        residual = (measured - self.variant.freeze(angle))[np.newaxis]
+        if not self.has_gain:
+            return residual
+        gains = self.shapes.gain_columns(values, angle)
+        return np.concatenate((residual, np.stack([self.variant.freeze(one) for one in gains])))
+
+
+@dataclass(frozen=True)
+class _Grams:
+    """Whitened inner products at points: of linear columns, then nuisances."""
+
+    gram: Floats
+    pull: Floats
+    power: Floats
+
+
+class DriveBlock:
+    """Evidence for effects between recorded commands and recorded wheel angles.
+
+    Besides the actuation effects it weighs errors of counting and set-up (`SHARED`), which bend the
+    same residuals; of these it returns no parameters.
+    """
+
+    name = "drive"
+
+    def __init__(self, data: DriveData, robot: Robot) -> None:
+        self._data = data
+        self._robot = robot
+        self._nominal = Shapes(data, robot).angle({})
+        self._fits: dict[frozenset[str], Fit] = {}
+        self._levels: Floats = STARTS[0]
+        self._null = 0.0
+        setting = self._setting(variants(data, self._nominal, ())[0], frozenset())
+        found = [self._fit_levels(setting, {}, start) for start in STARTS]
+        self._levels, self._null = max(found, key=lambda one: one[1])
+        self._null_evidence = self._evidence(setting, self._levels)[0]
+        self._fits[frozenset()] = Fit((), 0.0, 0.0)
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """The effects that this log's drive residuals can tell."""
+        found = {*BENT, *LINEAR, *(one for one in DISCRETE if is_possible(self._data, one))}
+        return frozenset(found)
+
+    @property
+    def levels(self) -> Levels:
+        """The noise levels without any effect."""
+        return Levels.of(self._levels, self._data.tick_rad)
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Return the fit of these effects."""
+        wanted = frozenset(effects)
+        if wanted not in self._fits:
+            self._fits[wanted] = self._fit(wanted)
+        return self._fits[wanted]
+
+    def _fit(self, effects: frozenset[str]) -> Fit:
+        names = sorted(effects)
+        settings = [
+            self._setting(one, effects) for one in variants(self._data, self._nominal, names)
+        ]
+        levels = self._levels
+        quick = [self._evidence(setting, levels, rough=True) for setting in settings]
+        best = int(np.argmax([one[0] for one in quick]))
+        point = quick[best][1].best
+        values = settings[best].values(point)
+        levels, free = self._fit_levels(settings[best], values, self._levels)
+        found = [self._evidence(settings[best], levels)]
+        others = [one[0] - quick[best][0] for i, one in enumerate(quick) if i != best]
+        total = found[0][0] + float(np.logaddexp.reduce([0.0, *others])) - np.log(len(settings))
+        grid, scale_weights = found[0][1], found[0][2]
+        return Fit(
+            effects=tuple(names),
+            log_evidence=total - self._null_evidence,
+            log_likelihood=max(free - self._null, 0.0),
+            parameters=self._parameters(settings[best], levels, grid, scale_weights),
+            pareto_k=grid.pareto_k,
+        )
+
+    def _setting(self, variant: Variant, effects: frozenset[str]) -> _Setting:
+        shapes = Shapes(variant.data, self._robot)
+        nominal = shapes.angle({})
+        has_gain = "drive_gain" in effects
+        columns, sds = [], []
+        if not has_gain:
+            columns += list(shapes.gain_columns({}, nominal))
+            sds += [_NUISANCE_SD["gain"]] * 2
+        for effect, kind in (("drive_lag", "lag"), ("drive_delay", "delay")):
+            if effect not in effects:
+                step = _NUISANCE_SD[kind]
+                columns.append((shapes.angle({effect: step}) - nominal) / step)
+                sds.append(step)
+        nuisances = np.zeros((0, *nominal.shape))
+        if columns:
+            nuisances = np.stack([variant.freeze(one) for one in columns])
+        return _Setting(
+            variant,
+            shapes,
+            tuple(shapes.coordinate(one) for one in sorted(effects) if one in BENT),
+            has_gain,
+            nuisances,
+            np.array(sds),
+        )
+
+    def _fit_levels(
+        self, setting: _Setting, values: Mapping[str, float], start: Floats
+    ) -> tuple[Floats, float]:
+        made = setting.columns(values)
+        linear = np.concatenate((made[1:], setting.variant.columns, setting.nuisances))
+        free = np.array([_FREE_SD * max(1.0, one.high) for one in setting.linear_sizes])
+        sd = np.concatenate((free, setting.nuisance_sd))
+        data = setting.variant.data
+        levels, value = fit_levels(data, made[0], linear, sd, start)
+        # the width of the free coefficients' prior is no part of the best likelihood
+        if len(free):
+            white, _ = whitened(data, linear[: len(free)], Levels.of(levels, data.tick_rad))
+            scaled = (white @ white.T) * np.outer(free, free) + np.eye(len(free))
+            value += 0.5 * float(np.linalg.slogdet(scaled)[1])
+        return levels, value
+
+    def _evidence(
+        self, setting: _Setting, logs: Floats, *, rough: bool = False
+    ) -> tuple[float, Weighted, Floats]:
+        """Return the log evidence at noise levels, its grid, and weights of prior scales."""
+        data = setting.variant.data
+        levels = Levels.of(logs, data.tick_rad)
+        fixed = np.concatenate((setting.variant.columns, setting.nuisances))
+        white_fixed, log_determinant = whitened(data, fixed, levels)
+        constant = log_level_prior(logs) - 0.5 * log_determinant
+        sd = _scale_products(setting.linear_sizes, setting.nuisance_sd, count=2 if rough else 4)
+
+        def log_density(points: Floats) -> Floats:
+            grams = _grams(setting, levels, white_fixed, points)
+            values = marginal(
+                grams.gram[:, np.newaxis],
+                grams.pull[:, np.newaxis],
+                grams.power[:, np.newaxis],
+                sd[np.newaxis],
+            )
+            total = np.logaddexp.reduce(values, axis=1) - np.log(len(sd)) + constant
+            for i, one in enumerate(setting.coordinates):
+                total = total + one.log_prior(points[:, i])
+            return np.asarray(total, dtype=np.float64)
+
+        grid = integrate(log_density, [(one.low, one.high) for one in setting.coordinates])
+        return grid.log_integral, grid, sd
+
+    def _parameters(
+        self, setting: _Setting, logs: Floats, grid: Weighted, sd: Floats
+    ) -> dict[str, Estimate]:
+        """Return estimates from draws of the grid, and of the linear coefficients given a point."""
+        random = np.random.default_rng(0)
+        weight = np.exp(grid.log_value - grid.log_integral)
+        chosen = random.choice(len(weight), size=_SAMPLES, p=weight / weight.sum())
+        spread = random.uniform(-0.5, 0.5, (_SAMPLES, len(grid.cell))) * grid.cell
+        points = grid.point[chosen] + spread
+        found = {
+            one.key: _estimate(one.value(np.clip(points[:, i], one.low, one.high)))
+            for i, one in enumerate(setting.coordinates)
+        }
+        if setting.has_gain:
+            data = setting.variant.data
+            levels = Levels.of(logs, data.tick_rad)
+            fixed = np.concatenate((setting.variant.columns, setting.nuisances))
+            white_fixed, _ = whitened(data, fixed, levels)
+            used, place = np.unique(chosen, return_inverse=True)
+            grams = _grams(setting, levels, white_fixed, grid.point[used])
+            gains = _draw_linear(grams, sd, place, random)
+            found["drive_gain.left"] = _estimate(gains[:, 0])
+            found["drive_gain.right"] = _estimate(gains[:, 1])
+        return found
+
+
+def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int) -> Floats:
+    """Return the products of the prior's scales: float64[s, linear + nuisances]."""
+    products = list(itertools.product(*(one.scales(count) for one in sizes)))
+    rows = np.array(products, dtype=np.float64).reshape(len(products), len(sizes))
+    return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
+
+
+def _grams(setting: _Setting, levels: Levels, white_fixed: Floats, points: Floats) -> _Grams:
+    data = setting.variant.data
+    own = 2 if setting.has_gain else 0
+    size = own + len(white_fixed)
+    gram = np.zeros((len(points), size, size))
+    pull = np.zeros((len(points), size))
+    power = np.zeros(len(points))
+    shared = white_fixed @ white_fixed.T
+    for i, point in enumerate(points):
+        white, _ = whitened(data, setting.columns(setting.values(point)), levels)
+        power[i] = white[0] @ white[0]
+        pull[i, :own] = white[1:] @ white[0]
+        pull[i, own:] = white_fixed @ white[0]
+        gram[i, :own, :own] = white[1:] @ white[1:].T
+        gram[i, own:, own:] = shared
+        gram[i, :own, own:] = white[1:] @ white_fixed.T
+        gram[i, own:, :own] = gram[i, :own, own:].T
+    return _Grams(gram, pull, power)
+
+
+def _draw_linear(
+    grams: _Grams, sd: Floats, place: NDArray[np.intp], random: np.random.Generator
+) -> Floats:
+    """Draw linear coefficients given each sample's grid point: float64[samples, c]."""
+    draws = np.zeros((len(place), sd.shape[1]))
+    for i in range(len(grams.power)):
+        rows = np.flatnonzero(place == i)
+        logs = marginal(grams.gram[i][None], grams.pull[i][None], grams.power[i][None], sd)
+        weight = np.exp(logs - logs.max())
+        scale = random.choice(len(sd), size=len(rows), p=weight / weight.sum())
+        for number in np.unique(scale):
+            mine = rows[scale == number]
+            precision = grams.gram[i] + np.diag(1 / sd[number] ** 2)
+            factor = np.linalg.cholesky(precision)
+            mean = np.linalg.solve(precision, grams.pull[i])
+            noise = np.linalg.solve(factor.T, random.standard_normal((len(factor), len(mine))))
+            draws[mine] = mean + noise.T
+    return draws
+
+
+def _estimate(samples: Floats) -> Estimate:
+    return Estimate(float(np.mean(samples)), float(np.std(samples)), samples)
+
+
+__all__ = ["SHARED", "DriveBlock", "drive_block"]

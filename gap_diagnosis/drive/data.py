@@ -1,0 +1,149 @@
+"""What the drive's residuals are made of: commands and wheel angles in blocks of a few ticks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive.kernels import block_means
+from gap_diagnosis.recording import Recording
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+_BLOCK_S: Final = 0.04
+_LEAST_BLOCKS: Final = 50
+_REST_BLOCKS: Final = 25
+"""A wheel at rest says its angle once a second: the same count again is no new observation."""
+_ACTIVITY_S: Final = 0.6
+_IDLE: Final = 0.02
+"""Share of the largest activity that errors keep while the robot rests."""
+
+
+@dataclass(frozen=True)
+class DriveData:
+    """Commands and wheels of one recording.
+
+    Attributes:
+        dt_s: time from row to row.
+        commanded: float64[2, n], wheel rates in force from each row on [rad/s].
+        rate_0: float64[2], wheel rates at the first row.
+        row_used: bool[2, n], rows whose count is there.
+        start: int64[m + 1], first row of each block.
+        block_s: time from block to block.
+        angle: float64[2, m], mean measured wheel angle of each block [rad].
+        seen: bool[2, m], blocks that count as an observation.
+        count: int64[2, m], rows averaged.
+        activity: float64[2, m], how fast the wheel turns or ought to [rad/s].
+        lost: bool[m], after a gap of which nothing is known.
+        time_s: float64[m], log time of each block.
+        tick_rad: wheel angle of one count.
+    """
+
+    dt_s: float
+    commanded: Floats
+    rate_0: Floats
+    row_used: NDArray[np.bool_]
+    start: NDArray[np.int64]
+    block_s: float
+    angle: Floats
+    seen: NDArray[np.bool_]
+    count: NDArray[np.int64]
+    activity: Floats
+    lost: NDArray[np.bool_]
+    time_s: Floats
+    tick_rad: float
+
+    def blocks(self, angles: Floats) -> Floats:
+        """Return the block means of angles float64[2, n]; 0 where a block is not observed."""
+        means: Any = block_means(angles, self.row_used, self.start)
+        return np.where(self.seen, means, 0.0)
+
+
+def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
+    """Return the data, or None where the log has no commands, no motion or too few rows."""
+    v, w = recording.v_command_m_s, recording.w_command_rad_s
+    if v is None or w is None:
+        return None
+    known = np.isfinite(v) & np.isfinite(w)
+    if not known.any():
+        return None
+    first = int(np.argmax(known))
+    rows = slice(first, None)
+    wheels = robot.plant.wheels
+    turn = 0.5 * np.nan_to_num(w[rows]) * wheels.wheelbase_m
+    speed = np.nan_to_num(v[rows])
+    commanded = np.ascontiguousarray(np.stack([speed - turn, speed + turn]) / wheels.radius_m)
+    tick_rad = math.tau / robot.plant.encoder.ticks_per_rev
+    angle = np.stack([recording.left_ticks[rows], recording.right_ticks[rows]]) * tick_rad
+    used = np.isfinite(angle)
+    dt_s = recording.tick_period_s
+    every = max(1, round(_BLOCK_S / dt_s))
+    n = angle.shape[1]
+    start = np.arange(0, n + 1, every, dtype=np.int64)
+    if len(start) - 1 < _LEAST_BLOCKS or used.sum(axis=1).min() < _LEAST_BLOCKS:
+        return None
+    if not np.any(np.abs(commanded) > 0):
+        return None
+    means = block_means(np.nan_to_num(angle), used, start)
+    count = np.add.reduceat(used, start[:-1], axis=1)[:, : len(start) - 1].astype(np.int64)
+    block_s = every * dt_s
+    activity = _activity(commanded[:, start[:-1]], means, block_s)
+    jumped = np.concatenate(([False], np.diff(recording.tick[rows]) > 1))
+    lost = np.logical_or.reduceat(jumped, start[:-1])
+    return DriveData(
+        dt_s=dt_s,
+        commanded=commanded,
+        rate_0=_first_rates(angle, dt_s),
+        row_used=used,
+        start=start,
+        block_s=block_s,
+        angle=np.nan_to_num(means),
+        seen=np.isfinite(means) & ~_repeats_at_rest(means, commanded[:, start[:-1]], tick_rad),
+        count=np.maximum(count, 1),
+        activity=activity,
+        lost=lost,
+        time_s=recording.t_s[rows][start[:-1]],
+        tick_rad=tick_rad,
+    )
+
+
+def _first_rates(angle: Floats, dt_s: float) -> Floats:
+    """Return the wheel rates over the first ticks: a log may begin in motion."""
+    rates = np.zeros(2)
+    for wheel in range(2):
+        rows = np.flatnonzero(np.isfinite(angle[wheel]))[:8]
+        if len(rows) > 2:
+            rates[wheel] = np.polyfit(rows * dt_s, angle[wheel][rows], 1)[0]
+    return rates
+
+
+def _activity(commanded: Floats, angle: Floats, block_s: float) -> Floats:
+    filled = angle.copy()
+    for wheel in range(2):
+        there = np.flatnonzero(np.isfinite(filled[wheel]))
+        filled[wheel] = np.interp(np.arange(filled.shape[1]), there, filled[wheel][there])
+    rate = np.gradient(filled, block_s, axis=1)
+    size = np.maximum(np.abs(rate), np.abs(commanded))
+    width = max(1, round(_ACTIVITY_S / block_s))
+    kernel = np.ones(width) / width
+    smooth = np.stack([np.sqrt(np.convolve(one**2, kernel, mode="same")) for one in size])
+    typical = float(np.quantile(size, 0.9)) or float(size.max()) or 1.0
+    return np.asarray(np.sqrt(smooth**2 + (_IDLE * typical) ** 2), dtype=np.float64)
+
+
+def _repeats_at_rest(angle: Floats, commanded: Floats, tick_rad: float) -> NDArray[np.bool_]:
+    """Mark blocks in which a wheel that is told to rest still shows what it showed before."""
+    repeated = np.zeros(angle.shape, dtype=np.bool_)
+    for wheel in range(2):
+        rests = 0
+        for i in range(1, angle.shape[1]):
+            still = abs(angle[wheel, i] - angle[wheel, i - 1]) < 0.6 * tick_rad
+            idle = commanded[wheel, i] == 0.0 and commanded[wheel, i - 1] == 0.0
+            rests = rests + 1 if still and idle else 0
+            repeated[wheel, i] = rests > 0 and rests % _REST_BLOCKS != 0
+    return repeated

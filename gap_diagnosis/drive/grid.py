@@ -1,0 +1,188 @@
+"""Integrals over a few parameters: a grid for one, importance sampling for more.
+
+One parameter: grids that close in on where the integrand lies. More: the best point of a coarse
+grid, then a Student proposal that follows the tempered integrand until it fits (population Monte
+Carlo; O. Cappé et al., J. Comput. Graph. Stat. 13(4), 2004).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import gammaln
+from scipy.stats import genpareto
+
+Floats = NDArray[np.float64]
+Values = Callable[[Floats], Floats]
+
+_NATS: Final = 12.0
+"""Points less likely than the best by more have no say."""
+_POINTS: Final = 25
+_FINAL_POINTS: Final = 61
+_CLOSINGS: Final = 7
+_SHRINKS: Final = 0.6
+_COARSE: Final = {2: 9, 3: 5, 4: 4}
+_ROUND_DRAWS: Final = 80
+_ROUNDS: Final = 6
+_DRAWS: Final = 300
+_FREEDOM: Final = 5.0
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Points that stand for an integral.
+
+    Attributes:
+        point: float64[p, d].
+        log_value: float64[p], log of integrand times the volume a point stands for.
+        cell: float64[d], width over which a point is smeared; 0 where points are draws.
+        pareto_k: shape of the weights' tail; 0 for a grid.
+    """
+
+    point: Floats
+    log_value: Floats
+    cell: Floats
+    pareto_k: float = 0.0
+
+    @property
+    def log_integral(self) -> float:
+        """Return the logarithm of the integral."""
+        return float(np.logaddexp.reduce(self.log_value))
+
+    @property
+    def best(self) -> Floats:
+        """Return the weightiest point."""
+        return np.asarray(self.point[int(np.argmax(self.log_value))], dtype=np.float64)
+
+
+def integrate(log_density: Values, bounds: Sequence[tuple[float, float]]) -> Weighted:
+    """Integrate exp(log_density(points float64[p, d])) over a box of one to four dimensions."""
+    box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
+    if len(box) == 0:
+        point = np.zeros((1, 0))
+        return Weighted(point, log_density(point), np.zeros(0))
+    return _by_grid(log_density, box) if len(box) == 1 else _by_sampling(log_density, box)
+
+
+def _by_grid(log_density: Values, box: Floats) -> Weighted:
+    for _ in range(_CLOSINGS):
+        points, cell = _middles(box, _POINTS)
+        values = log_density(points)
+        near = points[values > values.max() - _NATS]
+        smaller = np.stack(
+            [
+                np.maximum(near.min(axis=0) - cell, box[:, 0]),
+                np.minimum(near.max(axis=0) + cell, box[:, 1]),
+            ],
+            axis=1,
+        )
+        shrink = float((smaller[0, 1] - smaller[0, 0]) / (box[0, 1] - box[0, 0]))
+        box = smaller
+        if shrink > _SHRINKS:
+            break
+    points, cell = _middles(box, _FINAL_POINTS)
+    return Weighted(points, log_density(points) + float(np.sum(np.log(cell))), cell)
+
+
+def _by_sampling(log_density: Values, box: Floats) -> Weighted:
+    size = len(box)
+    points, cell = _middles(box, _COARSE[size])
+    values = log_density(points)
+    start = points[int(np.argmax(values))]
+
+    def inside(candidates: Floats) -> Floats:
+        there = np.all((candidates > box[:, 0]) & (candidates < box[:, 1]), axis=1)
+        logs = np.full(len(candidates), -np.inf)
+        if there.any():
+            logs[there] = log_density(candidates[there])
+        return logs
+
+    best = minimize(
+        lambda point: -float(np.maximum(inside(point[np.newaxis])[0], -1e300)),
+        start,
+        method="Nelder-Mead",
+        options={
+            "maxfev": 60 * size,
+            "initial_simplex": np.vstack([start, start + 0.45 * np.diag(cell)]),
+            "fatol": 0.01,
+            "xatol": 1e-7,
+        },
+    ).x
+    mean = np.asarray(best, dtype=np.float64)
+    covariance = np.diag((0.5 * cell) ** 2)
+    random = np.random.default_rng(1)
+    seen_points: list[Floats] = []
+    seen_values: list[Floats] = []
+    temper = 0.0
+    for _ in range(4 * _ROUNDS):
+        draws, log_proposal = _student(mean, covariance, _ROUND_DRAWS, random)
+        values = inside(draws)
+        seen_points, seen_values = [draws, mean[np.newaxis]], [values, inside(mean[np.newaxis])]
+        ratio = values - log_proposal
+        temper = _temperature(values, ratio)
+        weight = _tempered(values, ratio, temper)
+        mean = weight @ draws
+        away = draws - mean
+        covariance = (weight[:, np.newaxis] * away).T @ away + 1e-9 * covariance
+        if temper == 1.0 and float(1 / np.sum(weight**2)) > 0.35 * _ROUND_DRAWS:
+            break
+    draws, log_proposal = _student(mean, 1.3 * covariance, _DRAWS, random)
+    log_value = inside(draws) - log_proposal - np.log(_DRAWS)
+    return Weighted(draws, log_value, np.zeros(size), _tail_shape(log_value))
+
+
+def _temperature(values: Floats, ratio: Floats) -> float:
+    """Return the largest power of the integrand that a quarter of the draws still carries."""
+    for temper in (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001, 1e-4, 1e-5):
+        weight = _tempered(values, ratio, temper)
+        if float(1 / np.sum(weight**2)) > 0.2 * len(values):
+            return temper
+    return 1e-5
+
+
+def _tempered(values: Floats, ratio: Floats, temper: float) -> Floats:
+    logs = np.where(np.isfinite(values), temper * np.where(np.isfinite(ratio), ratio, 0.0), -np.inf)
+    weight = np.exp(logs - logs.max())
+    return np.asarray(weight / weight.sum(), dtype=np.float64)
+
+
+def _student(
+    mean: Floats, covariance: Floats, count: int, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return draws from a Student distribution and their log densities."""
+    size = len(mean)
+    factor = np.linalg.cholesky(covariance + 1e-300 * np.eye(size))
+    normal = random.standard_normal((count, size))
+    stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, count))[:, np.newaxis]
+    square = np.sum((normal * stretch) ** 2, axis=1)
+    log_density = (
+        gammaln((_FREEDOM + size) / 2)
+        - gammaln(_FREEDOM / 2)
+        - 0.5 * size * np.log(_FREEDOM * np.pi)
+        - float(np.sum(np.log(np.diag(factor))))
+        - 0.5 * (_FREEDOM + size) * np.log1p(square / _FREEDOM)
+    )
+    return mean + (normal * stretch) @ factor.T, np.asarray(log_density)
+
+
+def _tail_shape(log_value: Floats) -> float:
+    """Return the Pareto shape of the largest fifth of the weights."""
+    weight = np.sort(np.exp(log_value - log_value.max()))
+    tail = weight[-len(weight) // 5 :]
+    excess = tail[1:] - tail[0]
+    if excess.max() <= 0:
+        return 0.0
+    return float(genpareto.fit(excess / excess.max(), floc=0)[0])
+
+
+def _middles(box: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the middles of *count* equal cells along each side, and the cells' widths."""
+    cell = (box[:, 1] - box[:, 0]) / count
+    axes = [box[i, 0] + cell[i] * (np.arange(count) + 0.5) for i in range(len(box))]
+    return np.array(list(itertools.product(*axes)), dtype=np.float64), cell

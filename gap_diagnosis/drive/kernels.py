@@ -1,0 +1,173 @@
+"""The drive's motion and the whitening of its residuals, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def predict(
+    commanded: Any,
+    rate_0: Any,
+    dt_s: float,
+    lag_s: float,
+    delay_s: float,
+    deadband: float,
+    limit_rate: float,
+    limit_acceleration: float,
+    gain: float,
+) -> Any:
+    """Return the wheel angles [rad] since row 0 of a drive with these parameters: float64[2, n].
+
+    Args:
+        commanded: float64[2, n], wheel rates in force from each row on [rad/s].
+        rate_0: float64[2], wheel rates at row 0.
+        dt_s: time from row to row.
+        lag_s, delay_s, deadband, limit_rate, limit_acceleration: as described plus deviation.
+        gain: steady wheel speed over commanded.
+
+    The same exact solution within each tick as the simulated drive: delay, deadband, gain,
+    saturation, then a first-order lag of limited acceleration.
+    """
+    n = commanded.shape[1]
+    angle = np.zeros((2, n))
+    whole = int(math.floor(delay_s / dt_s))
+    rest_s = min(max(delay_s - whole * dt_s, 0.0), dt_s)
+    knee = limit_acceleration * lag_s
+    parts_s = (rest_s, dt_s - rest_s)
+    shares = (
+        -math.expm1(-parts_s[0] / lag_s) if lag_s > 0.0 else 1.0,
+        -math.expm1(-parts_s[1] / lag_s) if lag_s > 0.0 else 1.0,
+    )
+    for wheel in range(2):
+        rate = rate_0[wheel]
+        turned = 0.0
+        for k in range(1, n):
+            for part in range(2):
+                left_s = parts_s[part]
+                closed = shares[part]
+                if left_s <= 0.0:
+                    continue
+                source = k - 1 - whole - (1 - part)
+                target = commanded[wheel, source if source > 0 else 0]
+                target = 0.0 if abs(target) < deadband else target * gain
+                target = min(max(target, -limit_rate), limit_rate)
+                gap = target - rate
+                if abs(gap) > knee:
+                    ramp_s = min((abs(gap) - knee) / limit_acceleration, left_s)
+                    slope = limit_acceleration if gap > 0.0 else -limit_acceleration
+                    turned += (rate + 0.5 * slope * ramp_s) * ramp_s
+                    rate += slope * ramp_s
+                    left_s -= ramp_s
+                    gap = target - rate
+                    closed = -math.expm1(-left_s / lag_s) if lag_s > 0.0 else 1.0
+                if left_s > 0.0:
+                    turned += target * left_s - gap * lag_s * closed
+                    rate += gap * closed
+            angle[wheel, k] = turned
+    return angle
+
+
+@njit(cache=True, error_model="numpy")
+def block_means(values: Any, used: Any, start: Any) -> Any:
+    """Return the means of *values* float64[2, n] over the used rows of blocks: float64[2, m].
+
+    Block i is rows start[i] to start[i + 1]; one without a used row is NaN.
+    """
+    blocks = start.size - 1
+    means = np.full((2, blocks), np.nan)
+    for wheel in range(2):
+        for i in range(blocks):
+            total, count = 0.0, 0
+            for k in range(start[i], start[i + 1]):
+                if used[wheel, k]:
+                    total += values[wheel, k]
+                    count += 1
+            if count > 0:
+                means[wheel, i] = total / count
+    return means
+
+
+@njit(cache=True, error_model="numpy")
+def whiten(
+    columns: Any,
+    seen: Any,
+    count: Any,
+    activity: Any,
+    lost: Any,
+    dt_s: float,
+    white: float,
+    walk: float,
+    spread: float,
+    memory_s: float,
+) -> Any:
+    """Whiten cumulative signals: return the columns' innovations and the log determinant.
+
+    The error of a wheel's angle is white noise (standard deviation white/sqrt(count)) plus a random
+    walk (*walk* per sqrt of a second, times activity) plus the integral of an Ornstein-Uhlenbeck
+    rate error (standard deviation *spread* times activity, time constant *memory_s*).
+
+    Args:
+        columns: float64[c, 2, m].
+        seen: bool[2, m], which are observed. The first of each wheel sets the unknown start angle.
+        count: int64[2, m], rows averaged in each.
+        activity: float64[2, m], rate scale of the errors [rad/s].
+        lost: bool[m], the angle is unknown again from this block on.
+        dt_s: time from block to block.
+        white, walk, spread, memory_s: the levels.
+    """
+    kinds = columns.shape[0]
+    blocks = columns.shape[2]
+    out = np.zeros((kinds, 2, blocks))
+    angle = np.zeros(kinds)
+    error = np.zeros(kinds)
+    keep = math.exp(-dt_s / memory_s)
+    flow = memory_s * (1.0 - keep)
+    log_determinant = 0.0
+    for wheel in range(2):
+        angle[:] = 0.0
+        error[:] = 0.0
+        started = False
+        paa, pau, puu = 0.0, 0.0, spread * spread
+        for i in range(blocks):
+            g = activity[wheel, i]
+            if started:
+                f = g * flow
+                paa_new = paa + 2.0 * f * pau + f * f * puu
+                pau = keep * (pau + f * puu)
+                puu = keep * keep * puu + spread * spread * (1.0 - keep * keep)
+                step = walk * g
+                # what the rate error gains within the block also moves the angle
+                within = spread * g * dt_s
+                paa = paa_new + step * step * dt_s + within * within * (1.0 - keep) * 0.667
+                for c in range(kinds):
+                    angle[c] += f * error[c]
+                    error[c] *= keep
+                if lost[i]:
+                    started = False
+            if not seen[wheel, i]:
+                continue
+            noise = white * white / count[wheel, i]
+            if not started:
+                started = True
+                paa, pau = noise, 0.0
+                for c in range(kinds):
+                    angle[c] = columns[c, wheel, i]
+                continue
+            variance = paa + noise
+            scale = 1.0 / math.sqrt(variance)
+            log_determinant += math.log(variance)
+            ka, ku = paa / variance, pau / variance
+            for c in range(kinds):
+                innovation = columns[c, wheel, i] - angle[c]
+                out[c, wheel, i] = innovation * scale
+                angle[c] += ka * innovation
+                error[c] += ku * innovation
+            puu -= ku * pau
+            pau -= ka * pau
+            paa -= ka * paa
+    return out, log_determinant

@@ -1,0 +1,119 @@
+"""The noise of the drive's residuals, and the likelihood of what is left of them.
+
+No drive follows its description exactly: a velocity loop, load, a floor, another engine's motor.
+White noise (counting), a random walk of the angle and a rate error with a memory, the last two in
+proportion to how fast the wheel turns; all four levels are estimated under every hypothesis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.kernels import whiten
+
+Floats = NDArray[np.float64]
+
+# Natural logarithms of typical levels and their spreads: white [ticks], walk [√s], spread [1],
+# memory [s].
+_CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3])
+_WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2])
+_LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05])
+_HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0])
+_ITERATIONS: Final = 25
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Noise levels: white [rad], walk [√s], spread [1], memory_s."""
+
+    white: float
+    walk: float
+    spread: float
+    memory_s: float
+
+    @classmethod
+    def of(cls, logs: Floats, tick_rad: float) -> Levels:
+        """Return the levels of four logarithms, held within their bounds."""
+        values = np.exp(np.clip(logs, _LOW, _HIGH))
+        return cls(float(values[0]) * tick_rad, *(float(value) for value in values[1:]))
+
+
+STARTS: Final = (
+    _CENTRE,
+    np.log([0.5, 2e-4, 1.5e-3, 1.0]),
+    np.log([0.5, 0.01, 0.1, 0.5]),
+)
+"""Log levels from which those of a log are sought: typical, quiet and rough."""
+
+
+def whitened(data: DriveData, columns: Floats, levels: Levels) -> tuple[Floats, float]:
+    """Return the innovations of columns float64[c, 2, m] as float64[c, 2m], and log det."""
+    result: Any = whiten(
+        columns,
+        data.seen,
+        data.count,
+        data.activity,
+        data.lost,
+        data.block_s,
+        levels.white,
+        levels.walk,
+        levels.spread,
+        levels.memory_s,
+    )
+    return result[0].reshape(len(columns), -1), float(result[1])
+
+
+def log_level_prior(logs: Floats) -> float:
+    """Return the log prior density of four log levels, up to a constant."""
+    return float(-0.5 * np.sum(((logs - _CENTRE) / _WIDTH) ** 2))
+
+
+def marginal(gram: Floats, pull: Floats, power: Floats, sd: Floats) -> Floats:
+    """Return log likelihoods with linear coefficients of prior standard deviation *sd* gone.
+
+    Args:
+        gram: float64[..., c, c] of whitened columns.
+        pull: float64[..., c], columns against the residual.
+        power: float64[...], the residual's square.
+        sd: float64[..., c].
+    """
+    scaled = gram * sd[..., :, np.newaxis] * sd[..., np.newaxis, :]
+    matrix = scaled + np.eye(sd.shape[-1])
+    aim = pull * sd
+    solved = np.linalg.solve(matrix, aim[..., np.newaxis])[..., 0]
+    _, log_determinant = np.linalg.slogdet(matrix)
+    return np.asarray(-0.5 * (power - np.sum(aim * solved, axis=-1) + log_determinant))
+
+
+def fit_levels(
+    data: DriveData, residual: Floats, columns: Floats, sd: Floats, start: Floats
+) -> tuple[Floats, float]:
+    """Return the most probable log levels and the log likelihood there, with their prior.
+
+    *residual* is float64[2, m]; *columns* float64[c, 2, m] are nuisances with prior *sd*.
+    """
+    stacked = np.concatenate((residual[np.newaxis], columns))
+
+    def loss(logs: Floats) -> float:
+        white, log_determinant = whitened(data, stacked, Levels.of(logs, data.tick_rad))
+        gram = white @ white.T
+        log_likelihood = float(marginal(gram[1:, 1:], gram[1:, 0], gram[0, 0], sd))
+        value = log_likelihood - 0.5 * log_determinant + log_level_prior(logs)
+        return -value if math.isfinite(value) else 1e300
+
+    bounds = list(zip(_LOW, _HIGH, strict=True))
+    best = minimize(
+        loss,
+        np.clip(start, _LOW, _HIGH),
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": _ITERATIONS, "eps": 0.02, "ftol": 1e-7},
+    )
+    return np.asarray(best.x, dtype=np.float64), -float(best.fun)

@@ -1,0 +1,110 @@
+"""How each effect bends the prediction: coordinates, priors, and the drive they stand for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.kernels import predict
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+BENT: Final = (
+    "drive_acceleration_limit", "drive_deadband", "drive_delay", "drive_lag", "drive_saturation",
+)  # fmt: skip
+"""Effects with one parameter that bends the prediction; integrated over a grid."""
+
+_PARAMETER: Final = {
+    "drive_acceleration_limit": "limit",
+    "drive_deadband": "rate",
+    "drive_delay": "delay",
+    "drive_lag": "time_constant",
+    "drive_saturation": "limit",
+}
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """The parameter of a bending effect, in the coordinate in which its grid is even.
+
+    Thresholds are even in their logarithm, with a log-uniform prior; lag and delay in the square
+    root of their size, so that small ones are as finely resolved as they are told apart.
+    """
+
+    effect: str
+    low: float
+    high: float
+    is_logarithm: bool
+    size: prior.Size | None = None
+
+    @property
+    def key(self) -> str:
+        """effect.parameter."""
+        return f"{self.effect}.{_PARAMETER[self.effect]}"
+
+    def value(self, coordinate: Floats) -> Floats:
+        """Return the parameter."""
+        return np.exp(coordinate) if self.is_logarithm else coordinate**2
+
+    def log_prior(self, coordinate: Floats) -> Floats:
+        """Return the log prior density in the coordinate."""
+        if self.size is None:
+            return np.full(coordinate.shape, -math.log(self.high - self.low))
+        jacobian = np.log(2 * np.maximum(coordinate, 1e-12))
+        return self.size.log_density(coordinate**2) + jacobian
+
+
+class Shapes:
+    """Predictions of one recording's wheel angles under the described drive and its deviations."""
+
+    def __init__(self, data: DriveData, robot: Robot) -> None:
+        self._data = data
+        drive = robot.plant.drive
+        self._lag_s, self._delay_s = drive.time_constant_s, drive.delay_s
+        self._limit_rate = drive.max_wheel_rate_rad_s
+        self._limit_acceleration = drive.max_wheel_acceleration_rad_s2
+
+    def coordinate(self, effect: str) -> Coordinate:
+        """Return the coordinate of a bending effect."""
+        if effect == "drive_lag":
+            return Coordinate(effect, 0.0, math.sqrt(2 * prior.LAG_S.high), False, prior.LAG_S)
+        if effect == "drive_delay":
+            return Coordinate(effect, 0.0, math.sqrt(2 * prior.DELAY_S.high), False, prior.DELAY_S)
+        share, scale = {
+            "drive_deadband": (prior.DEADBAND_SHARE, self._limit_rate),
+            "drive_saturation": (prior.SATURATION_SHARE, self._limit_rate),
+            "drive_acceleration_limit": (prior.ACCELERATION_SHARE, self._limit_acceleration),
+        }[effect]
+        low, high = (math.log(part * scale) for part in share)
+        return Coordinate(effect, low, high, True)
+
+    def angle(self, values: Mapping[str, float], gain: float = 1.0) -> Floats:
+        """Return block means of the wheel angles: float64[2, m]; *values* by effect."""
+        angles: Any = predict(
+            self._data.commanded,
+            self._data.rate_0,
+            self._data.dt_s,
+            self._lag_s + values.get("drive_lag", 0.0),
+            self._delay_s + values.get("drive_delay", 0.0),
+            values.get("drive_deadband", 0.0),
+            min(self._limit_rate, values.get("drive_saturation", math.inf)),
+            min(self._limit_acceleration, values.get("drive_acceleration_limit", math.inf)),
+            gain,
+        )
+        return self._data.blocks(angles)
+
+    def gain_columns(self, values: Mapping[str, float], angle: Floats) -> Floats:
+        """Return what a relative gain of each wheel adds to the angles: float64[2, 2, m]."""
+        step = 0.02
+        change = (self.angle(values, 1.0 + step) - angle) / step
+        columns = np.zeros((2, *change.shape))
+        columns[0, 0], columns[1, 1] = change
+        return columns
