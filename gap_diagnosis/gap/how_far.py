@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.gap.metrics import WindowErrors
 from gap_diagnosis.recording import Floats
@@ -112,10 +113,10 @@ def gap_of(
     telling = [name for name in able if metrics[name].closed is not None]
     name = (telling or able)[0]
     chosen = metrics[name]
-    return Gap(metric=name, held_out=held_out, all=dict(metrics), **{k: v for k, v in chosen})
+    return Gap(metric=name, held_out=held_out, all=dict(metrics), **dict(chosen))
 
 
-def _picks(count: int) -> Floats | None:
+def _picks(count: int) -> NDArray[np.int64] | None:
     if count < 2:
         return None
     return np.random.default_rng(_SEED).integers(count, size=(_RESAMPLES, count))

@@ -1,7 +1,7 @@
 """Errors of a predicted path (or angle, or stamp) over windows, and their RMS.
 
-The prediction is known at the ticks and interpolated to the stamps of what it is held against, never
-the other way round. In each window only the start pose is estimated, from the first second.
+The prediction is known at the ticks and interpolated to the stamps of what it is held against,
+never the other way round. In each window only the start pose is estimated, from the first second.
 """
 
 from __future__ import annotations
@@ -125,17 +125,27 @@ def series_errors(t_s: Floats, difference: Floats, windows: Sequence[Window]) ->
     return _errors(found, 1)
 
 
-def stamp_errors(frames: FrameTimes, windows: Sequence[Window]) -> WindowErrors:
-    """Return how far a message's stamps lie from its described beat in each window [s].
+def stamp_errors(
+    frames: FrameTimes,
+    windows: Sequence[Window],
+    *,
+    clock_skew: float = 0.0,
+    free_rate: bool = False,
+) -> WindowErrors:
+    """Return how far a message's stamps lie from its beat in each window [s].
 
     The beat is the frame counter (where it runs) or the order of arrival, times the described cycle
-    time; its start is the mean of the window's first second.
+    time as a clock that is fast by *clock_skew* makes it. Its start is the mean of the window's
+    first second; with *free_rate* its rate is the log's own.
     """
     t_s, counter = frames.t_s, frames.counter
-    number = counter if frames.modulo and (counter >= 0).all() else np.arange(len(t_s))
+    counted = bool(frames.modulo) and bool((counter >= 0).all())
+    number = (counter if counted else np.arange(len(t_s))).astype(np.float64)
     order = np.argsort(t_s, kind="stable")
-    beat_s = number.astype(np.float64) * frames.cycle_s
-    return series_errors(t_s[order], (t_s - beat_s)[order], windows)
+    late_s = (t_s - number * frames.cycle_s / (1 + clock_skew))[order]
+    if free_rate:
+        late_s = late_s - np.polyval(np.polyfit(number[order], late_s, 1), number[order])
+    return series_errors(t_s[order], late_s, windows)
 
 
 def _samples(t_s: Floats, window: Window) -> tuple[int, int]:

@@ -1,0 +1,207 @@
+"""The gap that noise alone leaves: the metrics on errors drawn from the noise model.
+
+Errors are small against the path, so the error of a path is linear in its noise. Walks are drawn
+at nodes 50 ms apart and the reference is read at the nodes (at most as often as it comes); what it
+does between two nodes is far below the other noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.gap.metrics import Path
+from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.recording import Floats
+
+DRAWS: Final = 200
+_NODE_S: Final = 0.05
+_SEED: Final = 50_200
+
+
+@dataclass(frozen=True)
+class NoiseLevels:
+    """How large each noise is; the names are those of the motion block's levels.
+
+    Attributes:
+        contact_m_per_sqrt_m: random walk of each wheel over its way.
+        lateral_m_per_sqrt_m: likewise to the side.
+        gyro_noise_rad_per_sqrt_s: angle random walk.
+        gyro_bias_walk_rad_s_per_sqrt_s: random walk of the gyro's bias.
+        reference_position_m, reference_heading_rad: white, per sample.
+        reference_slow_position_m, reference_slow_heading_rad: correlated over `slow_s`.
+        slow_s: that correlation time.
+        quantum_rad: quantisation and noise of one reading of a wheel's angle, standard deviation.
+    """
+
+    contact_m_per_sqrt_m: float
+    lateral_m_per_sqrt_m: float
+    gyro_noise_rad_per_sqrt_s: float
+    gyro_bias_walk_rad_s_per_sqrt_s: float
+    reference_position_m: float
+    reference_heading_rad: float
+    reference_slow_position_m: float = 0.0
+    reference_slow_heading_rad: float = 0.0
+    slow_s: float = 1.0
+    quantum_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Mean squares that noise alone leaves, float64[draws, w] each, one column per window."""
+
+    position: Floats
+    heading: Floats
+    turn_difference: Floats
+
+
+def noise_floor(
+    path: Path,
+    wheel_way_m: tuple[Floats, Floats],
+    measured_t_s: Floats,
+    windows: Sequence[Window],
+    levels: NoiseLevels,
+    *,
+    radius_m: float,
+    wheelbase_m: float,
+    gyro_share: float,
+    has_heading: bool = True,
+    draws: int = DRAWS,
+) -> Floor:
+    """Return the metrics on noise alone.
+
+    *path* is the explained path at the ticks; *wheel_way_m* the way that each wheel has rolled
+    until each tick (never falling), float64[n] each. *gyro_share* is how much of the odometry's
+    heading comes from the gyro. Without *has_heading* the start heading is estimated as in
+    `metrics.path_errors` from positions. The same input gives the same draws.
+    """
+    generator = np.random.default_rng(_SEED)
+    rows = [
+        _window_floor(
+            generator, path, wheel_way_m, measured_t_s, window, levels,
+            radius_m, wheelbase_m, gyro_share, has_heading, draws,
+        )
+        for window in windows
+    ]  # fmt: skip
+    columns = np.array(rows).reshape(len(windows), 3, draws)
+    return Floor(columns[:, 0].T, columns[:, 1].T, columns[:, 2].T)
+
+
+def _window_floor(
+    generator: np.random.Generator,
+    path: Path,
+    wheel_way_m: tuple[Floats, Floats],
+    measured_t_s: Floats,
+    window: Window,
+    levels: NoiseLevels,
+    radius_m: float,
+    wheelbase_m: float,
+    gyro_share: float,
+    has_heading: bool,
+    draws: int,
+) -> tuple[Floats, Floats, Floats]:
+    count = max(int((window.stop_s - window.start_s) / _NODE_S) + 1, 8)
+    at_s = np.linspace(window.start_s, window.stop_s, count)
+    node_s = float(at_s[1] - at_s[0])
+    x_m, y_m = np.interp(at_s, path.t_s, path.x_m), np.interp(at_s, path.t_s, path.y_m)
+    ways = [np.abs(np.diff(np.interp(at_s, path.t_s, way), prepend=0.0)) for way in wheel_way_m]
+    for way in ways:
+        way[0] = 0.0
+
+    def walk(sd: Floats) -> Floats:
+        return np.cumsum(sd * generator.standard_normal((draws, count)), axis=1)
+
+    rolling_m = radius_m * levels.quantum_rad
+    left, right = (
+        walk(levels.contact_m_per_sqrt_m * np.sqrt(way))
+        + rolling_m * generator.standard_normal((draws, count))
+        for way in ways
+    )
+    sideways = levels.lateral_m_per_sqrt_m * np.sqrt(0.5 * (ways[0] + ways[1]))
+    after_start = np.full(count, math.sqrt(node_s))
+    after_start[0] = 0.0
+    bias = walk(levels.gyro_bias_walk_rad_s_per_sqrt_s * after_start)
+    gyro_rad = walk(levels.gyro_noise_rad_per_sqrt_s * after_start)
+    gyro_rad += np.cumsum(bias, axis=1) * node_s
+    wheel_rad = (right - left) / wheelbase_m
+    heading_rad = gyro_share * gyro_rad + (1 - gyro_share) * wheel_rad
+
+    # In complex positions: a heading error turns each later step about its start.
+    steps = np.diff(x_m + 1j * y_m, prepend=x_m[0] + 1j * y_m[0])
+    course = _course(path, at_s)
+    forward = np.diff(0.5 * (left + right), axis=1, prepend=0.0)
+    lateral = sideways * generator.standard_normal((draws, count))
+    off = np.cumsum(1j * heading_rad * steps + (forward + 1j * lateral) * course, axis=1)
+
+    # As many reference samples stand behind a node as really come in its time.
+    first, stop = np.searchsorted(measured_t_s, [window.start_s, window.stop_s])
+    rate_hz = max((stop - first) / (window.stop_s - window.start_s), 1e-9)
+    thin = max(1, math.ceil(1 / (rate_hz * node_s)))
+    slow = _slow_walk(generator, draws, count, node_s, levels.slow_s)
+    off -= levels.reference_slow_position_m * (slow[0] + 1j * slow[1])
+    seen_rad = heading_rad - levels.reference_slow_heading_rad * slow[2]
+    known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
+    samples = max(rate_hz * (window.align_s - window.start_s), 1.0)
+
+    def normal() -> Floats:
+        return generator.standard_normal(draws)
+
+    white_m, white_rad = levels.reference_position_m, levels.reference_heading_rad
+    start = off[:, :known].mean(1) + white_m * (normal() + 1j * normal()) / math.sqrt(samples)
+    middle = np.mean(x_m[:known] + 1j * y_m[:known])
+    away = (x_m + 1j * y_m) - middle
+    if has_heading:
+        start_rad = seen_rad[:, :known].mean(1) + white_rad * normal() / math.sqrt(samples)
+    else:
+        start_rad = _turn_by_positions(off, away, white_m, rate_hz, node_s, known, normal())
+    left_over = off - start[:, np.newaxis] - 1j * start_rad[:, np.newaxis] * away
+    used = slice(known, None, thin)
+    position = (np.abs(left_over[:, used]) ** 2).mean(1) + 2 * white_m**2
+    heading = ((seen_rad - start_rad[:, np.newaxis])[:, used] ** 2).mean(1) + white_rad**2
+    difference = wheel_rad - gyro_rad
+    difference = difference - difference[:, :known].mean(1, keepdims=True)
+    return position, heading, (difference[:, known:] ** 2).mean(1)
+
+
+def _course(path: Path, at_s: Floats) -> Floats:
+    """Return the unit vector (complex) of the body's x axis at each time."""
+    if path.heading_rad is None:
+        raise ValueError("the explained path has headings")
+    return np.asarray(np.exp(1j * np.interp(at_s, path.t_s, path.heading_rad)))
+
+
+def _slow_walk(
+    generator: np.random.Generator, draws: int, count: int, node_s: float, slow_s: float
+) -> Floats:
+    """Return three first-order Gauss-Markov series of variance 1, float64[3, draws, count]."""
+    decay = math.exp(-node_s / slow_s)
+    fresh = math.sqrt(1 - decay * decay)
+    slow = generator.standard_normal((count, 3, draws))
+    slow[1:] *= fresh
+    for k in range(1, count):
+        slow[k] += decay * slow[k - 1]
+    return np.moveaxis(slow, 0, -1)
+
+
+def _turn_by_positions(
+    off: Floats,
+    away: Floats,
+    white_m: float,
+    rate_hz: float,
+    node_s: float,
+    known: int,
+    normal: Floats,
+) -> Floats:
+    """Return the error of a start heading that positions over half a metre tell."""
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(away)))])
+    known = max(known, min(int(np.searchsorted(way, 0.5)), len(way) // 2))
+    arm = away[:known] - away[:known].mean()
+    inertia = max(float((np.abs(arm) ** 2).sum()), 1e-12)
+    turn = np.imag(np.conj(arm) * (off[:, :known] - off[:, :known].mean(1, keepdims=True))).sum(1)
+    samples_per_node = max(rate_hz * node_s, 1e-9)
+    spread = white_m / math.sqrt(inertia * samples_per_node)
+    return np.asarray(turn / inertia + spread * normal)

@@ -1,0 +1,253 @@
+"""Every metric of one recording, before and after, on the stretches that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.gap.floor import DRAWS, Floor, NoiseLevels, noise_floor
+from gap_diagnosis.gap.how_far import Compared, metric_of
+from gap_diagnosis.gap.metrics import (
+    Path,
+    WindowErrors,
+    path_errors,
+    series_errors,
+    stamp_errors,
+)
+from gap_diagnosis.gap.odometry import (
+    as_reported,
+    gyro_share,
+    gyro_turn_rad,
+    odometry_path,
+)
+from gap_diagnosis.gap.windows import Window, windows_of
+from gap_diagnosis.motion.whitening import LEVELS, SLOW_S
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, FrameTimes, Recording, Reference
+from gap_diagnosis.result_parts import Metric
+from hil_harness.robot import Robot
+
+_QUANTUM: Final = 1 / 12
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """Two simulations of one downstream signal, x_m, y_m, heading_rad at the ticks each.
+
+    Attributes:
+        before: as described, float64[n, 3].
+        after: with the winning effects on; None where there are none.
+    """
+
+    before: Floats
+    after: Floats | None = None
+
+
+def levels_of(levels: Floats, robot: Robot) -> NoiseLevels:
+    """Return the motion block's levels, float64[8], with the encoder's noise of the description."""
+    encoder = robot.plant.encoder
+    quantum = (_QUANTUM + encoder.noise_ticks**2) ** 0.5 * 2 * np.pi / encoder.ticks_per_rev
+    named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
+    return NoiseLevels(**named, slow_s=SLOW_S, quantum_rad=quantum)
+
+
+def windows_on(motion: Motion, held_out: NDArray[np.bool_] | None = None) -> tuple[Window, ...]:
+    """Return the windows on the held-out ticks, bool[n] (None: the whole log)."""
+    way = np.cumsum(0.5 * motion.radius_m * np.abs(motion.left_step_rad + motion.right_step_rad))
+    return windows_of(motion.t_s, way, held_out)
+
+
+def measure(
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    *,
+    effects: Sequence[Setting] = (),
+    draws: Sequence[Sequence[Setting]] = (),
+    levels: NoiseLevels | None = None,
+    drive: Replayed | None = None,
+    firmware: Replayed | None = None,
+    clock_skew: float = 0.0,
+) -> dict[str, Metric]:
+    """Return each metric that the recording allows, by name.
+
+    Without *effects* there is no ``after``, without *levels* no floor. *draws* are the same effects
+    with values drawn from their posterior; they widen the interval. *drive* and *firmware* are
+    simulations of the wheels' motion and of the odometry frames. *clock_skew* is the explained part
+    of the ECU's clock error.
+    """
+    compared = compare(
+        recording, robot, motion, windows, effects=effects, draws=draws, levels=levels
+    )
+    explained = bool(effects)
+    if drive is not None:
+        wheels = predict(motion)
+        measured = Path(motion.t_s, *wheels.path())
+        compared["drive_position_m"] = _replayed(motion.t_s, drive, measured, windows)
+    if firmware is not None:
+        odometry = recorded_odometry(recording)
+        if odometry is not None:
+            compared["firmware_position_m"] = _replayed(motion.t_s, firmware, odometry, windows)
+    if recording.frames:
+        compared["timing_s"] = _timing(
+            recording.frames, windows, clock_skew, explained or clock_skew != 0.0
+        )
+    metrics = {name: metric_of(name, one) for name, one in compared.items()}
+    return {name: metric for name, metric in metrics.items() if metric is not None}
+
+
+def compare(
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    *,
+    effects: Sequence[Setting] = (),
+    draws: Sequence[Sequence[Setting]] = (),
+    levels: NoiseLevels | None = None,
+) -> dict[str, Compared]:
+    """Return the odometry metrics and the turn difference, window by window."""
+    before = _odometry_errors(recording.reference, robot, motion, windows, ())
+    after = _odometry_errors(recording.reference, robot, motion, windows, effects)
+    drawn = [_odometry_errors(recording.reference, robot, motion, windows, one) for one in draws]
+    floor = None
+    if levels is not None and windows:
+        floor = floor_on(recording, robot, motion, windows, effects, levels)
+    return {
+        name: Compared(
+            before=errors,
+            after=after[name] if effects else None,
+            floor=None if floor is None else _floor_of(floor, name)[:, errors.window],
+            after_draws=np.array([one[name].mean_square for one in drawn]) if drawn else None,
+        )
+        for name, errors in before.items()
+    }
+
+
+def odometry_rms(
+    name: str,
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    effects: Sequence[Setting],
+) -> float:
+    """Return one of the odometry metrics with some effects on: what a waterfall is made of."""
+    rms = _odometry_errors(recording.reference, robot, motion, windows, effects)[name].rms
+    return float("nan") if rms is None else rms
+
+
+def floor_on(
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    effects: Sequence[Setting],
+    levels: NoiseLevels,
+    draws: int = DRAWS,
+) -> Floor:
+    """Return what noise of these levels leaves on the explained path."""
+    prediction, reference = predict(motion, effects), recording.reference
+    return noise_floor(
+        odometry_path(prediction, robot),
+        (np.cumsum(np.abs(prediction.left_m)), np.cumsum(np.abs(prediction.right_m))),
+        motion.t_s if reference is None else reference.t_s,
+        windows,
+        levels,
+        radius_m=motion.radius_m,
+        wheelbase_m=motion.wheelbase_m,
+        gyro_share=gyro_share(robot, motion),
+        has_heading=reference is None or reference.heading_rad is not None,
+        draws=draws,
+    )
+
+
+def recorded_odometry(recording: Recording) -> Path | None:
+    """Return the odometry frames' path, rows without a frame left out; None without frames."""
+    x_m, y_m = recording.odometry_x_m, recording.odometry_y_m
+    heading = recording.odometry_heading_rad
+    if x_m is None or y_m is None or heading is None:
+        return None
+    good = np.isfinite(x_m) & np.isfinite(y_m) & np.isfinite(heading)
+    return Path(recording.t_s[good], x_m[good], y_m[good], heading[good])
+
+
+def _odometry_errors(
+    reference: Reference | None,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    effects: Sequence[Setting],
+) -> dict[str, WindowErrors]:
+    prediction = predict(motion, effects)
+    errors: dict[str, WindowErrors] = {}
+    if reference is not None:
+        reported = as_reported(prediction, odometry_path(prediction, robot))
+        measured = Path(reference.t_s, reference.x_m, reference.y_m, reference.heading_rad)
+        found = path_errors(reported, measured, windows)
+        errors["odometry_position_m"] = found.position
+        if found.heading is not None:
+            errors["odometry_heading_rad"] = found.heading
+    if motion.gyro_turn_rad is not None:
+        difference = np.cumsum(prediction.turn_rad) - gyro_turn_rad(prediction)
+        errors["turn_difference_rad"] = series_errors(motion.t_s, difference, windows)
+    return errors
+
+
+def _floor_of(floor: Floor, name: str) -> Floats:
+    if name == "odometry_position_m":
+        return floor.position
+    return floor.heading if name == "odometry_heading_rad" else floor.turn_difference
+
+
+def _replayed(
+    t_s: Floats, replayed: Replayed, measured: Path, windows: Sequence[Window]
+) -> Compared:
+    """Compare simulations whose noise is that of the measured signal's last digit: floor 0."""
+
+    def errors(columns: Floats) -> WindowErrors:
+        good = np.isfinite(columns).all(1)
+        return path_errors(Path(t_s[good], *columns[good].T), measured, windows).position
+
+    before = errors(replayed.before)
+    after = None if replayed.after is None else errors(replayed.after)
+    return Compared(before, after, np.zeros((1, len(before.mean_square))))
+
+
+def _timing(
+    frames: Mapping[str, FrameTimes],
+    windows: Sequence[Window],
+    clock_skew: float,
+    explained: bool,
+) -> Compared:
+    """Compare all messages' stamps with their beat; the floor is their spread about a line."""
+    before, after, floor = [], [], []
+    for _, one in sorted(frames.items()):
+        if one.cycle_s <= 0 or len(one.t_s) < 8:
+            continue
+        before.append(stamp_errors(one, windows))
+        after.append(stamp_errors(one, windows, clock_skew=clock_skew))
+        floor.append(stamp_errors(one, windows, free_rate=True))
+    join = _joined(before)
+    return Compared(
+        join, _joined(after) if explained else None, _joined(floor).mean_square[np.newaxis]
+    )
+
+
+def _joined(parts: Sequence[WindowErrors]) -> WindowErrors:
+    """Return one row per window: the mean over messages of their mean squares."""
+    if not parts:
+        return WindowErrors(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1)))
+    window = np.concatenate([part.window for part in parts])
+    places, row = np.unique(window, return_inverse=True)
+    counts = np.bincount(row)
+    square = np.bincount(row, np.concatenate([part.mean_square for part in parts])) / counts
+    end = np.bincount(row, np.concatenate([part.end[:, 0] for part in parts])) / counts
+    return WindowErrors(places, square, end[:, np.newaxis])
