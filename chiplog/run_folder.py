@@ -105,14 +105,16 @@ class RunFolder:
 
 
 def reference_tum(result: RunResult) -> str:
-    """Return the truth as `t x y z qx qy qz qw`, one row per tick, on the clock of the log.
+    """Return truth (or reference) as `t x y z qx qy qz qw` rows, on the clock of the log.
 
     17 digits give every float64 back bit for bit. The quaternion is a turn about z by the heading.
     """
-    stamps_s = (result.stamp_us / 1e6).tolist()
+    stamps_s, poses = result.stamp_us / 1e6, result.truth
+    if result.reference is not None:
+        stamps_s, poses = result.reference
     return "".join(
         f"{t:.17g} {x:.17g} {y:.17g} 0 0 0 {math.sin(h / 2):.17g} {math.cos(h / 2):.17g}\n"
-        for t, (x, y, h) in zip(stamps_s, result.truth.tolist(), strict=True)
+        for t, (x, y, h) in zip(stamps_s.tolist(), poses.tolist(), strict=True)
     )
 
 

@@ -125,16 +125,11 @@ def _recording(
 ) -> Recording:
     plant, period_s = robot.plant, wire.tick_period_us * _US
     rows = _Rows(wire, run)
-    left, right, gyro_code, temperature, supply = (
-        rows.of_role(role, values)
-        for role, values in (
-            ("left_count", run.left_count),
-            ("right_count", run.right_count),
-            ("gyro", run.gyro_code),
-            ("temperature", run.temperature_code),
-            ("supply", run.supply_code),
-        )
-    )
+    left = rows.of_role("left_count", run.left_count)
+    right = rows.of_role("right_count", run.right_count)
+    gyro_code = rows.of_role("gyro", run.gyro_code)
+    temperature = rows.of_role("temperature", run.temperature_code)
+    supply = rows.of_role("supply", run.supply_code)
     wheels = wire.signal_map["left_count"].message
     stamps = rows.stamps(wheels)
     ticks = np.arange(len(run.time_s), dtype=np.int64)

@@ -158,10 +158,10 @@ def build_plant_node(
     config: RunConfig, wire: Wire, tick_count: int, *, keep_truth: bool = True
 ) -> PlantNode:
     """Return the plant of a run, driven by its scenario."""
-    scenario = config.scenario
+    scenario, settings = config.scenario, config.settings()
     plant = Plant(
         config.robot.plant,
-        config.settings().plant,
+        settings.plant_over_time,
         tick_period_us=wire.tick_period_us,
         seed=config.seed_in_use,
         encoder_model=scenario.encoder_model,
@@ -177,6 +177,7 @@ def build_plant_node(
         commands=commands_on_the_wire(scenario, tick_count, wire),
         send_reference=config.send_reference,
         keep_truth=keep_truth,
+        mistakes=settings.setup,
     )
 
 

@@ -85,7 +85,7 @@ def simulate_batch(
     settings = apply_effects(combine_effects(scenario.effects, effects))
     return simulate(
         robot.plant,
-        settings.plant,
+        settings.plant_over_time,
         commands_on_the_wire(scenario, tick_count, wire),
         seeds,
         tick_period_us=period_us,

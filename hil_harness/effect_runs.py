@@ -123,7 +123,7 @@ def run_with_effects(
         runs.append(
             EffectRun(
                 settings=settings,
-                time_s=np.arange(count) * tick_s,
+                time_s=np.arange(count, dtype=np.float64) * tick_s,
                 truth=_truth(plant, row),
                 left_count=left,
                 right_count=right,

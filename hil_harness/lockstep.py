@@ -15,7 +15,7 @@ from typing import Protocol
 
 import can
 
-from can_bus import FaultInjector, LogWriter, open_bus
+from can_bus import FaultInjector, LogWriter, Traffic, open_bus
 from hil_harness.errors import HarnessError
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import Node
@@ -42,7 +42,8 @@ class Lockstep:
     """A plant node and a firmware node on two handles of one bus, stepped in turn.
 
     `log` receives what the firmware node received and sent, in its order, after faults.
-    `faults` act on frames on their way to the firmware, `outgoing_faults` on those it sends.
+    `faults` act on frames on their way to the firmware, `outgoing_faults` on those it sends, and
+    `traffic` on both ways, before the log of what the firmware sent.
     Raises HarnessError for an interface whose clock cannot be simulated, CanBusError if the bus
     goes away.
     """
@@ -60,6 +61,7 @@ class Lockstep:
         faults: FaultInjector | None = None,
         outgoing_faults: FaultInjector | None = None,
         meter: BusMeter | None = None,
+        traffic: Traffic | None = None,
     ) -> None:
         if interface not in LOCKSTEP_INTERFACES:
             raise HarnessError(
@@ -75,6 +77,7 @@ class Lockstep:
         self.observers: list[Observer] = []
         self.ticks = 0
         self._log = log
+        self._traffic = traffic
         self._meter = meter
         self._injected: list[can.Message] = []
         self._to_plant: list[can.Message] = []
@@ -104,10 +107,14 @@ class Lockstep:
         arrived: Sequence[can.Message] = _drain(self._firmware_bus, now_us)
         if self.faults is not None:
             arrived = self.faults.transfer(now_us, arrived)
+        if self._traffic is not None:
+            arrived = self._traffic.to_ecu(now_us, arrived)
         if log is not None:
             for message in arrived:
                 log.write(message, True)
         answered: Sequence[can.Message] = self.firmware.step(now_us, arrived)
+        if self._traffic is not None:
+            answered = self._traffic.from_ecu(now_us, answered)
         if log is not None:
             for message in answered:
                 log.write(message, False)

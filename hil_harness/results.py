@@ -91,7 +91,9 @@ class RunResult:
     heading_rad (unwrapped), one row per tick. `estimators` holds the lesson's two, wheel only and
     gyro heading, on the same accepted counts. `kernel_state` is the integer firmware's full final
     state. `odometry` says of each odometry message what came from a firmware under test; it is
-    empty for Chiplog's own, whose poses need no frames.
+    empty for Chiplog's own, whose poses need no frames. `reference` is what a measuring system with
+    errors reports: stamps in seconds on the clock of the log, float64[m], and poses float64[m, 3];
+    None where it reports the truth at each tick.
     """
 
     scenario: str
@@ -112,6 +114,7 @@ class RunResult:
     interrupted: bool = False
     configuration: Mapping[str, Any] = field(default_factory=dict)
     odometry: Mapping[str, Reception] = field(default_factory=dict)
+    reference: tuple[NDArray[np.float64], Poses] | None = None
 
     @property
     def ticks(self) -> int:

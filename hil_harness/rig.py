@@ -19,14 +19,18 @@ from can_bus import (
     FaultKind,
     LogWriter,
     Raw,
+    Traffic,
     load_database,
     open_bus,
     open_log_writer,
 )
+from hil_harness.assembly import Wire
 from hil_harness.decoding import DecodedFrame
 from hil_harness.devices import Device, DeviceSetup, PythonDevice, open_device
+from hil_harness.effect_runs import traffic_of
 from hil_harness.errors import HarnessError
 from hil_harness.expectation import Expectation
+from hil_harness.firmware_program import FirmwareProgram
 from hil_harness.frame_recorder import FrameRecorder, SeenFrame, Wait
 from hil_harness.nodes import FirmwareNode
 from hil_harness.nodes.reports import firmware_messages
@@ -125,6 +129,7 @@ class Rig:
         self._restbuses: list[RestBus] = []
         self._recorder = FrameRecorder(self.database)
         self._last_failure: tuple[AssertionError | None, list[SeenFrame]] = (None, [])
+        self._seed = seed
         self._faults = FaultInjector(self.database, seed)
         self._outgoing_faults = FaultInjector(self.database, seed + 1)
         channel = channel_for(interface, channel)
@@ -372,6 +377,13 @@ class Rig:
                 database=self.database,
                 signal_map=self.signal_map,
                 tick_period_us=self.tick_period_us,
+                program=FirmwareProgram(
+                    self.robot,
+                    self.signal_map,
+                    self.tick_period_us,
+                    schedule=self._plant.settings.over_time(lambda at: at.firmware),
+                    seed=self._seed,
+                ),
             )
             return PythonDevice(shipped, name="shipped firmware")
         if isinstance(device, Device):
@@ -391,6 +403,15 @@ class Rig:
         )
         return open_device(device, setup)
 
+    def _traffic(self) -> Traffic | None:
+        if self.signal_map is None:
+            return None
+        wire = Wire(self.database, self.signal_map)
+        traffic = traffic_of(self._plant.settings, wire, self._seed)
+        if traffic is not None and not self.in_lockstep:
+            raise HarnessError("an effect of stage bus needs simulated time: expected 'virtual'")
+        return traffic
+
     def _open_loop(self, channel: str, log: LogWriter | None) -> RigLoop:
         loop = LockstepLoop if self.in_lockstep else RealTimeLoop
         return loop(
@@ -404,6 +425,7 @@ class Rig:
             log=log,
             faults=self._faults,
             outgoing_faults=self._outgoing_faults,
+            traffic=self._traffic(),
             seen=self._recorder.see,
             source=self._frames_to_send,
         )

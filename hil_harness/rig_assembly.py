@@ -6,7 +6,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Final
@@ -15,7 +15,7 @@ import can
 
 from can_bus import IN_PROCESS_INTERFACES, Database
 from hil_harness.assembly import Wire, commands_on_the_wire
-from hil_harness.effects import apply_effects, combine_effects, parse_effect
+from hil_harness.effects import Settings, apply_effects, combine_effects, parse_effect
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import unique_channel
 from hil_harness.nodes import Node, PlantNode
@@ -39,11 +39,13 @@ class RigPlant:
         node: what takes its turn on the bus.
         pose: returns the true (x_m, y_m, heading_rad); raises HarnessError if there is no robot.
         message_names: what the node sends, so that a rest bus leaves it alone.
+        settings: what its effects add up to, those of bus and firmware included.
     """
 
     node: Node
     pose: Callable[[], tuple[float, float, float]]
     message_names: frozenset[str]
+    settings: Settings = field(default_factory=Settings)
 
 
 def no_plant() -> RigPlant:
@@ -75,9 +77,10 @@ def simulated_plant(
         commands = commands_on_the_wire(
             drive, drive.tick_count(tick_period_us), Wire(database, signal_map)
         )
+    applied = apply_effects(settings)
     plant = Plant(
         robot.plant,
-        apply_effects(settings).plant,
+        applied.plant_over_time,
         tick_period_us=tick_period_us,
         seed=seed,
         encoder_model="counter" if drive is None else drive.encoder_model,
@@ -91,9 +94,10 @@ def simulated_plant(
         signal_map=signal_map,
         tick_period_us=tick_period_us,
         commands=commands,
+        mistakes=applied.setup,
     )
     names = frozenset(spec.name for spec in signal_map.messages(roles))
-    return RigPlant(node, lambda: plant.pose, names)
+    return RigPlant(node, lambda: plant.pose, names, applied)
 
 
 class _Silent:

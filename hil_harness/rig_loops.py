@@ -13,7 +13,7 @@ from typing import Protocol
 
 import can
 
-from can_bus import FaultInjector, LogWriter, open_bus
+from can_bus import FaultInjector, LogWriter, Traffic, open_bus
 from hil_harness.devices import Device
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import Lockstep
@@ -68,6 +68,7 @@ class LockstepLoop:
         log: LogWriter | None,
         faults: FaultInjector,
         outgoing_faults: FaultInjector,
+        traffic: Traffic | None,
         seen: Seen,
         source: Source,
     ) -> None:
@@ -82,6 +83,7 @@ class LockstepLoop:
             log=log,
             faults=faults,
             outgoing_faults=outgoing_faults,
+            traffic=traffic,
         )
         self._lockstep.observers.append(seen)
         self._source = source
@@ -128,10 +130,12 @@ class RealTimeLoop:
         log: LogWriter | None,
         faults: FaultInjector,
         outgoing_faults: FaultInjector,
+        traffic: Traffic | None,
         seen: Seen,
         source: Source,
     ) -> None:
-        """Open the handles and start the thread."""
+        """Open the handles and start the thread; traffic needs simulated time."""
+        del traffic
         self.channel = channel
         self._plant = plant
         self._device = device

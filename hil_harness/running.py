@@ -10,8 +10,9 @@ from typing import Any
 
 import can
 import numpy as np
+from numpy.typing import NDArray
 
-from can_bus import LogWriter, open_bus, open_log_writer
+from can_bus import LogWriter, Traffic, open_bus, open_log_writer
 from hil_harness.assembly import (
     RunConfig,
     Wire,
@@ -20,13 +21,18 @@ from hil_harness.assembly import (
     load_wire,
 )
 from hil_harness.devices import Device, DeviceSetup, open_device
+from hil_harness.effect_runs import traffic_of
+from hil_harness.effects import Settings
+from hil_harness.effects.reference_errors import NO_ERRORS, measure_over_time
 from hil_harness.errors import HarnessError
+from hil_harness.firmware_program import AS_DESCRIBED, FirmwareProgram
 from hil_harness.lockstep import Lockstep
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
 from hil_harness.standalone import rejected_frames
+from hil_harness.skewed_log import SkewedLog
 from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 
@@ -80,12 +86,16 @@ def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
     wire = load_wire(config.dbc, config.signals)
     period_us = wire.tick_period_us
     ticks = config.tick_count(period_us)
+    settings = config.settings()
+    _refuse_in_real_time(config, settings, wire)
     plant = build_plant_node(config, wire, ticks)
+    program = _program(config, settings, wire)
     shadow = FirmwareNode(
         config.robot,
         database=wire.database,
         signal_map=wire.signal_map,
         tick_period_us=period_us,
+        program=program,
     )
     meter = BusMeter(wire.database)
     channel = config.channel or default_channel(config.interface)
@@ -94,13 +104,45 @@ def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
         if device is not None:
             stack.callback(device.close)
         log = None if config.log is None else stack.enter_context(open_log_writer(config.log))
+        skew = settings.plant.clock_skew
+        if log is not None and skew != 0.0:
+            log = SkewedLog(log, skew)
         parts = _Parts.of(plant, shadow, device)
         report = None if progress is None else _reporter(progress, ticks)
         if config.time_base == "lockstep":
-            outcome = _run_lockstep(config, parts, ticks, period_us, channel, log, meter, report)
+            traffic = traffic_of(settings, wire, config.seed_in_use)
+            outcome = _run_lockstep(
+                config, parts, ticks, period_us, channel, log, meter, report, traffic
+            )
         else:
             outcome = _run_real(config, parts, ticks, period_us, channel, log, meter, report)
     return _result(config, wire, parts, outcome, meter)
+
+
+def _program(config: RunConfig, settings: Settings, wire: Wire) -> FirmwareProgram:
+    """Return what Chiplog's own firmware runs; a foreign one is what it is."""
+    schedule = settings.over_time(lambda at: at.firmware)
+    if config.device is not None and schedule != AS_DESCRIBED:
+        raise HarnessError(
+            "an effect of stage firmware changes Chiplog's own firmware: expected no --device"
+        )
+    return FirmwareProgram(
+        config.robot,
+        wire.signal_map,
+        wire.tick_period_us,
+        schedule=schedule,
+        seed=config.seed_in_use,
+    )
+
+
+def _refuse_in_real_time(config: RunConfig, settings: Settings, wire: Wire) -> None:
+    if config.time_base == "lockstep":
+        return
+    if settings.plant.clock_skew != 0.0 or traffic_of(settings, wire, 0) is not None:
+        raise HarnessError(
+            "an effect of stage bus needs simulated time: expected --time lockstep, or a bus that "
+            "does this by itself"
+        )
 
 
 @dataclass
@@ -149,6 +191,7 @@ def _run_lockstep(
     log: LogWriter | None,
     meter: BusMeter,
     report: Callable[[int], None] | None,
+    traffic: Traffic | None,
 ) -> _Outcome:
     if parts.firmware is None:
         raise HarnessError(
@@ -164,6 +207,7 @@ def _run_lockstep(
         bus_args=config.bus_args,
         log=log,
         meter=meter,
+        traffic=traffic,
     ) as loop:
         started = time.perf_counter()
         with stop_between_ticks() as stop:
@@ -224,7 +268,9 @@ def _result(
             shadow.step(now_us, frames)
     inputs = shadow.inputs
     ticks = min(len(parts.plant.truth), len(inputs.left_count))
-    ours = trace(shadow.config, inputs)
+    settings = config.settings()
+    program = _program(config, settings, wire)
+    ours = trace(program, inputs)
     firmware: Poses = ours.firmware[:ticks]
     odometry: Mapping[str, Reception] = {}
     if parts.witness is not None:
@@ -257,7 +303,24 @@ def _result(
         interrupted=outcome.interrupted,
         configuration=_configuration(config, wire),
         odometry=odometry,
+        reference=_reference(config, settings, parts.plant, ticks),
     )
+
+
+def _reference(
+    config: RunConfig, settings: Settings, plant: PlantNode, ticks: int
+) -> tuple[NDArray[np.float64], Poses] | None:
+    """Return what a measuring system with errors reports; None where it reports the truth."""
+    schedule = settings.over_time(lambda at: at.reference)
+    skew = settings.plant.clock_skew
+    if schedule == NO_ERRORS and skew == 0.0 and not settings.setup.touches_reference:
+        return None
+    stamps_s = plant.stamp_us[:ticks] / 1e6 / (1.0 + skew)
+    start_s = float(stamps_s[0]) if config.time_base == "real" and ticks else 0.0
+    measured_s, measured = measure_over_time(
+        stamps_s - start_s, plant.truth[:ticks], schedule, config.seed_in_use
+    )
+    return measured_s + start_s, settings.setup.reference(measured)
 
 
 def _configuration(config: RunConfig, wire: Wire) -> dict[str, Any]:

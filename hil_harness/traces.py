@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import Database, FrameChecker
-from firmware_model import STATE_FIELDS, BatchRuns, KernelConfig, build_config, run_batch
+from firmware_model import (
+    STATE_FIELDS,
+    BatchRuns,
+    KernelConfig,
+    build_config,
+    pose_m_rad,
+    run_batch,
+)
+from hil_harness.firmware_program import FirmwareProgram, run_program
 from hil_harness.nodes import Inputs
 from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.results import Estimate, Poses, Reception
@@ -60,13 +68,27 @@ def run_again(config: KernelConfig, inputs: Inputs) -> BatchRuns:
     )
 
 
-def trace(config: KernelConfig, inputs: Inputs) -> Trace:
-    """Return the trajectories of the configured firmware."""
-    runs = run_again(config, inputs)
+def trace(program: FirmwareProgram, inputs: Inputs) -> Trace:
+    """Return the trajectories of the firmware's program, which is at power-on."""
+    if not program.is_constant:
+        return _trace_of_program(program, inputs)
+    runs = run_again(program.kernel.config, inputs)
     assert runs.status is not None  # kept: the batch ran with history
     state = dict(zip(STATE_FIELDS, map(int, runs.final_states[0].item()), strict=True))
     estimate = _estimate(runs)
     return Trace(estimate.firmware, estimate.float_twin, runs.status[0].astype(np.int64), state)
+
+
+def _trace_of_program(program: FirmwareProgram, inputs: Inputs) -> Trace:
+    columns = (
+        inputs.left_count,
+        inputs.right_count,
+        inputs.encoder_validity,
+        inputs.gyro_code,
+        inputs.gyro_validity,
+    )
+    pose_q, twin_pose, _, status = run_program(program, np.column_stack(columns))
+    return Trace(pose_m_rad(program.described, pose_q), twin_pose, status, program.kernel.state())
 
 
 def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate]:

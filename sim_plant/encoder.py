@@ -170,7 +170,7 @@ def observe_encoders(p: Any, s: Any, out: Any, time_s: float) -> None:
 @inlined
 def edge_count(ticks: float, shift_ticks: float) -> float:
     """Return the edges passed when those of channel B, the odd ones, come late by a shift."""
-    below = np.floor(ticks)
+    below: float = np.floor(ticks)
     if shift_ticks == 0.0:
         return below
     is_odd = below % 2.0 == 1.0
@@ -201,7 +201,8 @@ def binomial(trials: float, probability: float, normal: float) -> float:
 def poisson(mean: float, normal: float) -> float:
     """Return how many events happen, from one standard normal (inverse of the CDF)."""
     if mean > 500.0:  # as good as normal, and exp(−mean) would underflow
-        return max(np.rint(mean + math.sqrt(mean) * normal), 0.0)
+        rounded: float = np.rint(mean + math.sqrt(mean) * normal)
+        return max(rounded, 0.0)
     left = 0.5 * math.erfc(-normal / math.sqrt(2.0))
     chance = math.exp(-mean)
     happened = 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -43,6 +44,10 @@ class ReferenceErrors:
     jump_x_m: float = 0.0
     jump_y_m: float = 0.0
     jump_yaw_rad: float = 0.0
+
+
+NO_ERRORS: Final = ((-math.inf, ReferenceErrors()),)
+"""A schedule of a reference that reports the truth."""
 
 
 def measure(

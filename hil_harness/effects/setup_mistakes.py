@@ -49,6 +49,11 @@ class SetupMistakes:
         of_both = self.unit_signal == "ticks" and signal in ("left_ticks", "right_ticks")
         return factor * self.unit_factor if signal == self.unit_signal or of_both else factor
 
+    @property
+    def touches_reference(self) -> bool:
+        """Tell whether the reference file is wrong."""
+        return self.factor("reference_position") != 1.0 or self.factor("reference_heading") != 1.0
+
     def commands(self, commands: Floats) -> Floats:
         """Return commands float64[n, 2] (v_m_s, w_rad_s) as they are recorded."""
         factors = np.array([self.factor("command_speed"), self.factor("command_turn")])

@@ -15,13 +15,11 @@ from firmware_model import (
     FRESH,
     INVALID,
     STALE,
-    FirmwareError,
     Kernel,
     KernelConfig,
-    build_config,
 )
 from firmware_model.kernel import Implementation
-from hil_harness.errors import HarnessError
+from hil_harness.firmware_program import FirmwareProgram
 from hil_harness.kernel_inputs import KERNEL_ROLES, KernelInputs
 from hil_harness.nodes.reports import firmware_messages, report_values
 from hil_harness.nodes.schedule import cycle_of
@@ -51,7 +49,8 @@ class FirmwareNode:
     counted in `checker.rejected` and touch nothing. Of several valid frames of one message the
     newest counts, as in a receive mailbox. Its own frames carry the tick counter of the encoder
     frame it has used, or its own running one while there is none. `trigger_ids` are the frames that
-    make a tick's input complete (real time only).
+    make a tick's input complete (real time only). `program` is what it runs instead of the described
+    program; a tick that it does not execute sends nothing.
 
     Raises HarnessError where robot, map and formats do not fit together.
     """
@@ -65,11 +64,17 @@ class FirmwareNode:
         tick_period_us: int,
         implementation: Implementation = "compiled",
         keep_inputs: bool = True,
+        program: FirmwareProgram | None = None,
     ) -> None:
         """Build the kernel from the robot's description and bind it to the signals."""
         self._inputs = KernelInputs(signal_map, robot.plant)
-        self.config = firmware_config(robot, signal_map, tick_period_us)
-        self.kernel = Kernel(self.config, implementation)
+        if program is None:
+            program = FirmwareProgram(
+                robot, signal_map, tick_period_us, implementation=implementation
+            )
+        self.program = program
+        self.config = program.described
+        self.kernel = program.kernel
         messages = self._inputs.messages
         self.checker = FrameChecker(
             database, [spec.name for spec in messages], max_age_us=MAX_AGE_TICKS * tick_period_us
@@ -90,7 +95,9 @@ class FirmwareNode:
                 self._readers[mapped.message.name].append(reader)
         wheels = signal_map["left_count"].message
         self._counter_source = wheels.name if wheels.is_protected else None
-        self._senders = _senders(database, signal_map, self.kernel, tick_period_us)
+        self._senders = _senders(
+            database, signal_map, self.config, self.kernel, tick_period_us
+        )
         self._steps = 0
         self._keep_inputs = keep_inputs
         self._counter = -1
@@ -136,10 +143,11 @@ class FirmwareNode:
         given = (left or 0, right or 0, encoder_validity, gyro or 0, gyro_validity)
         if self._keep_inputs:
             self._history.append(given)
-        self.kernel.step(*given)
         steps = self._steps
         self._steps = steps + 1
-        pose_q = self.kernel.pose_q
+        if not self.program.step(*given):
+            return []
+        pose_q = self.program.pose_q
         sent: list[can.Message] = []
         for spec, every, phase, values_of in self._senders:
             if steps % every == phase:
@@ -154,11 +162,7 @@ def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) ->
     Raises HarnessError where the formats do not fit, with the file and the line of the field, and
     for a map without wheels.
     """
-    gyro = KernelInputs(signal_map, robot.plant).gyro
-    try:
-        return build_config(robot.firmware, robot.firmware_constants(tick_period_us, gyro))
-    except FirmwareError as error:
-        raise HarnessError(f"{robot.where(str(error))}: {error}") from error
+    return FirmwareProgram(robot, signal_map, tick_period_us).described
 
 
 def _encode(spec: MessageSpec, values: list[Raw], counter: int) -> bytearray:
@@ -178,14 +182,18 @@ _Source = Callable[[Pose], Raw]
 
 
 def _senders(
-    database: Database, signal_map: SignalMap, kernel: Kernel, tick_period_us: int
+    database: Database,
+    signal_map: SignalMap,
+    config: KernelConfig,
+    kernel: Kernel,
+    tick_period_us: int,
 ) -> list[tuple[MessageSpec, int, int, list[_Source]]]:
     """Return each message the firmware sends: cycle, phase, and a source per payload signal."""
     sources: dict[str, _Source] = {}
     converters = odometry_converters(
         signal_map,
-        position_frac_bits=kernel.config.position_frac_bits,
-        heading_frac_bits=kernel.config.heading_frac_bits,
+        position_frac_bits=config.position_frac_bits,
+        heading_frac_bits=config.heading_frac_bits,
     )
     for role, convert in converters.items():
         sources[signal_map[role].path] = _pose_source(convert, ODOMETRY_ROLES.index(role))

@@ -18,6 +18,7 @@ from can_bus import (
     Raw,
     make_message,
 )
+from hil_harness.effects.setup_mistakes import SensorMistakes, SetupMistakes
 from hil_harness.nodes.schedule import cycle_of, encode_frame
 from hil_harness.sensor_frames import SensorFrames
 from hil_harness.signal_map import MappedSignal, SignalMap
@@ -35,7 +36,8 @@ class PlantNode:
     host as well: it drives itself and sends the command frames. A command frame that arrives from
     somebody else takes over from then on. Without `commands` it rests until one arrives. `truth`
     holds the true pose of each tick, unless `keep_truth` is off (a node that runs for days). With
-    `send_reference` the truth goes on the bus as well.
+    `send_reference` the truth goes on the bus as well. `mistakes` sit between sensors or commands
+    and the frames that state them.
     """
 
     def __init__(
@@ -49,10 +51,14 @@ class PlantNode:
         commands: NDArray[np.float64] | None = None,
         send_reference: bool = False,
         keep_truth: bool = True,
+        mistakes: SetupMistakes | None = None,
     ) -> None:
         """Bind sensors, commands and truth to the signals of the map."""
         self._plant = plant
+        mistakes = mistakes or SetupMistakes()
         self._sensors = SensorFrames(signal_map, description)
+        self._mistakes = SensorMistakes(mistakes, description)
+        self._command_factors = (mistakes.factor("command_speed"), mistakes.factor("command_turn"))
         self._commands: list[list[float]] | None = None if commands is None else commands.tolist()
         self._command = (0.0, 0.0)
         self._tick = 0
@@ -108,7 +114,7 @@ class PlantNode:
         tick, plant = self._tick, self._plant
         if tick > 0:
             plant.step(*self._command)
-        counts = plant.counts
+        counts = self._mistakes.apply(plant.counts)
         pose = plant.pose
         if self._keep_truth:
             self._truth.append(pose)
@@ -125,7 +131,10 @@ class PlantNode:
             if tick % every == phase
         ]
         if self._commands is not None:
-            self._send(self._command_schedule, self._command_signals, self._command, now_us, sent)
+            v_m_s, w_rad_s = self._command
+            v_factor, w_factor = self._command_factors
+            said = (v_m_s * v_factor, w_rad_s * w_factor)
+            self._send(self._command_schedule, self._command_signals, said, now_us, sent)
         if self._reference_schedule:
             x_m, y_m, heading_rad = pose
             seen = (x_m, y_m, math.remainder(heading_rad, math.tau))
