@@ -67,6 +67,8 @@ def hold(tick: Ints, value: Floats, at: Ints) -> Floats:
 
     Of entries with one tick the first stands.
     """
+    if len(tick) == 0:
+        return np.full(len(at), np.nan)
     ticks, first = np.unique(tick, return_index=True)
     place = np.searchsorted(ticks, at, side="right") - 1
     held = value[first][np.maximum(place, 0)]

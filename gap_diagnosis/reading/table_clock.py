@@ -103,6 +103,6 @@ def unwrapped_clock(ecu_s: Floats, time_s: Floats | None, wrap_s: float | None) 
                 break
     if wrap_s is not None:
         steps = steps + wrap_s * np.rint((expected - steps) / wrap_s)
-    restarted = steps < -_RESTART_S
+    restarted = (steps < -_RESTART_S) & (expected > steps + _RESTART_S)
     steps = np.where(restarted, np.maximum(expected, _STEP_S), steps)
     return np.asarray(np.concatenate((ecu_s[:1], ecu_s[0] + np.cumsum(steps))))

@@ -1,0 +1,107 @@
+"""What `chiplog map` takes signals for, and when it refuses to choose."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import ROBOT, Drive, drive, encoded
+
+from can_bus import load_database
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recording
+from gap_diagnosis.reading.map_text import propose_map
+
+TURNING = drive(900)
+TURNING.columns["gyro_code"] = np.rint(
+    32_768 + 40 * np.gradient(TURNING.columns["right_ticks"] - TURNING.columns["left_ticks"])
+)
+
+
+def table(folder: Path, **names: str) -> Path:
+    renamed = {"t_s": "time", "v_command_m_s": "cmd_v_m_s", "w_command_rad_s": "cmd_w_rad_s"}
+    columns = dict(TURNING.columns)
+    for side in ("left_ticks", "right_ticks"):
+        columns[side] = columns[side] % 65_536
+    return Drive(columns).write(folder / "foreign.csv", {**renamed, **names})
+
+
+def test_the_shipped_names_are_no_guess(tmp_path: Path) -> None:
+    _, guesses, text = propose_map(encoded(drive(400), tmp_path), load_database())
+    assert guesses["left_count"].signal.path == "ENCODER.left_count"
+    assert all(guess.is_certain for guess in guesses.values())
+    assert "GUESS:" not in text
+
+
+def test_names_units_and_wraps_find_the_roles_and_every_guess_is_marked(tmp_path: Path) -> None:
+    path = table(tmp_path, left_ticks="enc_left", right_ticks="enc_right", gyro_code="gyro_z")
+    _, guesses, text = propose_map(path, None)
+    found = {role: guess.signal.path for role, guess in guesses.items()}
+    assert found == {
+        "left_count": "enc_left",
+        "right_count": "enc_right",
+        "gyro": "gyro_z",
+        "v_command": "cmd_v_m_s",
+        "w_command": "cmd_w_rad_s",
+    }
+    assert text.count("# GUESS:") == 6  # these and the clock
+
+
+def test_sides_without_a_name_are_told_by_the_gyro(tmp_path: Path) -> None:
+    for first, second in (("left_ticks", "right_ticks"), ("right_ticks", "left_ticks")):
+        path = table(tmp_path, **{first: "wheel_a", second: "wheel_b", "gyro_code": "gyro_z"})
+        _, guesses, _ = propose_map(path, None)
+        expected = {"left_ticks": "left_count", "right_ticks": "right_count"}
+        assert guesses[expected[first]].signal.path == "wheel_a"
+        assert guesses[expected[second]].signal.path == "wheel_b"
+
+
+def test_a_rate_that_counts_clockwise_is_inverted(tmp_path: Path) -> None:
+    columns = dict(TURNING.columns)
+    columns["yaw_rate_deg_s"] = (32_768 - columns.pop("gyro_code")) / 100
+    path = Drive(columns).write(tmp_path / "clockwise.csv")
+    _, guesses, text = propose_map(path, None)
+    assert guesses["gyro"].invert
+    assert 'gyro = { column = "yaw_rate_deg_s", unit = "deg/s", invert = true }  # GUESS' in text
+
+
+def test_two_equal_candidates_are_named_and_one_can_be_said(tmp_path: Path) -> None:
+    columns = dict(TURNING.columns)
+    columns["enc_left_front"] = columns.pop("left_ticks")
+    columns["enc_left_rear"] = columns["enc_left_front"] + 1
+    columns["enc_right"] = columns.pop("right_ticks")
+    path = Drive(columns).write(tmp_path / "four_wheels.csv")
+    with pytest.raises(DiagnosisError, match=r"left_count could be enc_left_\w+ as well as enc_l"):
+        propose_map(path, None)
+    _, guesses, _ = propose_map(path, None, {"left_count": "enc_left_rear"})
+    assert guesses["left_count"].is_certain
+    with pytest.raises(DiagnosisError, match="no such signal with values: the nearest is enc_left"):
+        propose_map(path, None, {"left_count": "enc_left"})
+
+
+def test_sides_that_nothing_tells_apart_are_refused(tmp_path: Path) -> None:
+    columns = {
+        "t_s": TURNING.columns["t_s"],
+        "wheel_a": TURNING.columns["left_ticks"],
+        "wheel_b": TURNING.columns["right_ticks"],
+    }
+    path = Drive(columns).write(tmp_path / "sideless.csv")
+    with pytest.raises(DiagnosisError, match="neither name says left or right"):
+        propose_map(path, None)
+
+
+def test_a_proposed_map_reads_the_table_it_was_made_of(tmp_path: Path) -> None:
+    path = table(tmp_path, left_ticks="enc_left", right_ticks="enc_right", gyro_code="gyro_z")
+    _, _, text = propose_map(path, None)
+    signals = tmp_path / "map.toml"
+    signals.write_text(text, encoding="utf-8")
+    found = read_recording(path, robot=ROBOT, signals=signals)
+    want = TURNING.columns["left_ticks"]
+    assert np.array_equal(found.left_ticks, want - want[0])
+    assert found.w_command_rad_s == pytest.approx(TURNING.columns["w_command_rad_s"])
+
+
+def test_a_log_of_another_dbc_says_so(tmp_path: Path) -> None:
+    log = tmp_path / "other.log"
+    log.write_text("(0.000000) can0 7F1#00 R\n" * 20, encoding="ascii")
+    with pytest.raises(DiagnosisError, match=r"no frames that chiplog.dbc knows .unknown_id 20."):
+        propose_map(log, load_database())

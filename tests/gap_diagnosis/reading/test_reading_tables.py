@@ -1,0 +1,218 @@
+"""Tables: by plain names or through a map, wrapped or not, with holes, with clocks of their own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import ROBOT, TICK_S, Drive, drive
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recording
+from gap_diagnosis.recording import Recording
+from hil_harness import HarnessError
+
+TICKS_PER_RAD = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi)
+
+
+def read(table: Drive, folder: Path, map_text: str | None = None) -> Recording:
+    signals = None
+    if map_text is not None:
+        signals = folder / "map.toml"
+        signals.write_text(map_text, encoding="utf-8")
+    return read_recording(table.write(folder / "table.csv"), robot=ROBOT, signals=signals)
+
+
+def assert_same_wheels(found: Recording, table: Drive, tolerance: float = 0) -> None:
+    for name in ("left_ticks", "right_ticks"):
+        want = table.columns[name] - table.columns[name][0]
+        assert np.max(np.abs(getattr(found, name) - want)) <= tolerance
+
+
+def test_wrapped_and_unwrapped_counts_are_the_same_drive(tmp_path: Path) -> None:
+    plain = drive(500, counts_per_tick=300)
+    plain.columns["left_ticks"] += 60_000
+    wrapped = Drive(dict(plain.columns))
+    for name in ("left_ticks", "right_ticks"):
+        wrapped.columns[name] = plain.columns[name] % 65_536
+    assert_same_wheels(read(plain, tmp_path), plain)
+    assert_same_wheels(read(wrapped, tmp_path), plain)
+
+
+@settings(max_examples=25, phases=[Phase.explicit, Phase.generate])
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    skew=st.floats(-2e-3, 2e-3),
+    jitter_s=st.floats(0, 0.01),
+    wrap_s=st.sampled_from([None, 65.536]),
+    loss=st.floats(0, 0.1),
+)
+def test_an_ecu_clock_takes_the_jitter_out_of_the_stamps(
+    seed: int,
+    skew: float,
+    jitter_s: float,
+    wrap_s: float | None,
+    loss: float,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    random = np.random.default_rng(seed)
+    table = drive(1500, seed=seed % 1000)
+    ecu_s = np.round(table.columns["t_s"] + 55, 6)
+    true_s = 5 + np.arange(1500) * TICK_S / (1 + skew)
+    table.columns["t_s"] = np.round(true_s + jitter_s * random.exponential(size=1500), 6)
+    table.columns["ecu_t_s"] = ecu_s if wrap_s is None else np.round(ecu_s % wrap_s, 6)
+    kept = random.random(1500) >= loss
+    kept[[0, -1]] = True
+    order = random.permutation(np.flatnonzero(kept)) if wrap_s is None else np.flatnonzero(kept)
+    shuffled = Drive({name: column[order] for name, column in table.columns.items()})
+    found = read(shuffled, tmp_path_factory.mktemp("tables"))
+    assert len(found.tick) == 1500
+    there = np.isfinite(found.left_ticks)
+    assert np.array_equal(there, kept)
+    assert np.array_equal(
+        found.left_ticks[there],
+        (table.columns["left_ticks"] - table.columns["left_ticks"][0])[kept],
+    )
+    assert abs(found.clock_skew - skew) < 6 * found.clock_skew_sd + 1e-9
+    drifted = found.t_s - true_s
+    assert np.ptp(drifted) < 1e-5 + 8 * found.clock_skew_sd * 15
+
+
+def test_without_an_ecu_clock_rows_are_sampled_when_they_say(tmp_path: Path) -> None:
+    table = drive(300)
+    uneven = 100 + np.cumsum(np.random.default_rng(0).uniform(0.1, 0.2, 300))
+    table.columns["t_s"] = np.round(uneven, 6)
+    found = read(table, tmp_path)
+    assert np.array_equal(found.t_s[np.isfinite(found.left_ticks)], table.columns["t_s"])
+    assert np.isnan(found.clock_skew)
+    assert_same_wheels(found, table)
+
+
+def test_a_map_reads_angles_distances_speeds_and_other_units(tmp_path: Path) -> None:
+    table = drive(600)
+    angle = table.columns["left_ticks"] / TICKS_PER_RAD
+    distance = table.columns["right_ticks"] / TICKS_PER_RAD * ROBOT.plant.wheels.radius_m
+    rate = (table.columns["gyro_code"] - 32_768) / ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
+    foreign = Drive(
+        {
+            "stamp": np.round(table.columns["t_s"] * 1e9),
+            "wl": np.degrees(angle) % 360,
+            "wr": distance * -1000,
+            "yaw": np.degrees(rate),
+        }
+    )
+    found = read(
+        foreign,
+        tmp_path,
+        '[columns]\ntime = { column = "stamp", unit = "ns" }\n'
+        'left_count = { column = "wl", unit = "deg", wrap = 360 }\n'
+        'right_count = { column = "wr", unit = "mm", invert = true }\n'
+        'gyro = { column = "yaw", unit = "deg/s" }\n',
+    )
+    assert_same_wheels(found, table, tolerance=1e-6)
+    assert found.gyro_rate_rad_s == pytest.approx(rate, abs=1e-12)
+    assert found.gyro_code == pytest.approx(table.columns["gyro_code"], abs=1e-6)
+
+
+def test_wheel_speeds_add_up_to_counts(tmp_path: Path) -> None:
+    seconds = np.arange(0, 20, TICK_S)
+    speed = 0.5 * np.sin(seconds)
+    table = Drive({"t_s": np.round(seconds, 6), "vl": speed, "vr": speed})
+    found = read(
+        table,
+        tmp_path,
+        '[columns]\ntime = "t_s"\nleft_count = { column = "vl", unit = "m/s" }\n'
+        'right_count = { column = "vr", unit = "m/s" }\n',
+    )
+    travelled_m = 0.5 * (1 - np.cos(seconds))
+    want = travelled_m / ROBOT.plant.wheels.radius_m * TICKS_PER_RAD
+    assert found.left_ticks == pytest.approx(want, abs=0.2)
+
+
+def test_empty_cells_are_missing_and_commands_hold_over_them(tmp_path: Path) -> None:
+    table = drive(300)
+    table.columns["left_ticks"][40:45] = np.nan
+    table.columns["gyro_code"][10] = np.nan
+    table.columns["v_command_m_s"][1:] = np.nan
+    found = read(table, tmp_path)
+    assert np.flatnonzero(np.isnan(found.left_ticks)).tolist() == [40, 41, 42, 43, 44]
+    assert found.gyro_code is not None
+    assert found.v_command_m_s is not None
+    assert np.flatnonzero(np.isnan(found.gyro_code)).tolist() == [10]
+    assert np.all(found.v_command_m_s == table.columns["v_command_m_s"][0])
+
+
+def test_a_table_that_joins_sensors_of_two_rates_has_a_row_for_each_wheel_reading(
+    tmp_path: Path,
+) -> None:
+    table = drive(300)
+    fine = {name: np.full(900, np.nan) for name in table.columns}
+    fine["t_s"] = np.round(5 + np.arange(900) * TICK_S / 3, 6)
+    for name in ("left_ticks", "right_ticks"):
+        fine[name][::3] = table.columns[name]
+    fine["gyro_code"] = np.arange(900.0) + 30_000
+    found = read(Drive(fine), tmp_path)
+    assert len(found.tick) == 300
+    assert found.tick_period_s == pytest.approx(TICK_S)
+    assert found.gyro_code is not None
+    # Row k covers the samples after row k - 1 and its own: three in a row but for the first.
+    assert found.gyro_code[1:] == pytest.approx(30_000 + 3 * np.arange(1, 300) - 1)
+
+
+def test_a_gap_in_a_table_has_rows_of_nothing(tmp_path: Path) -> None:
+    table = drive(500)
+    kept = np.concatenate((np.arange(200), np.arange(230, 500)))
+    found = read(Drive({name: column[kept] for name, column in table.columns.items()}), tmp_path)
+    assert len(found.tick) == 500
+    assert np.isnan(found.left_ticks[200:230]).all()
+    assert found.t_s == pytest.approx(table.columns["t_s"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty: expected a line with the names"),
+        ("1,2,3\n4,5,6\n", "expected the names of the columns in this line"),
+        ("t_s,t_s\n0,1\n", "column 't_s' stands twice"),
+        ("t_s,left_ticks\n0,1\n", "no column right_ticks: the table has t_s, left_ticks"),
+        ("left_ticks,right_ticks\n0,1\n", "no column t_s or ecu_t_s"),
+        ("t_s,left_ticks,right_ticks\n0,1,2\n0.01,x,2\n", r"table.csv:3: left_ticks = 'x'"),
+        ("t_s,left_ticks,right_ticks\n0,1,2\n0.01,1\n", r"table.csv:3: 2 cells: expected 3"),
+        ("t_s,left_ticks,right_ticks\n0,1,2\n", "1 rows: expected at least 20"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_one_sentence(text: str, said: str, tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises((DiagnosisError, HarnessError), match=said):
+        read_recording(table, robot=ROBOT)
+
+
+def test_a_row_without_time_is_one_sentence(tmp_path: Path) -> None:
+    table = drive(300)
+    table.columns["t_s"][7] = np.nan
+    with pytest.raises(DiagnosisError, match="row 9: no time"):
+        read(table, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('gyri = "gyro_code"', "no such role: the nearest is gyro"),
+        ('gyro = "gyro_kode"', "no such column: the nearest is gyro_code"),
+        ('gyro = { column = "gyro_code", unit = "V" }', "expected none .adc_code., rad/s"),
+        ('gyro = "left_ticks"', "already mapped as left_count"),
+    ],
+)
+def test_a_mistake_in_a_map_is_named_with_its_line(line: str, said: str, tmp_path: Path) -> None:
+    plain = '[columns]\ntime = "t_s"\nleft_count = "left_ticks"\nright_count = "right_ticks"\n'
+    with pytest.raises(HarnessError, match=rf"map.toml:5: .*{said}"):
+        read(drive(300), tmp_path, plain + line + "\n")
+
+
+def test_parquet_reads_as_csv_does_or_says_what_to_install(tmp_path: Path) -> None:
+    table = tmp_path / "table.parquet"
+    table.write_bytes(b"PAR1")
+    with pytest.raises(DiagnosisError, match=r"pip install pyarrow|not a Parquet file"):
+        read_recording(table, robot=ROBOT)
