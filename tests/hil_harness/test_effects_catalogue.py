@@ -26,13 +26,24 @@ from sim_plant import Mechanisms
 
 STAGES = ["actuation", "wheel", "encoder", "gyro", "bus", "firmware", "reference", "setup"]
 EFFECTS = list(catalogue().values())
+PLANT_EFFECTS = [e for e in EFFECTS if e.stage in ("actuation", "wheel", "encoder", "gyro")]
+SWITCHES = {"setup_wheels_swapped"}  # on or off: naming it switches it on
 
-# Twins named in the catalogue whose own stage is not simulated yet.
-FUTURE_TWINS = {"reference_yaw", "frame_latency"}
+# What must be on beside a parameter for it to be felt.
+COMPANY: dict[str, dict[str, Value]] = {
+    "frame_loss": {"probability": 0.01},
+    "coarse_trig_table": {"entries": 64},
+}
 
 
 def ordinary_value(parameter: EffectParameter) -> Value:
     """Return a value that is allowed and not neutral."""
+    if parameter.kind == "message":
+        return "IMU"
+    if parameter.name in ("entries", "bits"):
+        return 4
+    if parameter.kind == "whole" and parameter.neutral == 1:
+        return 0 if parameter.maximum == 1 else 3
     if parameter.kind == "choice":
         return next(choice for choice in parameter.choices if choice != parameter.neutral)
     if parameter.kind == "whole":
@@ -54,12 +65,13 @@ def test_an_effect_is_declared_in_full(effect: Effect) -> None:
     assert len({parameter.name for parameter in effect.parameters}) == len(effect.parameters)
     for parameter in effect.parameters:
         assert parameter.meaning
-        assert (parameter.kind == "choice") == bool(parameter.choices) == (parameter.unit == "")
+        assert (parameter.kind == "choice") == bool(parameter.choices)
+        assert (parameter.kind in ("choice", "message")) == (parameter.unit == "")
         if parameter.typical is not None:
             assert parameter.typical.source
             assert 0 <= parameter.typical.low < parameter.typical.high <= parameter.maximum
     for twins in effect.twins:
-        assert set(twins.effects) <= set(catalogue()) | FUTURE_TWINS
+        assert set(twins.effects) <= set(catalogue())
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
@@ -72,21 +84,28 @@ def test_twins_without_a_condition_know_of_each_other(effect: Effect) -> None:
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 def test_at_neutral_an_effect_changes_no_mechanism(effect: Effect) -> None:
-    assert effect.apply(Settings(), effect.neutral()) == Settings()
-    assert apply_effects([EffectSetting(effect.name, ())]) == Settings()
+    assert (effect.apply(Settings(), effect.neutral()) == Settings()) == (
+        effect.name not in SWITCHES
+    )
+    assert (apply_effects([EffectSetting(effect.name, ())]) == Settings()) == (
+        effect.name not in SWITCHES
+    )
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 def test_every_number_of_an_effect_moves_a_mechanism_of_its_own(effect: Effect) -> None:
+    beside = COMPANY.get(effect.name, {})
+    alone = apply_effects([EffectSetting(effect.name, tuple(beside.items()))])
     for parameter in effect.parameters:
-        if parameter.kind != "choice":
-            setting = EffectSetting(effect.name, ((parameter.name, ordinary_value(parameter)),))
-            assert apply_effects([setting]) != Settings()
+        values = beside | {parameter.name: ordinary_value(parameter)}
+        if parameter.name == "side" or values == beside:
+            continue
+        assert apply_effects([EffectSetting(effect.name, tuple(values.items()))]) != alone
 
 
 def test_every_mechanism_of_the_plant_is_moved_by_exactly_one_effect() -> None:
     moved: dict[str, list[str]] = {item.name: [] for item in fields(Mechanisms)}
-    for effect in EFFECTS:
+    for effect in [*PLANT_EFFECTS, catalogue()["clock_skew"]]:
         values = tuple(
             (parameter.name, ordinary_value(parameter))
             for parameter in effect.parameters
@@ -118,7 +137,7 @@ def test_a_side_moves_that_side_alone(effect: Effect) -> None:
             assert getattr(left, item.name) == neutral
 
 
-settings = st.sampled_from(EFFECTS).map(
+settings = st.sampled_from([e for e in EFFECTS if e.name not in SWITCHES]).map(
     lambda effect: EffectSetting(
         effect.name, tuple((p.name, ordinary_value(p)) for p in effect.parameters)
     )
@@ -129,16 +148,17 @@ settings = st.sampled_from(EFFECTS).map(
 def test_any_effects_combine_in_any_order(chosen: list[EffectSetting], random: object) -> None:
     together = apply_effects(chosen)
     assert apply_effects(reversed(chosen)) == together
-    expected = Mechanisms()
-    for setting in chosen:
-        alone = apply_effects([setting]).plant
-        moved = {
-            item.name: getattr(alone, item.name)
-            for item in fields(Mechanisms)
-            if getattr(alone, item.name) != getattr(Mechanisms(), item.name)
-        }
-        expected = replace(expected, **moved)
-    assert together.plant == expected
+    for part in ("plant", "bus", "firmware", "reference", "setup"):
+        expected = getattr(Settings(), part)
+        for setting in chosen:
+            alone = getattr(apply_effects([setting]), part)
+            moved = {
+                item.name: getattr(alone, item.name)
+                for item in fields(expected)
+                if getattr(alone, item.name) != getattr(getattr(Settings(), part), item.name)
+            }
+            expected = replace(expected, **moved)
+        assert getattr(together, part) == expected
 
 
 def test_a_setting_is_parsed_from_the_command_line() -> None:
@@ -260,6 +280,36 @@ def test_settings_made_in_code_are_checked_too() -> None:
         apply_effects([EffectSetting("nothing", ())])
     with pytest.raises(HarnessError, match=r"gyro_bias\.bias=high: expected a number"):
         apply_effects([EffectSetting("gyro_bias", (("bias", "high"),))])
+
+
+def test_an_effect_may_act_in_a_part_of_the_log_only() -> None:
+    texts = ["gyro_bias.bias=1", "gyro_bias.start_s=2", "gyro_scale.scale=0.1"]
+    texts += ["frame_loss.probability=0.5", "frame_loss.start_s=1", "frame_loss.stop_s=2"]
+    whole = apply_effects(combine_effects(map(parse_effect, texts)))
+    assert [start_s for start_s, _ in whole.later] == [1.0, 2.0]
+    plants = whole.over_time(lambda at: at.plant)
+    assert [(s, p.gyro_bias_rad_s, p.gyro_scale) for s, p in plants] == [
+        (-math.inf, 0.0, 0.1),
+        (2.0, 1.0, 0.1),
+    ]
+    buses = whole.over_time(lambda at: at.bus)
+    assert [(s, b.loss_probability) for s, b in buses] == [
+        (-math.inf, 0.0),
+        (1.0, 0.5),
+        (2.0, 0.0),
+    ]
+
+
+def test_a_switch_is_named_alone() -> None:
+    assert parse_effect("setup_wheels_swapped") == EffectSetting("setup_wheels_swapped", ())
+    assert apply_effects([parse_effect("setup_wheels_swapped")]).setup.wheels_swapped == 1
+
+
+@pytest.mark.parametrize("name", ["setup_sign", "clock_skew"])
+def test_what_cannot_change_in_a_run_takes_no_window(name: str) -> None:
+    setting = EffectSetting(name, (("start_s", 1.0),))
+    with pytest.raises(HarnessError, match=rf"^effect {name}\.start_s: .*: expected no start_s"):
+        apply_effects([setting])
 
 
 def test_a_setting_can_be_sent_to_another_process() -> None:

@@ -10,8 +10,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hil_harness.effects import apply_effects, catalogue, parse_effect
-from sim_plant import Mechanisms, PlantDescription
+from hil_harness.effects import Settings, apply_effects, catalogue, parse_effect
+from sim_plant import PlantDescription
 
 SIZES = {
     "drive_gain": "left=0.02",
@@ -20,6 +20,8 @@ SIZES = {
     "drive_acceleration_limit": "limit=4",
     "drive_lag": "time_constant=0.2",
     "drive_delay": "delay=0.1",
+    "drive_cogging": "amplitude=0.05",
+    "backlash": "width=0.02",
     "radius_scale": "scale=0.01",
     "radius_mismatch": "mismatch=0.005",
     "wheelbase_scale": "scale=0.01",
@@ -33,11 +35,16 @@ SIZES = {
     "lateral_slip": "compliance=0.02",
     "cross_slope_drift": "ratio=0.01",
     "grade_slip": "ratio=0.01",
+    "caster_kick": "angle=0.02",
     "floor_bump": "time=5 yaw=0.02",
     "contact_offset": "left=0.0001",
     "micro_slip": "left=0.001",
     "ticks_per_rev": "scale=0.01",
     "encoder_eccentricity": "amplitude=0.02",
+    "missed_ticks": "probability=0.05",
+    "extra_ticks": "rate=20",
+    "quadrature_phase": "error=0.5",
+    "encoder_wrap": "bits=8",
     "encoder_dead": "start_s=5",
     "gyro_bias": "bias=0.01",
     "gyro_bias_walk": "density=0.001",
@@ -63,6 +70,7 @@ SIZES = {
     "accelerometer_noise": "density=0.01",
     "warm_up": "offset=5",
     "supply_change": "offset=-1",
+    "clock_skew": "skew=0.01",
 }  # fmt: skip
 
 
@@ -89,7 +97,13 @@ def same(one: Drive, other: Drive) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(outputs(one), outputs(other), strict=True))
 
 
-@pytest.mark.parametrize("name", list(catalogue()))
+def test_every_effect_of_the_plant_has_a_size_here() -> None:
+    elsewhere = ("bus", "firmware", "reference", "setup")
+    of_plant = [name for name, e in catalogue().items() if e.stage not in elsewhere]
+    assert sorted(SIZES) == sorted([*of_plant, "clock_skew"])
+
+
+@pytest.mark.parametrize("name", list(SIZES))
 def test_every_effect_shows_in_the_data(name: str) -> None:
     # What follows temperature or supply shows where these are not as described.
     surroundings = ["warm_up.rise=10", "supply_change.rate=-0.01"]
@@ -105,7 +119,7 @@ def test_at_neutral_all_effects_together_change_nothing_bit_for_bit() -> None:
         for effect in catalogue().values()
         for parameter in effect.parameters
     ]
-    assert apply_effects(parse_effect(text) for text in neutral).plant == Mechanisms()
+    assert apply_effects(parse_effect(text) for text in neutral) == Settings()
     commands, robot = rich_commands(), PlantDescription()
     untouched = run(commands=commands, drive="motor", robot=robot)
     assert same(untouched, run(*neutral, commands=commands, drive="motor", robot=robot))
