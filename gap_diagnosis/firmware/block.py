@@ -16,9 +16,15 @@ from gap_diagnosis.firmware.candidates import (
     RealParameter,
     Value,
     listed,
+    overflow_candidates,
     smooth,
 )
-from gap_diagnosis.firmware.comparison import catch_all_score, cut_windows, misfit
+from gap_diagnosis.firmware.comparison import (
+    catch_all_score,
+    cut_windows,
+    misfit,
+    turn_scores,
+)
 from gap_diagnosis.firmware.foreign import (
     FOREIGN,
     Foreign,
@@ -43,22 +49,22 @@ from hil_harness.robot import Robot
 
 _LIMIT: Final = 1e4
 _DRAWS: Final = 400
+_ALIKE_NATS: Final = 1e-3
 
 _P_DESCRIBED: Final = math.log(0.9)
 _P_OFFSET: Final = math.log(0.03)
 _P_FOREIGN: Final = math.log(0.04)
 _P_OTHER: Final = math.log(0.03)
+_P_SILENT: Final = math.log(0.3)
 
 _BEST_FOREIGN: Final = 3
-_SCREENED_TICKS: Final = 20_000
-_KEPT_AFTER_SCREEN: Final = 12
+_SCREENED_TICKS: Final = 2_500
+_KEPT_AFTER_SCREEN: Final = 16
+_SCREEN_NATS: Final = 200.0
 _KEPT_FOR_PAIRS: Final = 5
 _WORTH_PAIRING: Final = 25.0
 _LEAST_WIDTH: Final = 2.0**-46
-_NEIGHBOURS: Final = (
-    0.0,
-    *(sign * 2.0**-k for k in (46, 45, 44, 36, 30, 29, 28) for sign in (1, -1)),
-)
+_NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
 
 
 @dataclass(frozen=True)
@@ -134,7 +140,7 @@ class FirmwareBlock:
         if not found:
             return Fit(names, 0.0, 0.0)
         total = _log_sum([*(one.total for one in found), self._other])
-        best = max(max(one.log_likelihood for one in found), self._other)
+        best = max(self._other, *(one.log_likelihood for one in found))
         return Fit(
             names,
             float(np.clip(total - none, -_LIMIT, _LIMIT)),
@@ -169,6 +175,21 @@ class FirmwareBlock:
     @cached_property
     def _offsets(self) -> list[Program]:
         return offset_programs(self._bench)
+
+    @cached_property
+    def _offset(self) -> float | None:
+        """The offset learnt before the log began; None where power-on's serves as well."""
+        if self.is_equal or not self._offsets:
+            return None
+        bench = self._bench
+        turns = [
+            float(np.sum(turn_scores(bench.windows, bench.poses(program))))
+            for program in self._offsets
+        ]
+        at = int(np.argmax(turns))
+        if turns[at] < float(np.sum(turn_scores(bench.windows, bench.described))) + 5.0:
+            return None
+        return self._offsets[at].offset_lsb
 
     @cached_property
     def _best_foreign(self) -> tuple[Foreign, ...]:
@@ -207,30 +228,41 @@ class FirmwareBlock:
         if effect == "auto_zero":
             candidates += auto_zero_candidates(bench)
             candidates.append(_without_trace("auto_zero.threshold", "auto_zero_rad_s"))
-        pairs = [
-            (one, program)
-            for one in candidates
-            if (program := bench.program(one.changes)) is not None
-        ]
+        if effect == "firmware_overflow":
+            candidates += overflow_candidates(bench.config, bench.used_bits())
+        pairs = self._programs(candidates)
         if effect == "moving_calibration":
             pairs += calibration_programs(bench)
-        if effect == "missed_deadline" and (missed := missed_deadline(bench)) is not None:
-            pairs.append(missed)
+        if effect == "missed_deadline":
+            missed = missed_deadline(bench)
+            pairs += self._programs([_no_tick_missed(bench.inputs.ticks)])
+            pairs += [] if missed is None else [missed]
         return self._scored(pairs)
 
     def _scored(self, pairs: list[tuple[Candidate, Program]]) -> list[Scored]:
         """Return the likelihood of each; of a long log only of those that fit its beginning."""
         bench = self._bench
         rows = int(np.searchsorted(bench.places, self._screen_tick))
-        if len(pairs) > _KEPT_AFTER_SCREEN and rows < len(bench.places):
-            head = replace(bench, windows=bench.windows.head(rows))
-            order = sorted(
-                pairs, key=lambda pair: -head.score(bench.poses(pair[1], rows)) - pair[0].log_prior
-            )
-            pairs = order[:_KEPT_AFTER_SCREEN]
-        return [
+        head = replace(bench, windows=bench.windows.head(rows))
+        if len(pairs) > _KEPT_AFTER_SCREEN and rows < len(bench.places) and head.windows.count:
+            scores = [head.score(bench.poses(program, rows)) for _, program in pairs]
+            order = sorted(range(len(pairs)), key=lambda at: -scores[at] - pairs[at][0].log_prior)
+            worst = scores[order[0]] - _SCREEN_NATS
+            pairs = [pairs[at] for at in order[:_KEPT_AFTER_SCREEN] if scores[at] >= worst]
+        found = [
             Scored(one, _P_DESCRIBED + one.log_prior, bench.score(bench.poses(program)))
             for one, program in pairs
+        ]
+        if self._offset is None:
+            return found
+        return found + [
+            Scored(
+                one,
+                _P_OFFSET + one.log_prior,
+                bench.score(bench.poses(replace(program, offset_lsb=self._offset))),
+            )
+            for one, program in pairs
+            if program.offset_lsb is None
         ]
 
     @cached_property
@@ -254,9 +286,11 @@ class FirmwareBlock:
         if self.is_equal:
             return [parameter.at(parameter.small, parameter.small)]
         best = bench.solve(pose_at, parameter.low, parameter.high)
-        spread = max(abs(best), 1.0)
-        values = [best + step * spread for step in _NEIGHBOURS]
-        values += [round(best, digits) for digits in range(3, 12)]
+        values = [best]
+        if (pose := pose_at(best)) is not None and bench.is_near(pose):
+            spread = max(abs(best), 1.0)
+            values += [best + step * spread for step in _NEIGHBOURS]
+            values += [round(best, digits) for digits in range(3, 12)]
         width = max(_LEAST_WIDTH, 0.5 * self._resolution(parameter))
         kept = {value for value in values if parameter.low <= value <= parameter.high and value}
         return [parameter.at(value, width) for value in sorted(kept)]
@@ -266,7 +300,7 @@ class FirmwareBlock:
         windows = self._bench.windows
         path_m = float(np.sum(np.hypot(*np.diff(windows.pose[:, :2], axis=0).T))) + 1e-9
         turn_rad = float(np.sum(np.abs(np.diff(windows.pose[:, 2])))) + 1e-9
-        return min(windows.quantum[0] / path_m, windows.quantum[2] / turn_rad)
+        return float(min(windows.quantum[0] / path_m, windows.quantum[2] / turn_rad))
 
     def _foreign_scores(self, effect: str) -> list[Scored]:
         bench = self._bench
@@ -285,10 +319,27 @@ class FirmwareBlock:
             others = listed(effect, bench.config) if effect == "stale_heading" else []
             if effect == "auto_zero":
                 others = auto_zero_candidates(bench)
+            alone = bench.score(self._foreign_pose(program))
+            silent = self._silent_candidate(effect)
+            if silent is not None:
+                found.append(Scored(silent, share + _P_SILENT, alone))
             for one in others:
                 pose = self._foreign_pose(program, changes=one.changes)
                 found.append(Scored(one, share + one.log_prior, bench.score(pose)))
         return found
+
+    def _silent_candidate(self, effect: str) -> Candidate | None:
+        """Return values for an effect that a float program may have without a known trace."""
+        if smooth(effect, self._bench.config):
+            return None
+        if effect == "auto_zero":
+            return _without_trace("auto_zero.threshold", "auto_zero_rad_s")
+        if effect == "missed_deadline":
+            return _no_tick_missed(self._bench.inputs.ticks)
+        if effect == "firmware_overflow":
+            return overflow_candidates(self._bench.config, self._bench.used_bits())[-1]
+        found = listed(effect, self._bench.config)
+        return found[0] if found else None
 
     # Two effects --------------------------------------------------------------------------
 
@@ -388,6 +439,12 @@ def _without_trace(name: str, field: str) -> Candidate:
     return Candidate({name: 1e-9}, {field: 1e-9}, math.log(0.1), {name: 1e-9})
 
 
+def _no_tick_missed(ticks: int) -> Candidate:
+    """Return a probability so small that no tick of the log was missed, with its share."""
+    name = "missed_deadline.probability"
+    return Candidate({name: 0.3 / ticks}, {}, math.log(0.25), {name: 0.3 / ticks})
+
+
 def _size(off: Floats, bench: Workbench) -> float:
     z = np.clip(np.nan_to_num(off, nan=1e30) / bench.windows.floor, -1e6, 1e6)
     return float(np.sum(np.log1p(z**2)))
@@ -395,7 +452,7 @@ def _size(off: Floats, bench: Workbench) -> float:
 
 def _log_sum(terms: Iterable[float]) -> float:
     known = list(terms)
-    return float(np.logaddexp.reduce(known)) if known else -math.inf
+    return float(np.logaddexp.reduce(np.array(known))) if known else -math.inf
 
 
 def _estimates(found: list[Scored]) -> dict[str, Estimate]:
@@ -403,9 +460,15 @@ def _estimates(found: list[Scored]) -> dict[str, Estimate]:
     totals = np.array([one.total for one in found])
     weights = np.exp(totals - np.max(totals))
     weights /= np.sum(weights)
-    best = found[int(np.argmax(totals))].candidate
+    # Of values that serve alike the first listed is shown.
+    best = found[int(np.argmax(totals >= np.max(totals) - _ALIKE_NATS))].candidate
     rng = np.random.default_rng(np.random.Philox(key=len(found)))
-    drawn = rng.choice(len(found), _DRAWS, p=weights)
+    # Numbers speak of the most probable choice: a scale of another constant is another number.
+    choices = {name: value for name, value in best.values.items() if isinstance(value, str)}
+    alike = np.array(
+        [all(one.candidate.values.get(n) == v for n, v in choices.items()) for one in found]
+    )
+    drawn = rng.choice(len(found), _DRAWS, p=weights * alike / np.sum(weights * alike))
     estimates: dict[str, Estimate] = {}
     for name, value in best.values.items():
         values: list[Value] = [one.candidate.values[name] for one in found]
@@ -413,13 +476,12 @@ def _estimates(found: list[Scored]) -> dict[str, Estimate]:
             shares: dict[str, float] = {}
             for one, weight in zip(values, weights.tolist(), strict=True):
                 shares[str(one)] = shares.get(str(one), 0.0) + weight
-            top = max(shares, key=lambda key: shares[key])
-            estimates[name] = Estimate(top, probabilities=shares)
+            estimates[name] = Estimate(value, probabilities=shares)
             continue
         numbers = np.array([float(one) for one in values])
         widths = np.array([one.candidate.widths.get(name, 0.0) for one in found])
         samples = numbers[drawn] + widths[drawn] * rng.uniform(-1.0, 1.0, _DRAWS)
-        middle = value if isinstance(value, int) else float(weights @ numbers)
+        middle = value if isinstance(value, int) else float(np.mean(samples))
         estimates[name] = Estimate(middle, float(np.std(samples)), samples)
     return estimates
 

@@ -40,6 +40,7 @@ _MOST_BITS_FEWER: Final = 24
 _MOST_LOG2_ENTRIES: Final = 12
 _MOST_CYCLES: Final = 4
 _LEAST_WORD_BITS: Final = 8
+_MOST_BITS_SHORT: Final = 8
 
 Value = float | int | str
 
@@ -115,25 +116,48 @@ def listed(effect: str, described: KernelConfig) -> list[Candidate]:
                 ({"cycles": cycles}, {"stale_heading_cycles": cycles})
                 for cycles in range(1, _MOST_CYCLES + 1)
             ]
-        case "firmware_overflow":
-            found = [
-                (
-                    {"variable": variable, "bits": bits, "mode": mode},
-                    {
-                        "overflow_variable": variable,
-                        "overflow_bits": bits,
-                        "overflow_mode": mode,
-                    },
-                )
-                for variable in LIMITED_VARIABLES
-                for bits in range(_LEAST_WORD_BITS, getattr(one, variable).word_bits)
-                for mode in ("wrap", "saturate")
-            ]
     share = -math.log(max(len(found), 1))
     return [
         Candidate({f"{effect}.{name}": value for name, value in values.items()}, changes, share, {})
         for values, changes in found
     ]
+
+
+def overflow_candidates(described: KernelConfig, used_bits: Mapping[str, int]) -> list[Candidate]:
+    """Return words that the log may overflow, and one for each variable that it surely does not.
+
+    *used_bits* is the width that the described program needed, by variable. Wider words by two
+    bits or more leave the same log; narrower ones by many would have overflowed at once.
+    """
+    found = []
+    one = described.description
+    for variable in LIMITED_VARIABLES:
+        all_bits = range(_LEAST_WORD_BITS, getattr(one, variable).word_bits)
+        share = -math.log(len(LIMITED_VARIABLES) * max(len(all_bits), 1) * 2)
+        used = used_bits[variable]
+        tight = [bits for bits in all_bits if used - _MOST_BITS_SHORT <= bits <= used + 1]
+        roomy = [bits for bits in all_bits if bits > used + 1]
+        choices = [(bits, mode, share) for bits in tight for mode in ("wrap", "saturate")]
+        if roomy:
+            choices.append((roomy[-1], "wrap", share + math.log(2 * len(roomy))))
+        for bits, mode, log_prior in choices:
+            found.append(
+                Candidate(
+                    {
+                        "firmware_overflow.variable": variable,
+                        "firmware_overflow.bits": bits,
+                        "firmware_overflow.mode": mode,
+                    },
+                    {
+                        "overflow_variable": variable,
+                        "overflow_bits": bits,
+                        "overflow_mode": mode,
+                    },
+                    log_prior,
+                    {},
+                )
+            )
+    return found
 
 
 @dataclass(frozen=True)

@@ -72,14 +72,15 @@ class Windows:
     def head(self, rows: int) -> Windows:
         """Return the windows that end before this many of the recording's rows."""
         kept = self.rows[self.last] < rows
+        end = int(self.last[kept][-1]) + 1 if np.any(kept) else 0
         return Windows(
-            self.rows,
+            self.rows[:end],
             self.first[kept],
             self.last[kept],
             self.motion[kept],
             self.floor[kept],
             self.quantum,
-            self.pose,
+            self.pose[:end],
         )
 
 
@@ -147,6 +148,12 @@ def score(windows: Windows, replayed: Floats) -> float:
     """Return the log likelihood of a named program's replay."""
     off = misfit(windows, replayed)
     return float(np.sum(_window_scores(windows, off, equal_windows(windows, replayed))))
+
+
+def turn_scores(windows: Windows, replayed: Floats) -> Floats:
+    """Return each window's log likelihood of its turn alone: float64[w]."""
+    off = misfit(windows, replayed)
+    return np.asarray(_window_scores(windows, off, equal_windows(windows, replayed))[:, 2])
 
 
 def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> Floats:

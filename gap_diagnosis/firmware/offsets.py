@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.firmware.replay import Program
 from gap_diagnosis.firmware.workbench import Workbench
@@ -40,7 +41,7 @@ def offset_programs(bench: Workbench) -> list[Program]:
     return list(found.values())
 
 
-def _prefixes(turning: np.ndarray) -> list[int]:
+def _prefixes(turning: NDArray[np.bool_]) -> list[int]:
     """Return numbers of rows after which to look: the end of the first drive, and of all."""
     moving = np.flatnonzero(turning)
     if len(moving) < _LEAST_ROWS:

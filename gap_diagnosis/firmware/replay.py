@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_model import KernelConfig
 from firmware_model.batch import pose_m_rad
 from firmware_model.compiled import compiled_batch
 from firmware_model.kernel import config_record, initial_state
-from firmware_model.state import STATE_DTYPE, State
+from firmware_model.state import STATE_DTYPE, STATE_FIELDS, State
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE
 from gap_diagnosis.firmware.inputs import Odometry, ReplayInputs, recorded_odometry, replay_inputs
 from gap_diagnosis.recording import Floats, Ints, Recording
@@ -79,7 +80,7 @@ def replay(inputs: ReplayInputs, program: Program, start: Start, stop: int | Non
     return pose
 
 
-def _run(inputs: ReplayInputs, config: KernelConfig, state: np.ndarray, at: Ints) -> Ints:
+def _run(inputs: ReplayInputs, config: KernelConfig, state: NDArray[np.void], at: Ints) -> Ints:
     """Step the kernel through the ticks *at* and return its poses; *state* moves on."""
     whole = slice(int(at[0]), int(at[-1]) + 1)
     is_slice = len(at) == whole.stop - whole.start
@@ -101,10 +102,10 @@ def _run(inputs: ReplayInputs, config: KernelConfig, state: np.ndarray, at: Ints
         np.empty((1, len(at)), np.int8),
         np.empty((0, len(at), 3), np.float64),
     )
-    return pose_q[0]
+    return np.asarray(pose_q[0])
 
 
-def _state_at(config: KernelConfig, start: Start) -> np.ndarray:
+def _state_at(config: KernelConfig, start: Start) -> NDArray[np.void]:
     state: State = initial_state(config)
     if start.pose is not None:
         x_m, y_m, heading_rad = start.pose
@@ -114,7 +115,9 @@ def _state_at(config: KernelConfig, start: Start) -> np.ndarray:
         state.y_m_q = round(y_m * (1 << config.position_frac_bits))
         state.heading_turn_q = turn_q - (one_turn if turn_q >= one_turn >> 1 else 0)
     record = np.zeros(1, STATE_DTYPE)
-    record[0] = astuple(state)
+    for name in STATE_FIELDS:
+        if value := getattr(state, name):
+            record[name] = value
     return record
 
 

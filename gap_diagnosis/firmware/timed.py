@@ -21,7 +21,7 @@ _MOST_ENDS: Final = 500
 
 
 def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
-    """Return thresholds that the zeroed turns allow: turns are 0 in the record and not in the replay.
+    """Return thresholds that the turns allow which are 0 in the record and not in the replay.
 
     All thresholds between the largest turn that was zeroed and the smallest that was not leave
     the same log.

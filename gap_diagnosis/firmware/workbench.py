@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,13 +11,14 @@ import numpy as np
 
 from firmware_model import KernelConfig
 from gap_diagnosis.firmware.candidates import altered_config
-from gap_diagnosis.firmware.comparison import Windows, is_equal, score
+from gap_diagnosis.firmware.comparison import Windows, is_equal, misfit, score
 from gap_diagnosis.firmware.foreign import Steps, recorded_path
 from gap_diagnosis.firmware.inputs import ReplayInputs
 from gap_diagnosis.firmware.replay import Program, Start, replay
 from gap_diagnosis.recording import Floats, Ints
 
 _NEWTON_STEPS: Final = 4
+_NEAR_QUANTA: Final = 50.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,26 @@ class Workbench:
         recorded[self.windows.rows] = self.windows.pose
         return self.score(recorded)
 
+    def is_near(self, pose: Floats) -> bool:
+        """Tell whether a pose differs from the record by a few digits at most."""
+        off = np.abs(misfit(self.windows, pose))
+        return bool(np.all(off <= _NEAR_QUANTA * self.windows.quantum))
+
+    def used_bits(self) -> dict[str, int]:
+        """Return how many bits the described program's words needed, by variable of a word."""
+        one = self.config.description
+        known = self.described[np.isfinite(self.described[:, 0])]
+        turns = np.diff(known[:, 2], prepend=0.0)
+        largest = {
+            "position": (float(np.max(np.abs(known[:, :2]))), one.position.frac_bits),
+            "step": (float(np.max(np.abs(self.steps.path_m))), one.step.frac_bits),
+            "turn_step": (float(np.max(np.abs(turns))) / math.tau, one.turn_step.frac_bits),
+        }
+        return {
+            name: math.ceil(value * 2.0**bits).bit_length() + 1
+            for name, (value, bits) in largest.items()
+        }
+
     def is_equal(self, pose: Floats) -> bool:
         """Tell whether a pose is the recorded one to the last digit."""
         return is_equal(self.windows, pose)
@@ -96,17 +118,20 @@ class Workbench:
         recorded[self.windows.rows] = self.windows.pose
         wanted = self.signals(recorded)
         value, step = 0.0, 1e-3 if high >= 1e-3 else -1e-3
+        there = pose_at(step)
+        if there is None:
+            return 0.0
+        neutral = pose_at(0.0)
+        origin = self.signals(self.described if neutral is None else neutral)
+        slope, ours = (self.signals(there) - origin) / step, origin
         for _ in range(_NEWTON_STEPS):
-            here, there = pose_at(value), pose_at(value + step)
-            if here is None or there is None:
-                break
-            ours = self.signals(here)
-            slope = (self.signals(there) - ours) / step
             power = float(slope @ slope)
             if not np.isfinite(power) or power <= 0.0:
                 break
             change = float(slope @ (wanted - ours)) / power
             value = float(np.clip(value + change, low, high))
-            if abs(change) < 1e-13:
+            if abs(change) < 1e-13 or value == 0.0 or (pose := pose_at(value)) is None:
                 break
+            ours = self.signals(pose)
+            slope = (ours - origin) / value
         return value
