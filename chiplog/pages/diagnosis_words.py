@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from chiplog.pages import quantities as q
 from chiplog.pages.findings import Words
+from gap_diagnosis.criterion import Judgement
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
 from gap_diagnosis.result_parts import (
     Candidate,
@@ -108,7 +109,8 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
     if gap is None:
         return "No gap was measured: nothing could be held out."
     where = "another log" if gap.held_out == "log" else "stretches the fit never saw"
-    text = f"{metric_name(gap.metric)}, RMS on {where}: {gap_arrow(gap)}"
+    name = metric_name(gap.metric)
+    text = f"{name[:1].upper()}{name[1:]}, RMS on {where}: {gap_arrow(gap)}"
     if gap.closed is None:
         return f"{text}; too close to the floor to say how much closed."
     interval = ""
@@ -189,6 +191,30 @@ def ambiguity_sentences(diagnosis: Diagnosis) -> list[str]:
         if not winners & set(group):
             sentences.append(f"{', '.join(group)}: this log could not have told them apart.")
     return sentences
+
+
+def logs_clause(diagnosis: Diagnosis) -> str:
+    """Return how much was read: `2 logs, 3 min 20 s, 74.2 m`."""
+    logs = diagnosis.logs
+    if not logs:
+        return "no log"
+    text = f"{len(logs)} logs, " if len(logs) > 1 else ""
+    text += q.duration(sum(log.duration_s for log in logs))
+    driven = [log.distance_m for log in logs if log.distance_m is not None]
+    return f"{text}, {q.length(sum(driven), 3)} driven" if driven else text
+
+
+def judgement_sentence(judgement: Judgement) -> str:
+    """Return a bound and the gap it was held against."""
+    bound = judgement.bound
+    unit = {"heading": "rad", "turn": "rad", "timing": "s"}.get(bound.metric, "m")
+    per = "" if bound.per is None else f" per {bound.per:g} {bound.span}"
+    verb = "within" if judgement.holds else "more than"
+    text = f"{bound.metric}: {quantity(judgement.value, unit)}{per}, "
+    text += f"{verb} the {quantity(bound.limit, unit)}{per} allowed"
+    if judgement.scaled is not None:
+        text += f" (scaled from windows of {judgement.scaled:.3g} {bound.span})"
+    return text + "."
 
 
 def candidate_facts(candidate: Candidate) -> str:

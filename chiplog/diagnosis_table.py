@@ -1,0 +1,49 @@
+"""What a diagnosis prints: the verdict first, then what a person needs to act on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+
+from chiplog.pages import diagnosis_words as words
+from chiplog.pages import quantities as q
+from chiplog.terminal import show_line, show_table
+from gap_diagnosis.result import Diagnosis
+
+_WIDTH = 80
+_CANDIDATES = 3
+_NOTES = 3
+
+
+def show_diagnosis(found: Diagnosis, files: Sequence[Path] = ()) -> None:
+    """Print the verdict, the gap before and after, candidates, ambiguities and what to drive."""
+    show_line(words.headline(found))
+    show_line()
+    show_line(fill("".join(part.text for part in words.verdict(found)), _WIDTH))
+    for sentence in (words.gap_sentence(found), words.unknown_sentence(found)):
+        if sentence:
+            show_line(fill(sentence, _WIDTH))
+    show_line()
+    show_table(
+        ["explanation", "probability", "parameter", "estimate", "95 % interval"],
+        words.candidate_rows(found, _CANDIDATES),
+        words=3,
+    )
+    show_line()
+    rows = [["cannot tell", sentence] for sentence in words.ambiguity_sentences(found)[:_NOTES]]
+    rows += [["drive next", advice.sentence] for advice in found.advice[:_NOTES]]
+    rows += [["note", note] for note in found.notes[:_NOTES]]
+    rows += [["took", f"{q.duration(found.seconds)} for {words.logs_clause(found)}"]]
+    rows += [["wrote", str(path)] for path in files]
+    show_table(["", ""], _once(rows), words=2)
+
+
+def _once(rows: Sequence[list[str]]) -> list[list[str]]:
+    """Return `rows` with a repeated first word left out."""
+    before = ""
+    shown = []
+    for name, text in rows:
+        shown.append(["" if name == before else name, text])
+        before = name
+    return shown

@@ -1,0 +1,176 @@
+"""The page of a diagnosis: what it says, and that it is safe, whole and on its own."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import Any
+
+import diagnosis_samples as samples
+import numpy as np
+import pytest
+
+from chiplog.pages.diagnosis import diagnosis_page
+from gap_diagnosis.pictures import Pictures, Report
+from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.result_parts import LogFacts, Waterfall, WaterfallStep
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>{{7*7}}"
+EVERY = [samples.diagnosis(), samples.single(), samples.nothing(), samples.unlisted()]
+
+
+class Seen(HTMLParser):
+    """The tags, the attributes and the words outside scripts and styles."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self._inside = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+        self._inside = tag
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside not in ("script", "style"):
+            self.words += data.split()
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return diagnosis_page(samples.report())
+
+
+def data_of(page: str) -> Any:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, flags=re.S)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_the_verdict_stands_first_and_names_the_group(page: str) -> None:
+    text = Seen(page).text
+    verdict = "radius_mismatch + radius_scale or radius_mismatch + ticks_per_rev"
+    assert f"{verdict} (stage wheel), which this data cannot tell apart: together 93 %" in text
+    assert text.index("together 93 %") < text.index("From described to explained")
+
+
+def test_the_parts_of_an_answer_are_all_there(page: str) -> None:
+    text = Seen(page).text
+    for part in (
+        "From described to explained",
+        "Where and when",
+        "What could cause it",
+        "The way it went, on held-out data",
+        "What this data cannot tell, and what to drive next",
+        "What was assumed",
+        "Turn one wheel by hand",
+        "Contact noise between 0.1 and 3 mm/√m.",
+        "chiplog run --scenario radius_scale-or-ticks_per_rev.toml",
+        "95 %: −0.539 to −0.461 %",
+        samples.SHA256,
+    ):
+        assert part in text
+
+
+@pytest.mark.parametrize("found", EVERY, ids=lambda found: found.verdict)
+@pytest.mark.parametrize("pictures", [samples.pictures(), Pictures()], ids=["drawn", "bare"])
+def test_every_verdict_has_a_page(found: Diagnosis, pictures: Pictures) -> None:
+    shown = diagnosis_page(Report(found, pictures))
+    assert ('id="path"' in shown) == bool(pictures.paths)
+    assert ('id="map"' in shown) == (pictures.residual_map is not None)
+
+
+def test_the_page_needs_nothing_from_outside(page: str) -> None:
+    seen = Seen(page)
+    assert not {"link", "iframe", "object", "embed", "img", "base"} & set(seen.tags)
+    assert not [name for name, _ in seen.attributes if name in ("src", "href", "action")]
+    assert "@import" not in page
+    assert "default-src 'none'" in page
+    assert not re.search(r"\bfetch\(|XMLHttpRequest|WebSocket|import\(", page)
+
+
+def test_the_browser_runs_the_one_script_that_the_policy_names(page: str) -> None:
+    scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.S)
+    assert len(scripts) == 1
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page
+
+
+def test_a_strangers_text_stays_text() -> None:
+    report = samples.report(
+        notes=(HOSTILE,),
+        assumptions=(HOSTILE,),
+        logs=(LogFacts(name=HOSTILE, duration_s=1.0, ticks=1),),
+    )
+    pictures = report.pictures
+    hostile = replace(
+        pictures,
+        residuals=(replace(pictures.residuals[0], name=HOSTILE, stage=HOSTILE),),
+        paths=(replace(pictures.paths[0], name=HOSTILE),),
+    )
+    shown = diagnosis_page(replace(report, pictures=hostile))
+    seen = Seen(shown)
+    assert seen.tags.count("script") == 2
+    assert "img" not in seen.tags
+    assert "49" not in seen.words
+    assert data_of(shown)["paths"][0]["name"] == HOSTILE
+
+
+def test_missing_values_are_gaps_in_the_data_not_nan(page: str) -> None:
+    assert None in data_of(page)["residuals"][0]["value"]
+
+
+def test_an_hour_of_data_is_a_page_one_can_mail() -> None:
+    report = samples.report()
+    long = replace(report, pictures=samples.pictures(points=360_000))
+    shown = diagnosis_page(long)
+    assert len(shown) < 400_000
+    times = data_of(shown)["residuals"][0]["t"]
+    assert (times[0], times[-1]) == (0.0, 60.0)
+
+
+def test_the_waterfall_lies_within_its_track_even_where_an_effect_adds() -> None:
+    fall = Waterfall(
+        metric="odometry_position_m",
+        unit="m",
+        before=0.01,
+        steps=(
+            WaterfallStep(effect="radius_scale", reduction=-0.02),
+            WaterfallStep(effect="radius_mismatch", reduction=0.025),
+        ),
+        after=0.005,
+        floor=0.002,
+    )
+    shown = diagnosis_page(samples.report(waterfall=fall))
+    bars = re.findall(r'class="bar \w+" style="left: ([\d.]+)%; width: ([\d.]+)%"', shown)
+    ends = np.array([[float(a), float(a) + float(b)] for a, b in bars])
+    assert len(bars) == 4
+    assert ends.min() >= 0
+    assert ends.max() <= 100.001
+    assert 'class="bar more"' in shown
+
+
+def test_no_two_elements_share_an_id(page: str) -> None:
+    ids = [value for name, value in Seen(page).attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+
+
+def test_colours_follow_light_and_dark(page: str) -> None:
+    used = set(re.findall(r"var\((--[a-z]+)", page))
+    assert used <= set(re.findall(r"(--[a-z]+):", page))
+    assert "prefers-color-scheme: dark" in page
