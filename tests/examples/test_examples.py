@@ -28,5 +28,5 @@ def test_an_example_says_what_it_shows(folder: str) -> None:
     assert f"pytest examples/{folder}" in readme
 
 
-def test_there_is_a_node_in_python_one_in_c_and_a_foreign_dbc() -> None:
-    assert FOLDERS == ["c_node", "foreign_dbc", "python_node"]
+def test_there_are_two_nodes_a_foreign_dbc_and_real_recordings() -> None:
+    assert FOLDERS == ["c_node", "foreign_dbc", "python_node", "recordings"]

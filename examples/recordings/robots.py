@@ -1,0 +1,52 @@
+"""What is known of the recorded robots, as robot.toml."""
+
+KOBUKI = """\
+# Yujin Kobuki, as its maker describes it: wheels of 35 mm, 230 mm apart, 2578.33 ticks a turn.
+schema = 1
+
+[robot]
+name = "Kobuki"
+
+[wheels]
+radius_m = 0.0349955  # 35 mm, times 2578/2578.33: a turn here has a whole number of ticks
+wheelbase_m = 0.230
+
+[encoder]
+ticks_per_rev = 2578
+counter_bits = 16
+
+[drive]
+max_wheel_rate_rad_s = 20.0  # 0.7 m/s
+
+[gyro]
+sensitivity_lsb_per_rad_s = 6548.0890  # 8.75 m°/s per digit, as in the driver
+zero_rate_code = 32768                 # the table's codes are digits + 32768
+range_rad_s = 4.363323                 # 250 °/s
+noise_density_rad_per_sqrt_s = 0.0005
+"""
+
+LAWNMOWER = """\
+# A lawnmower of which only distance and heading increments were recorded: radius, wheelbase and
+# ticks are any numbers, as the table has the distances of two wheels this far apart.
+schema = 1
+
+[robot]
+name = "lawnmower"
+
+[wheels]
+radius_m = 0.1
+wheelbase_m = 0.5
+
+[encoder]
+ticks_per_rev = 60000
+
+[drive]
+max_wheel_rate_rad_s = 40.0
+"""
+
+LAWNMOWER_MAP = """\
+[columns]
+time = "t_s"
+left_count = { column = "left_m", unit = "m" }
+right_count = { column = "right_m", unit = "m" }
+"""

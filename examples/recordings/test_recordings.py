@@ -1,0 +1,134 @@
+"""The converters on small made-up recordings of the same layout, and on the real ones if given.
+
+    CHIPLOG_RECORDINGS=FOLDER pytest examples/recordings
+
+FOLDER holds `kobuki/NAME/*.csv.gz` and `plaza_lawnmower/Plaza1_DR.txt`, … as they are published.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from gap_diagnosis.reading import read_recording
+from hil_harness import load_robot
+
+HERE = Path(__file__).parent
+RECORDINGS = Path(os.environ.get("CHIPLOG_RECORDINGS", HERE / "none"))
+KOBUKI = sorted(path.parent for path in RECORDINGS.glob("kobuki/*/_odom.csv.gz"))
+PLAZA = sorted(RECORDINGS.glob("plaza_lawnmower/*_DR.txt"))
+NS = 10**9
+START = 1_494_449_908 * NS
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Real recordings, where there are any, are further cases beside the made-up one."""
+    if "kobuki" in metafunc.fixturenames:
+        metafunc.parametrize(
+            "kobuki", [None, *KOBUKI], ids=lambda p: "made up" if p is None else p.name
+        )
+    if "plaza" in metafunc.fixturenames:
+        metafunc.parametrize(
+            "plaza", [None, *PLAZA], ids=lambda p: "made up" if p is None else p.stem
+        )
+
+
+def write(folder: Path, topic: str, header: str, rows: list[tuple[object, ...]]) -> None:
+    lines = [header, *(",".join(map(str, row)) for row in rows)]
+    with gzip.open(folder / f"{topic}.csv.gz", "wt") as file:
+        file.write("\n".join(lines) + "\n")
+
+
+def made_up_kobuki(folder: Path) -> Path:
+    """Forty seconds of turning; the robot's clock is 1200 ppm slow, two frames are lost."""
+    folder.mkdir()
+    random = np.random.default_rng(0)
+    tick = np.delete(np.arange(2000), [700, 701])
+    stamp = START + (tick * 0.02 * 1.0012 * NS + random.exponential(5e5, len(tick))).astype(int)
+    wheel = (tick * 10, tick * 30)
+    write(
+        folder,
+        "_mobile_base_sensors_core",
+        "%time,field.header.stamp,field.time_stamp,field.left_encoder,field.right_encoder",
+        [
+            (s, s, (60_000 + k * 20) % 65_536, (65_000 + a) % 65_536, b % 65_536)
+            for s, k, a, b in zip(stamp, tick.tolist(), *map(np.ndarray.tolist, wheel), strict=True)
+        ],
+    )
+    gyro = START + np.arange(4000) * NS // 100
+    write(
+        folder,
+        "_mobile_base_sensors_imu_data_raw",
+        "%time,field.header.stamp,field.angular_velocity.z",
+        [(s, s, 0.37) for s in gyro],
+    )
+    write(
+        folder,
+        "_mobile_base_commands_velocity",
+        "%time,field.linear.x,field.angular.z",
+        [(START + k * NS // 10, 0.08, 0.37) for k in range(300)],
+    )
+    write(
+        folder,
+        "_odom",
+        "%time,field.header.stamp,field.pose.pose.position.x,field.pose.pose.position.y,"
+        "field.pose.pose.orientation.z,field.pose.pose.orientation.w",
+        [(s, s, 0, 0, np.sin(k / 400), np.cos(k / 400)) for k, s in enumerate(stamp)],
+    )
+    return folder
+
+
+def convert(script: str, recording: Path, out: Path) -> None:
+    subprocess.run([sys.executable, HERE / script, recording, out], check=True, timeout=120)
+
+
+def test_a_kobuki_is_read_with_its_clock_its_gaps_and_its_gyro(
+    kobuki: Path | None, tmp_path: Path
+) -> None:
+    folder = kobuki or made_up_kobuki(tmp_path / "recording")
+    convert("kobuki_table.py", folder, tmp_path / "out")
+    robot = load_robot(tmp_path / "out" / "robot.toml")
+    found = read_recording(tmp_path / "out" / "table.csv", robot=robot)
+    assert found.tick_period_s == pytest.approx(0.02)
+    assert -1400e-6 < found.clock_skew < -950e-6
+    lost = np.flatnonzero(np.isnan(found.left_ticks))
+    assert len(lost) % 2 == 0
+    assert np.all(np.diff(lost)[::2] == 1)  # always two in a row
+    assert found.gyro_rate_rad_s is not None
+    turned = np.nansum(found.gyro_rate_rad_s) * found.tick_period_s
+    wheels = (found.right_ticks - found.left_ticks)[-1] * 2 * np.pi / 2578 * 0.0349955 / 0.230
+    assert turned == pytest.approx(wheels, abs=0.1 * abs(wheels) + 1.0)
+    assert found.odometry_heading_rad is not None
+    assert found.w_command_rad_s is not None
+
+
+def test_a_lawnmower_is_read_with_its_gps(plaza: Path | None, tmp_path: Path) -> None:
+    if plaza is None:
+        t_s = 3000 + np.cumsum(np.random.default_rng(0).uniform(0.18, 0.22, 600))
+        np.savetxt(tmp_path / "Plaza0_DR.txt", np.stack([t_s, t_s * 0 + 0.2, t_s * 0 + 0.01], 1))
+        angle = np.arange(601) * 0.01
+        gps = np.stack(
+            [np.append(t_s[0] - 0.2, t_s), 20 * np.sin(angle), 20 * (1 - np.cos(angle)), angle], 1
+        )
+        savemat(tmp_path / "Plaza0_.mat", {"GT": gps})
+        plaza = tmp_path / "Plaza0_DR.txt"
+    convert("lawnmower_table.py", Path(str(plaza).removesuffix("_DR.txt")), tmp_path / "out")
+    out = tmp_path / "out"
+    found = read_recording(
+        out / "table.csv",
+        robot=load_robot(out / "robot.toml"),
+        signals=out / "map.toml",
+        reference=out / "reference.tum",
+    )
+    assert found.reference is not None
+    assert found.reference.heading_rad is None  # positions only
+    metres = (found.left_ticks + found.right_ticks)[-1] / 2 / 60_000 * 2 * np.pi * 0.1
+    increments = np.loadtxt(plaza)[1:, 1]
+    assert metres == pytest.approx(np.sum(increments), rel=1e-6)
