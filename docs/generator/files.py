@@ -21,6 +21,7 @@ from hil_harness.signal_roles import (
     UNITS,
     Role,
 )
+from hil_harness.table_map import NAMED_COLUMNS, ColumnTable
 
 
 def robot() -> str:
@@ -162,6 +163,19 @@ def signal_map() -> str:
             "quantity, say "
             'it here: `gyro = { signal = "IMU.yaw_rate", unit = "deg/s" }`. A signal that '
             "counts the other way, clockwise or backwards, is turned round by `invert = true` in "
-            "the same place.",
+            "the same place. A wheel's speed can be read from a log; a simulated loop needs counts, "
+            "an angle or a distance.",
+            "## Tables",
+            "For a table (`.csv`, `.parquet`) the table `[columns]` has one line a role, "
+            '`role = "COLUMN"`. The roles are those above, and two clocks: `time`, the log\'s, and '
+            "`ecu_time`, the ECU's own, one of which must be there. How to: "
+            "[Read my logs](../how-to/my-log.md). Columns with these names need no map:",
+            table(
+                ["column", "role", "unit"],
+                [[f"`{c}`", f"`{role}`", unit] for c, (role, unit) in NAMED_COLUMNS.items()],
+            ),
+            "More than a name is said in a table of its own, as in "
+            '`left_count = { column = "wl", unit = "deg", wrap = 360 }`:',
+            _fields(ColumnTable),
         )
     )
