@@ -1,0 +1,295 @@
+"""The bus's block: which effects act between the sensors and the log, and how strongly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from can_bus import SENSORS
+from gap_diagnosis.bus import prior
+from gap_diagnosis.bus.counting import Rate, loss_of, rate_of
+from gap_diagnosis.bus.events import Message, Staleness, classify, staleness
+from gap_diagnosis.bus.gaps import silent_windows
+from gap_diagnosis.bus.stamps import Choice, jitter, latencies, polling, skew
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.recording import Recording
+from hil_harness.assembly import Wire
+from hil_harness.sensor_frames import SENSOR_ROLES
+
+Floats = NDArray[np.float64]
+Windows = tuple[tuple[float, float], ...]
+
+_SAMPLES: Final = 2000
+_MOST_GAPS: Final = 3
+
+
+@dataclass(frozen=True)
+class _Option:
+    """One way in which an effect can act: on this frame, with these draws of its parameters."""
+
+    frame: str | None
+    log_evidence: float
+    log_ratio: float
+    draws: Mapping[str, Floats]
+    windows: Windows = ()
+
+
+def bus_block(recording: Recording, wire: Wire) -> BusBlock | None:
+    """Return the block, or None where the log tells nothing of frames or clock."""
+    block = BusBlock(recording, wire)
+    return block if block.effects else None
+
+
+class BusBlock:
+    """Evidence for bus effects from stamps, counters and payloads.
+
+    An effect of a frame is weighed for each message, and for all that carry sensors together
+    (`frame` is then ``sensors``).
+    """
+
+    name = "bus"
+
+    def __init__(self, recording: Recording, wire: Wire) -> None:
+        self._recording = recording
+        sensors = {
+            mapped.message.name
+            for role in SENSOR_ROLES
+            if (mapped := wire.signal_map.get(role)) is not None
+        }
+        found = [
+            classify(name, frames, recording, is_sensor=name in sensors)
+            for name, frames in sorted(recording.frames.items())
+        ]
+        self._messages = [one for one in found if one is not None]
+        self._counted = [one for one in self._messages if one.has_counter]
+        self._random = np.random.default_rng(0)
+        self._options: dict[tuple[str, Windows], list[_Option]] = {}
+
+    @cached_property
+    def effects(self) -> frozenset[str]:
+        """The effects this log's frames can tell."""
+        found = set()
+        if math.isfinite(self._recording.clock_skew_sd):
+            found.add("clock_skew")
+        if self._messages:
+            found |= {"frame_duplication", "stale_producer"}
+        if self._counted:
+            found |= {
+                "bus_gap", "frame_jitter", "frame_latency", "frame_loss",
+                "frame_reordering", "reception_stamp",
+            }  # fmt: skip
+        return frozenset(found)
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Return the fit of these effects; those of different evidence are independent."""
+        names = sorted(effects)
+        windows: Windows = ()
+        log_evidence = log_ratio = 0.0
+        parameters: dict[str, Estimate] = {}
+        gap = self._gap() if "bus_gap" in effects else None
+        if gap is not None:
+            log_evidence, log_ratio, windows = gap.log_evidence, gap.log_ratio, gap.windows
+            parameters |= _estimates("bus_gap", [gap])
+        excluded = windows
+        for name in names:
+            if name == "bus_gap":
+                continue
+            if name == "clock_skew":
+                option = self._skew()
+                log_evidence += option.log_evidence
+                log_ratio += option.log_ratio
+                parameters |= _estimates(name, [option])
+                continue
+            options = self._of_frames(name, excluded if name == "frame_loss" else ())
+            logs = np.array([one.log_evidence for one in options])
+            best = max(options, key=lambda one: one.log_evidence)
+            weighed = float(logsumexp(logs)) - math.log(len(logs))
+            if name == "frame_jitter" and "reception_stamp" in effects:
+                weighed = min(weighed, -1.0)  # the poll explains the spread already
+            log_evidence += weighed
+            log_ratio += best.log_ratio
+            parameters |= _estimates(name, options)
+            windows = (*windows, *best.windows)
+        return Fit(tuple(names), log_evidence, max(log_ratio, 0.0), parameters, windows)
+
+    def _of_frames(self, effect: str, excluded: Windows) -> list[_Option]:
+        key = (effect, excluded)
+        if key not in self._options:
+            make: Mapping[str, Callable[[], list[_Option]]] = {
+                "frame_loss": lambda: self._losses(excluded),
+                "frame_duplication": lambda: self._rates(
+                    self._messages, lambda one: one.doubled, prior.DUPLICATION_PRESENT
+                ),
+                "frame_reordering": lambda: self._rates(
+                    self._counted, lambda one: one.swapped, prior.REORDERING_PRESENT
+                ),
+                "stale_producer": self._stale,
+                "frame_jitter": self._jitters,
+                "reception_stamp": self._polls,
+                "frame_latency": self._latencies,
+            }
+            self._options[key] = make[effect]()
+        return self._options[key]
+
+    def _groups(self, messages: Sequence[Message]) -> list[tuple[str, list[Message]]]:
+        """Return each message by its name, and the sensors' together if there are several."""
+        groups = [(one.name, [one]) for one in messages]
+        sensors = [one for one in messages if one.is_sensor]
+        return [*groups, (SENSORS, sensors)] if len(sensors) > 1 else groups
+
+    def _losses(self, excluded: Windows) -> list[_Option]:
+        made = []
+        for frame, messages in self._groups(self._counted):
+            runs = [one.runs(excluded) for one in messages]
+            news = loss_of(runs, prior.LOSS_PRESENT, prior.BURST)
+            usual = [loss_of([one], prior.LOSS_USUAL, prior.BURST) for one in runs]
+            draws = {
+                "probability": news.draw(self._random, _SAMPLES),
+                "burst": news.draw_burst(self._random, _SAMPLES),
+            }
+            made.append(_against(frame, news, usual, draws))
+        return made
+
+    def _rates(
+        self,
+        of: Sequence[Message],
+        happened: Callable[[Message], NDArray[np.bool_]],
+        span: tuple[float, float],
+    ) -> list[_Option]:
+        made = []
+        for frame, messages in self._groups(of):
+            counts = [(int(np.count_nonzero(happened(one))), one.frames) for one in messages]
+            news = rate_of(sum(a for a, _ in counts), sum(b for _, b in counts), span)
+            usual = [rate_of(*one, prior.RARE_USUAL) for one in counts]
+            draws = {"probability": news.draw(self._random, _SAMPLES)}
+            made.append(_against(frame, news, usual, draws))
+        return made
+
+    def _stale(self) -> list[_Option]:
+        sensors = [one for one in self._messages if one.is_sensor]
+        found: dict[str, Staleness] = {
+            one.name: staleness(one, self._recording) for one in sensors
+        }
+        made = []
+        for frame, messages in self._groups(sensors):
+            several = [found[one.name] for one in messages]
+            lengths = np.concatenate([one.lengths for one in several])
+            events, chances = len(lengths), sum(one.chances for one in several)
+            news = rate_of(min(events, chances), chances, prior.STALE_PRESENT)
+            usual = [
+                rate_of(min(len(one.lengths), one.chances), one.chances, prior.RARE_USUAL)
+                for one in several
+            ]
+            cycles = float(np.median(lengths)) if events else 1.0
+            draws = {
+                "probability": news.draw(self._random, _SAMPLES),
+                "cycles": np.full(_SAMPLES, round(cycles), dtype=np.float64),
+            }
+            windows = tuple(window for one in several for window in one.windows)
+            made.append(_against(frame, news, usual, draws, windows))
+        return made or [_Option(None, 0.0, 0.0, {})]
+
+    def _jitters(self) -> list[_Option]:
+        return [
+            self._chosen(frame, "sigma", jitter(messages))
+            for frame, messages in self._groups(self._counted)
+        ]
+
+    def _polls(self) -> list[_Option]:
+        each = {one.name: polling(one, self._recording.clock_skew) for one in self._counted}
+        made = [self._chosen(one.name, "period", each[one.name]) for one in self._counted]
+        sensors = [each[one.name] for one in self._counted if one.is_sensor]
+        if len(sensors) > 1:
+            # One period for all: the weights multiply, one prior over periods is paid back.
+            weight = np.prod([one.weight for one in sensors], axis=0)
+            total = float(weight.sum())
+            again = (len(sensors) - 1) * math.log(len(weight))
+            together = sum(one.log_evidence for one in sensors)
+            together += math.log(total) + again if total > 0 else -math.inf
+            ratio = sum(one.log_ratio for one in sensors)
+            weight = weight / total if total > 0 else sensors[0].weight
+            common = Choice(together, ratio, sensors[0].value, weight)
+            made.append(self._chosen(SENSORS, "period", common))
+        return made
+
+    def _latencies(self) -> list[_Option]:
+        sensors = [one for one in self._counted if one.is_sensor]
+        made = [
+            self._chosen(name, "delay", choice) for name, choice in latencies(sensors).items()
+        ]
+        # A delay common to all sensors leaves no trace in the stamps: it is as likely as before.
+        scales = np.geomspace(prior.LATENCY_TOLERANCE_S, prior.LATENCY_HIGH_S, 6)
+        drawn = np.abs(self._random.standard_normal(_SAMPLES))
+        delay = drawn * self._random.choice(scales, _SAMPLES)
+        return [*made, _Option(SENSORS, 0.0, 0.0, {"delay": delay})]
+
+    def _chosen(self, frame: str, parameter: str, choice: Choice) -> _Option:
+        value = self._random.choice(choice.value, size=_SAMPLES, p=choice.weight)
+        if parameter == "sigma":
+            step = math.log(choice.value[1] / choice.value[0])
+            value = value * np.exp(self._random.uniform(-0.5, 0.5, _SAMPLES) * step)
+        return _Option(frame, choice.log_evidence, choice.log_ratio, {parameter: value})
+
+    def _skew(self) -> _Option:
+        recording = self._recording
+        evidence, ratio, rows, _ = skew(recording.clock_skew, recording.clock_skew_sd)
+        chosen = self._random.choice(len(rows), size=_SAMPLES, p=rows[:, 2])
+        draws = rows[chosen, 0] + rows[chosen, 1] * self._random.standard_normal(_SAMPLES)
+        return _Option(None, evidence, ratio, {"skew": draws})
+
+    def _gap(self) -> _Option:
+        """Return the best windows of silence: what they save in losses, less their prior."""
+        period = self._recording.tick_period_s
+        price = 2 * math.log(max(self._recording.duration_s / period, 2.0))
+        total, chosen, ratio = -price, (), 0.0
+        base = self._usual_losses(())
+        candidates = silent_windows(self._messages, period)[:_MOST_GAPS]
+        for count in range(1, len(candidates) + 1):
+            windows = tuple(candidates[:count])
+            saved = self._usual_losses(windows) - base
+            if saved - count * price > total or count == 1:
+                total, chosen, ratio = saved - count * price, windows, saved
+        if not chosen:
+            return _Option(None, -math.log(2.0), 0.0, {})
+        start, stop = chosen[0]
+        even = self._random.uniform(0, period, (2, _SAMPLES))
+        draws = {"start_s": start + even[0], "stop_s": stop - even[1]}
+        return _Option(None, total, ratio, draws, chosen)
+
+    def _usual_losses(self, excluded: Windows) -> float:
+        return sum(
+            loss_of([one.runs(excluded)], prior.LOSS_USUAL, prior.BURST).log_evidence
+            for one in self._counted
+        )
+
+
+def _against(
+    frame: str, news: Rate, usual: Sequence[Rate], draws: Mapping[str, Floats], windows: Windows = ()
+) -> _Option:
+    evidence = news.log_evidence - sum(one.log_evidence for one in usual)
+    ratio = news.log_best - sum(one.log_best for one in usual)
+    return _Option(frame, evidence, ratio, draws, windows)
+
+
+def _estimates(effect: str, options: Sequence[_Option]) -> dict[str, Estimate]:
+    """Return the estimates of an effect, its frame with probabilities."""
+    logs = np.array([one.log_evidence for one in options])
+    weight = np.exp(logs - logs.max())
+    weight = weight / weight.sum()
+    best = options[int(np.argmax(weight))]
+    found: dict[str, Estimate] = {}
+    for name, draws in best.draws.items():
+        found[f"{effect}.{name}"] = Estimate(float(draws.mean()), float(draws.std()), draws)
+    if best.frame is not None:
+        chances = {
+            str(one.frame): float(w) for one, w in zip(options, weight, strict=True)
+        }
+        found[f"{effect}.frame"] = Estimate(best.frame, probabilities=chances)
+    return found

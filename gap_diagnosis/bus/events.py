@@ -1,0 +1,223 @@
+"""What happened to the frames of one message: lost, doubled, swapped, late, said again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.bus.counting import Runs
+from gap_diagnosis.recording import FrameTimes, Recording
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_TOGETHER: Final = 0.3
+"""Of a cycle: a repeat that comes sooner is a duplicate where no counter tells."""
+_CONTEXT: Final = 40
+_CHANGING: Final = 0.8
+_LONGEST_STALE: Final = 60
+_BY_CHANCE: Final = 0.01
+_WANDER_FRAMES: Final = 501
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message's frames, classified.
+
+    Attributes:
+        name: of the message.
+        is_sensor: it carries a sensor.
+        t_s: float64[f], stamps in the log's order.
+        tick: int64[f], in ticks of the ECU (or cycles where there is no counter).
+        cycle: ticks from frame to frame.
+        has_counter: the ticks come from counters.
+        doubled, swapped: bool[f].
+        late_s: float64[f], stamp less the clock's line; NaN where there is no line.
+        changes: bool[f], the payload differs from that of the frame before it.
+    """
+
+    name: str
+    is_sensor: bool
+    t_s: Floats
+    tick: Ints
+    cycle: int
+    has_counter: bool
+    doubled: Bools
+    swapped: Bools
+    late_s: Floats
+    changes: Bools
+
+    @property
+    def frames(self) -> int:
+        """Frames that are no duplicates."""
+        return int(np.count_nonzero(~self.doubled))
+
+    def runs(self, windows: tuple[tuple[float, float], ...] = ()) -> Runs:
+        """Return the losses outside windows (start, stop) of log time."""
+        tick, first = np.unique(self.tick[~self.doubled], return_index=True)
+        stamp = self.t_s[~self.doubled][first]
+        lost = np.rint(np.diff(tick) / self.cycle).astype(np.int64) - 1
+        outside = np.ones(len(lost), dtype=np.bool_)
+        for start, stop in windows:
+            outside &= ~((stamp[:-1] <= start + 1e-3) & (stamp[1:] >= stop - 1e-3))
+        lengths = lost[(lost > 0) & outside]
+        return Runs(len(tick), lengths)
+
+    def steady(self) -> Bools:
+        """Mark frames whose stamps tell of jitter: neither doubled nor swapped."""
+        good = ~self.doubled & ~self.swapped & np.isfinite(self.late_s)
+        good[:-1] &= ~self.swapped[1:]
+        return good
+
+
+def classify(
+    name: str, frames: FrameTimes, recording: Recording, *, is_sensor: bool
+) -> Message | None:
+    """Classify the frames of one message; None for too few or without a cycle."""
+    if len(frames.t_s) < 20:
+        return None
+    period = recording.tick_period_s
+    has_counter = frames.modulo > 0
+    if has_counter:
+        tick = frames.counter
+    else:
+        cycle_s = frames.cycle_s or float(np.median(np.diff(frames.t_s)))
+        if cycle_s <= 0:
+            return None
+        tick = np.rint((frames.t_s - frames.t_s[0]) / cycle_s).astype(np.int64)
+        period = cycle_s
+    steps = np.diff(np.unique(tick))
+    cycle = max(1, round(frames.cycle_s / period) if frames.cycle_s else int(np.median(steps)))
+    changes = np.concatenate(([True], frames.payload[1:] != frames.payload[:-1]))
+    doubled = _doubled(frames, tick, changes, has_counter, cycle * period)
+    highest = np.maximum.accumulate(np.concatenate(([tick[0]], tick[:-1])))
+    swapped = (tick < highest) & ~doubled
+    late = np.full(len(tick), np.nan)
+    if has_counter:
+        late = frames.t_s - _line(recording, tick)
+        late = late - _wander(late, ~doubled & ~swapped) + np.median(late)
+    return Message(
+        name, is_sensor, frames.t_s, tick, cycle, has_counter, doubled, swapped, late, changes
+    )
+
+
+def _doubled(
+    frames: FrameTimes, tick: Ints, changes: Bools, has_counter: bool, cycle_s: float
+) -> Bools:
+    doubled = np.zeros(len(tick), dtype=np.bool_)
+    if has_counter:
+        _, first = np.unique(tick, return_index=True)
+        doubled[:] = True
+        doubled[first] = False
+        return doubled
+    doubled[1:] = ~changes[1:] & (np.diff(frames.t_s) < _TOGETHER * cycle_s)
+    return doubled
+
+
+def _line(recording: Recording, tick: Ints) -> Floats:
+    """Return the log time of ticks by the recording's clock, continued beyond its rows."""
+    rows, times = recording.tick, recording.t_s
+    line = np.interp(tick, rows, times)
+    rate = (times[-1] - times[0]) / max(int(rows[-1] - rows[0]), 1)
+    line = np.where(tick < rows[0], times[0] + (tick - rows[0]) * rate, line)
+    return np.where(tick > rows[-1], times[-1] + (tick - rows[-1]) * rate, line)
+
+
+def _wander(late: Floats, good: Bools) -> Floats:
+    """Return the slow change of lateness: block medians, joined."""
+    rows = np.flatnonzero(good & np.isfinite(late))
+    if len(rows) < 2 * _WANDER_FRAMES:
+        return np.full(len(late), np.median(late[rows]) if len(rows) else 0.0)
+    blocks = np.array_split(rows, len(rows) // _WANDER_FRAMES)
+    middle = [float(np.median(late[block])) for block in blocks]
+    where = [float(np.mean(block)) for block in blocks]
+    return np.interp(np.arange(len(late)), where, middle)
+
+
+@dataclass(frozen=True)
+class Staleness:
+    """Runs in which a payload stood still while the robot did not.
+
+    Attributes:
+        lengths: int64[r], cycles for which the payload was repeated.
+        chances: cycles in which a run could have begun.
+        windows: (start, stop) of each run.
+    """
+
+    lengths: Ints
+    chances: int
+    windows: tuple[tuple[float, float], ...]
+
+
+def staleness(message: Message, recording: Recording) -> Staleness:
+    """Find the stale runs of a sensor message.
+
+    A run counts where the payload changes nearly always around it and the wheels turn before and
+    after; where the counts themselves stood still, they must leap by what they missed.
+    """
+    good = ~message.doubled & ~message.swapped
+    tick, changes, stamp = message.tick[good], message.changes[good], message.t_s[good]
+    speed = _speed(recording)
+    row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
+    moving = speed[row] > 0.0
+    ones = np.ones(2 * _CONTEXT + 1)
+    near = np.convolve(changes & moving, ones, mode="same") / np.convolve(
+        np.ones(len(changes)), ones, mode="same"
+    )
+    chances = int(np.count_nonzero(moving & (near > _CHANGING / 2)))
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
+    lengths: list[int] = []
+    windows: list[tuple[float, float]] = []
+    for start, stop in edges.reshape(-1, 2):
+        length = int(stop - start)
+        if length > _LONGEST_STALE or stop >= len(changes) - 1 or start < 2:
+            continue
+        before = slice(max(0, start - _CONTEXT), start)
+        after = slice(stop, stop + _CONTEXT)
+        around = np.concatenate((changes[before], changes[after]))
+        turning = np.concatenate((moving[before], moving[after]))
+        if np.mean(around[turning]) < _CHANGING if turning.any() else True:
+            continue
+        if np.mean(turning) < 0.5 or not _leaps(recording, row[start - 1], row[stop], length):
+            continue
+        lengths.append(length)
+        windows.append((float(stamp[start]), float(stamp[stop])))
+    least = _beyond_chance(lengths, chances)
+    windows = [one for one, length in zip(windows, lengths, strict=True) if length >= least]
+    lengths = [length for length in lengths if length >= least]
+    return Staleness(np.array(lengths, dtype=np.int64), max(chances, 1), tuple(windows))
+
+
+def _beyond_chance(lengths: list[int], chances: int) -> int:
+    """Return the shortest run that chance does not make, given how often payloads repeat once.
+
+    A payload of a few noisy bits says the same twice now and then.
+    """
+    singles = lengths.count(1)
+    again = min((singles + 1) / max(chances, 1), 0.9)
+    if singles <= 1:
+        return 1
+    return max(1, math.ceil(math.log(_BY_CHANCE / max(chances, 1)) / math.log(again)))
+
+
+def _speed(recording: Recording) -> Floats:
+    """Return counts per tick of both wheels, over a few ticks either side; 0 below one."""
+    total = np.abs(np.nan_to_num(np.diff(recording.left_ticks, prepend=np.nan)))
+    total += np.abs(np.nan_to_num(np.diff(recording.right_ticks, prepend=np.nan)))
+    smooth = np.convolve(total, np.ones(9) / 9, mode="same")
+    return np.where(smooth >= 2.0, smooth, 0.0)
+
+
+def _leaps(recording: Recording, last: int, fresh: int, length: int) -> bool:
+    """Tell whether the counts went on during rows last to fresh, standing still or not."""
+    moved = 0.0
+    usual = 0.0
+    for wheel in (recording.left_ticks, recording.right_ticks):
+        usual += float(np.abs(wheel[last] - wheel[max(last - 4, 0)])) / 4
+        moved += float(np.abs(wheel[fresh] - wheel[last]))
+    return bool(usual >= 2.0 and moved > 0.6 * usual * (length + 1))

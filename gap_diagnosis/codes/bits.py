@@ -1,0 +1,138 @@
+"""Stuck bits and missing codes: gaps in a histogram that should be smooth.
+
+Low bits: where codes are densely visited, both halves of each cell of the bit should be; a missing
+half is weighed with a generously overdispersed share. High bits: the wheels say which code to
+expect, and a stuck bit shows it short or long by exactly the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from gap_diagnosis.codes.data import CodeData, stretches
+
+Floats = NDArray[np.float64]
+
+_SHARE: Final = 2.0
+"""Of a cell's halves: Beta(2, 2)."""
+_COARSE: Final = 0.1
+"""Prior probability of a sensor that is coarser than its converter."""
+_COARSE_ODD: Final = 0.01
+_CELL_NATS: Final = 6.0
+_EXCURSION_NATS: Final = 6.0
+_LEAST_CELLS: Final = 3
+_MOST_CELLS: Final = 40
+_DENSE: Final = 0.8
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """How much better codes are explained by one stuck bit."""
+
+    bit: int
+    value: int
+    log_ratio: float
+
+
+def stuck_bits(data: CodeData) -> list[Stuck]:
+    """Return a log likelihood ratio for each bit and value; -inf where a code contradicts it."""
+    codes = data.code.astype(np.int64)
+    unique, counts = np.unique(codes, return_counts=True)
+    coarse = _coarse_bits(unique)
+    found = []
+    for bit in range(data.bits):
+        has = unique >> bit & 1
+        for value in (0, 1):
+            if not np.all(has == value):
+                found.append(Stuck(bit, value, -math.inf))
+                continue
+            ratio = 0.0
+            if bit < coarse:
+                # All lower bits stand still as well: a coarse sensor says as much of it.
+                told = _cells(unique, counts, bit, value)
+                chance = _COARSE if value == 0 else _COARSE_ODD
+                ratio = min(told, -math.log(chance)) if bit == 0 else 0.0
+            else:
+                ratio = max(_cells(unique, counts, bit, value), _excursions(data, bit, value))
+            found.append(Stuck(bit, value, ratio))
+    return found
+
+
+def _coarse_bits(unique: NDArray[np.int64]) -> int:
+    """Return how many of the lowest bits never change."""
+    changed = int(np.bitwise_or.reduce(unique ^ unique[0]))
+    return (changed & -changed).bit_length() - 1 if changed else 64
+
+
+def _cells(unique: NDArray[np.int64], counts: NDArray[np.int64], bit: int, value: int) -> float:
+    """Return the evidence of missing halves in cells that lie in a densely visited region."""
+    cell, first = np.unique(unique >> (bit + 1), return_index=True)
+    told = np.add.reduceat(counts, first)
+    visited = np.diff(np.concatenate((first, [len(unique)])))
+    dense = visited >= max(1.0, _DENSE * min(2**bit, 16))
+    inside = np.zeros(len(cell), dtype=np.bool_)
+    inside[1:-1] = (cell[1:-1] - cell[:-2] == 1) & (cell[2:] - cell[1:-1] == 1)
+    use = inside & dense & (told >= 4)
+    if np.count_nonzero(use) < _LEAST_CELLS:
+        return 0.0
+    n = told[use].astype(np.float64)
+    log_missing = (
+        gammaln(n + _SHARE) + gammaln(2 * _SHARE) - gammaln(n + 2 * _SHARE) - gammaln(_SHARE)
+    )
+    gains = np.sort(np.minimum(-log_missing, _CELL_NATS))[::-1]
+    return float(np.sum(gains[:_MOST_CELLS]))
+
+
+def _excursions(data: CodeData, bit: int, value: int) -> float:
+    """Return the evidence of stretches in which the expected code lacks what the bit adds."""
+    size = float(1 << bit)
+    if size < 8 * data.spread:
+        return 0.0
+    margin = min(4 * data.spread, size / 4)
+    whole = np.nan_to_num(data.expected, nan=data.zero_code)
+    inside = np.mod(whole, 2 * size)
+    other = (inside > margin) & (inside < size - margin)
+    if value == 0:
+        other = (inside > size + margin) & (inside < 2 * size - margin)
+    forced = whole + (size if value else -size)
+    as_forced = other & (np.abs(data.code - forced) < margin)
+    against = other & ~as_forced
+    long = [one for one in stretches(as_forced) if one[1] - one[0] >= 5]
+    if np.count_nonzero(against) > 0.3 * np.count_nonzero(other):
+        return 0.0
+    return _EXCURSION_NATS * len(long)
+
+
+def missing_codes(data: CodeData) -> tuple[Floats, Floats]:
+    """Return interior codes and the log likelihood ratio of each being missing.
+
+    A missing code is never seen and the next higher one stands for it, so that is seen twice as
+    often. The neighbours give the expected number, overdispersed.
+    """
+    codes = data.code.astype(np.int64)
+    low = int(codes.min())
+    if int(codes.max()) - low > 1 << 20:
+        return np.zeros(0), np.zeros(0)
+    counts = np.bincount(codes - low).astype(np.float64)
+    if len(counts) < 8:
+        return np.zeros(0), np.zeros(0)
+    here, after = counts[2:-2], counts[3:-1]
+    about = (counts[:-4] + counts[1:-3] + counts[4:]) / 3
+    size = 1.0 + 0.05 * about
+    ratio = (_log_poisson(after, 2 * about) - _log_poisson(after, about) + about) / size
+    ratio = np.where((here == 0) & (about > 2), ratio, -np.inf)
+    visited = counts[2:-2] > 0
+    if np.mean(visited[about > 4]) < 0.97 if np.any(about > 4) else True:
+        ratio[:] = -np.inf  # a comb: a coarse sensor or a stuck bit, not one code
+    return np.arange(low + 2, low + 2 + len(ratio), dtype=np.float64), ratio
+
+
+def _log_poisson(count: Floats, mean: Floats) -> Floats:
+    mean = np.maximum(mean, 1e-9)
+    return np.asarray(count * np.log(mean) - mean - gammaln(count + 1), dtype=np.float64)

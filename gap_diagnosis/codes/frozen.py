@@ -1,0 +1,66 @@
+"""A gyro that repeats its code: the longest run, against how often codes repeat on this log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.codes.data import CodeData, stretches
+
+_LEAST_RUN: Final = 5
+_CONTRADICTION_NATS: Final = 4.0
+_BLOCK: Final = 10
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """The run that looks most like a frozen gyro: its window and log likelihood ratio."""
+
+    start_s: float
+    stop_s: float
+    log_ratio: float
+
+
+def frozen_run(data: CodeData) -> Frozen | None:
+    """Return the most suspicious run of equal codes; None where no code repeats for long.
+
+    How likely a code repeats once it has is counted on the rest of the log, at rest and in turns
+    apart: a noiseless sensor of a robot that rests repeats for ever and is not frozen.
+    """
+    same = (data.code[1:] == data.code[:-1]) & (np.diff(data.tick) == 1)
+    again = same[1:] & same[:-1]
+    turning = data.turns[2:]
+    best: Frozen | None = None
+    runs = [one for one in stretches(same) if one[1] - one[0] >= _LEAST_RUN]
+    for start, stop in sorted(runs, key=lambda one: one[0] - one[1])[:20]:
+        inside = np.zeros(len(again), dtype=np.bool_)
+        inside[max(start - 1, 0) : stop - 1] = True
+        ratio = 0.0
+        for state in (turning, ~turning):
+            held = int(np.count_nonzero(inside & state))
+            rest = state & ~inside & same[:-1]
+            repeated = int(np.count_nonzero(again & rest))
+            # With few examples of this state, what is seen of the other one stands in.
+            known = int(np.count_nonzero(rest))
+            ratio -= held * math.log((repeated + 1) / (known + 2))
+        ratio += _contradicted(data, start, stop + 1)
+        found = Frozen(float(data.t_s[start]), float(data.t_s[stop]), ratio)
+        if best is None or found.log_ratio > best.log_ratio:
+            best = found
+    return best
+
+
+def _contradicted(data: CodeData, start: int, stop: int) -> float:
+    """Return the evidence of blocks in which the wheels turn and the code does not follow."""
+    away = np.abs(data.code[start:stop] - data.expected[start:stop])
+    moved = np.abs(data.expected[start:stop] - data.expected[start])
+    unlike = (away > max(8 * data.spread, 20.0)) & (moved > max(8 * data.spread, 20.0))
+    return _CONTRADICTION_NATS * (int(np.count_nonzero(unlike)) // _BLOCK)
+
+
+def frozen_prior(data: CodeData) -> float:
+    """Return the log prior density of a window's start and length, both even in the log."""
+    return -2 * math.log(len(data.code))

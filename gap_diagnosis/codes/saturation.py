@@ -1,0 +1,73 @@
+"""A flat top: codes that go no further though the wheels, or the noise, say they should."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.codes.data import CodeData, stretches
+
+_LEAST_AT_TOP: Final = 5
+_NATS: Final = 5.0
+_LEAST_TICKS: Final = 5
+_MOST_PILED: Final = 60
+_BELOW_DESCRIBED: Final = 0.99
+
+
+@dataclass(frozen=True)
+class FlatTop:
+    """The limit and how much better it explains the extremes."""
+
+    limit_rad_s: float
+    sd_rad_s: float
+    log_ratio: float
+
+
+def flat_top(data: CodeData) -> FlatTop | None:
+    """Return the flat top; None where the extremes are no limit, or the described one."""
+    away = data.code - data.zero_code
+    reach = float(np.max(np.abs(away)))
+    described = min(data.high - data.zero_code, data.zero_code - data.low)
+    if reach < 1 or reach >= _BELOW_DESCRIBED * described:
+        return None
+    tolerance = 0.6 if data.is_whole else 1e-6 * reach
+    top = np.abs(away) >= reach - tolerance
+    if np.count_nonzero(top) < _LEAST_AT_TOP:
+        return None
+    ratio = _piled(data, np.abs(away), reach, top) + _overrun(data, away, reach, top)
+    step = 1.0 if data.is_whole else 0.0
+    sd = max(step / math.sqrt(12), 1e-4 * reach) / data.per_rad_s
+    return FlatTop(reach / data.per_rad_s, sd, ratio)
+
+
+def _piled(data: CodeData, size: np.ndarray, reach: float, top: np.ndarray) -> float:
+    """Return the evidence of more codes at the top than noise about any rate would leave there."""
+    if data.noise < 1.5:
+        return 0.0
+    near = np.count_nonzero(size > reach - 2 * data.noise)
+    at = np.count_nonzero(top)
+    usual = min(0.9, 2.0 / data.noise)
+    share = at / near
+    if share <= usual:
+        return 0.0
+    told = min(near, _MOST_PILED) / near
+    return float(
+        told
+        * (at * math.log(share / usual) + (near - at) * math.log(max(1 - share, 1e-3) / (1 - usual)))
+    )
+
+
+def _overrun(data: CodeData, away: np.ndarray, reach: float, top: np.ndarray) -> float:
+    """Return the evidence of stretches in which the wheels turn beyond the top, the code does not.
+
+    Against it: stretches beyond the top with the code elsewhere.
+    """
+    expected = np.nan_to_num(data.expected, nan=data.zero_code) - data.zero_code
+    margin = max(5 * data.spread, 0.03 * reach)
+    beyond = (np.abs(expected) > reach + margin) & (np.sign(expected) == np.sign(away))
+    long = [one for one in stretches(beyond & top) if one[1] - one[0] >= _LEAST_TICKS]
+    elsewhere = [one for one in stretches(beyond & ~top) if one[1] - one[0] >= _LEAST_TICKS]
+    return _NATS * (len(long) - len(elsewhere)) if len(long) > len(elsewhere) else 0.0
