@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from firmware_model import FirmwareChanges, FirmwareError, KernelConfig
@@ -54,12 +54,14 @@ class Candidate:
         changes: fields of `FirmwareChanges`.
         log_prior: logarithm of its share of the effects' prior.
         widths: for real parameters, the half width within which the data are explained alike.
+        timing: fields of `Program` that act in time.
     """
 
     values: Mapping[str, Value]
     changes: Mapping[str, Any]
     log_prior: float
     widths: Mapping[str, float]
+    timing: Mapping[str, Any] = field(default_factory=dict)
 
     def beside(self, other: Candidate) -> Candidate:
         """Return both together."""
@@ -68,6 +70,7 @@ class Candidate:
             {**self.changes, **other.changes},
             self.log_prior + other.log_prior,
             {**self.widths, **other.widths},
+            {**self.timing, **other.timing},
         )
 
 

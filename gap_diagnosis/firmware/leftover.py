@@ -116,6 +116,12 @@ def describe(windows: Windows, off: Floats, t_s: Floats, log_evidence: float) ->
     )
 
 
+def size_of(off: Floats, windows: Windows) -> float:
+    """Return a size of misfits that a few wild windows do not dominate."""
+    z = np.clip(np.nan_to_num(off, nan=1e30) / windows.floor, -1e6, 1e6)
+    return float(np.sum(np.log1p(z**2)))
+
+
 def _joined(start_s: Floats, stop_s: Floats) -> tuple[tuple[float, float], ...]:
     stretches: list[tuple[float, float]] = []
     for start, stop in zip(start_s.tolist(), stop_s.tolist(), strict=True):

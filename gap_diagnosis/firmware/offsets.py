@@ -25,7 +25,7 @@ def offset_programs(bench: Workbench) -> list[Program]:
     known = config.constants
     per_lsb = known.gyro_sensitivity_rad_s_per_lsb * known.tick_period_s
     replayed = bench.described[rows, 2]
-    turning = np.abs(np.diff(replayed, prepend=replayed[0])) > 0.0
+    turning = bench.turning()
     active = np.cumsum(turning).astype(np.float64)
     drift = (bench.windows.pose[:, 2] - bench.windows.pose[0, 2]) - (replayed - replayed[0])
     unit = 1 << config.offset_frac_bits

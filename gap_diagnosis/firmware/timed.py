@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import FRESH, KernelConfig
+from firmware_model import FRESH
 from gap_diagnosis.firmware.candidates import Candidate, altered_config
 from gap_diagnosis.firmware.replay import Program
-from gap_diagnosis.firmware.workbench import Workbench
+from gap_diagnosis.firmware.workbench import NOTHING_LEARNT, Workbench
 from gap_diagnosis.recording import Floats
 
 _QUANTA: Final = 4.0
@@ -55,14 +55,14 @@ def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
     ]
 
 
-def calibration_programs(bench: Workbench) -> list[tuple[Candidate, Program]]:
+def calibration_candidates(bench: Workbench) -> list[Candidate]:
     """Return windows in whose codes' mean the heading's drift is found.
 
     Before the window's end the offset is the nominal one; after it, and for good, the mean. The
     first tick whose turn differs from the nominal replay's is the end; from the drift after it
     follows the offset, and every start with that mean is a candidate.
     """
-    base = altered_config(bench.config, {"calibration_start_s": 0.0, "calibration_stop_s": 1.0})
+    base = altered_config(bench.config, NOTHING_LEARNT)
     if base is None:
         return []
     rows = bench.windows.rows
@@ -76,7 +76,7 @@ def calibration_programs(bench: Workbench) -> list[tuple[Candidate, Program]]:
     codes = bench.inputs.gyro_code.astype(np.float64)
     fresh = bench.inputs.gyro_validity == FRESH
     per_lsb = bench.config.constants.gyro_sensitivity_rad_s_per_lsb * bench.steps.period_s
-    turns = np.abs(np.diff(bench.poses(Program(base))[rows, 2], prepend=0.0)) > 0.0
+    turns = bench.turning()
     active = np.cumsum(turns)
     later = np.arange(len(rows)) >= first_row
     A = np.column_stack([active[later], np.ones(np.count_nonzero(later))])
@@ -87,17 +87,16 @@ def calibration_programs(bench: Workbench) -> list[tuple[Candidate, Program]]:
     earliest = bench.places[rows[before[-1]]] if len(before) else 0
     last = int(bench.places[rows[first_row]])
     ends = range(max(int(earliest) - 1, last - _MOST_ENDS, 1), min(last + 2, bench.inputs.ticks))
-    return _windows_with_mean(bench, base, codes, fresh, ends, offset)
+    return _windows_with_mean(bench, codes, fresh, ends, offset)
 
 
 def _windows_with_mean(
     bench: Workbench,
-    config: KernelConfig,
     codes: Floats,
     fresh: NDArray[np.bool_],
     ends: range,
     mean: float,
-) -> list[tuple[Candidate, Program]]:
+) -> list[Candidate]:
     period_s = bench.steps.period_s
     found: list[tuple[float, int, int, float]] = []
     total = np.concatenate([[0.0], np.cumsum(np.where(fresh, codes, 0.0))])
@@ -114,13 +113,14 @@ def _windows_with_mean(
     for _, begin_tick, end, value in found[: 2 * _MOST_STARTS]:
         start_s = float(bench.inputs.t_s[begin_tick])
         stop_s = float(bench.inputs.t_s[min(end, bench.inputs.ticks - 1)])
-        candidate = Candidate(
+        one = Candidate(
             {"moving_calibration.start_s": start_s, "moving_calibration.stop_s": stop_s},
             {"calibration_start_s": start_s, "calibration_stop_s": stop_s},
             share,
             {"moving_calibration.start_s": period_s, "moving_calibration.stop_s": period_s},
+            {"offset_lsb": value, "offset_tick": end},
         )
-        results.append((candidate, Program(config, offset_lsb=value, offset_tick=end)))
+        results.append(one)
     return results
 
 
@@ -146,18 +146,38 @@ def skipped_ticks(bench: Workbench) -> tuple[int, ...]:
     return tuple(sorted({*missing.tolist(), *repeated.tolist()}))
 
 
-def missed_deadline(bench: Workbench) -> tuple[Candidate, Program] | None:
-    """Return the program that did not execute some ticks; None where each seems to have been."""
+def missed_deadlines(bench: Workbench) -> list[Candidate]:
+    """Return the program that did not execute some ticks; nothing where each seems to have been."""
     skipped = skipped_ticks(bench)
     if not skipped or len(skipped) > bench.inputs.ticks // 2:
-        return None
+        return []
     share = (len(skipped) + 1) / (bench.inputs.ticks + 2)
     width = math.sqrt(share * (1.0 - share) / bench.inputs.ticks)
-    candidate = Candidate(
-        {"missed_deadline.probability": share},
-        {"missed_deadline": share},
-        # Which ticks were lost is as good as a message of this length, at this rate.
-        bench.inputs.ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share)),
-        {"missed_deadline.probability": width},
-    )
-    return candidate, Program(bench.config, skipped=skipped)
+    return [
+        Candidate(
+            {"missed_deadline.probability": share},
+            {"missed_deadline": share},
+            # Which ticks were lost is as good as a message of this length, at this rate.
+            bench.inputs.ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share)),
+            {"missed_deadline.probability": width},
+            {"skipped": skipped},
+        )
+    ]
+
+
+def no_tick_missed(ticks: int) -> Candidate:
+    """Return a probability so small that no tick of the log was missed, with its share."""
+    name = "missed_deadline.probability"
+    return Candidate({name: 0.3 / ticks}, {}, math.log(0.25), {name: 0.3 / ticks})
+
+
+def no_turn_zeroed() -> Candidate:
+    """Return a threshold so small that it can leave no trace, with a tenth of the prior."""
+    name = "auto_zero.threshold"
+    return Candidate({name: 1e-9}, {"auto_zero_rad_s": 1e-9}, math.log(0.1), {name: 1e-9})
+
+
+def no_calibration() -> Candidate:
+    """Return a window of no length, for programs whose offset is free anyway."""
+    start, stop = "moving_calibration.start_s", "moving_calibration.stop_s"
+    return Candidate({start: 0.0, stop: 0.0}, {}, 0.0, {})

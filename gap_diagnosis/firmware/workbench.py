@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_model import KernelConfig
 from gap_diagnosis.firmware.candidates import altered_config
@@ -17,6 +18,13 @@ from gap_diagnosis.firmware.inputs import ReplayInputs
 from gap_diagnosis.firmware.replay import Program, Start, replay
 from gap_diagnosis.recording import Floats, Ints
 
+NOTHING_LEARNT: Final[Mapping[str, float]] = {
+    "calibration_start_s": 0.0,
+    "calibration_stop_s": 1.0,
+}
+"""Changes of a program that never learns an offset at rest."""
+
+_ODD_LSB: Final = 0.3717
 _NEWTON_STEPS: Final = 4
 _NEAR_QUANTA: Final = 50.0
 
@@ -62,6 +70,18 @@ class Workbench:
         """Return the described program with *changes*; None where no firmware has them."""
         config = altered_config(self.config, changes)
         return None if config is None else Program(config, **more)
+
+    def turning(self) -> NDArray[np.bool_]:
+        """Tell for each row with odometry whether the gyro turned the heading since the last.
+
+        A replay with an offset that no code equals moves in every tick in which it is not held.
+        """
+        config = altered_config(self.config, NOTHING_LEARNT)
+        if config is None:
+            return np.zeros(len(self.windows.rows), np.bool_)
+        odd = self.config.constants.gyro_zero_rate_code + _ODD_LSB
+        heading = self.poses(Program(config, offset_lsb=odd))[self.windows.rows, 2]
+        return np.asarray(np.abs(np.diff(heading, prepend=heading[0])) > 0.0)
 
     def score(self, pose: Floats) -> float:
         """Return the log likelihood of a named program's pose."""

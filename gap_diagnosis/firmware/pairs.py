@@ -1,0 +1,116 @@
+"""Two effects at once: replayed together where that may matter, else the better one alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from gap_diagnosis.firmware.candidates import Candidate, RealParameter, smooth
+from gap_diagnosis.firmware.scored import Scored, log_sum
+from gap_diagnosis.firmware.singles import P_DESCRIBED, Singles
+
+_KEPT: Final = 4
+_LEADERS: Final = 3
+_NEWS_NATS: Final = 5.0
+_EXPLAINED_NATS: Final = 25.0
+_REPRESENTATIVES: Final = ("wheel_radius", "wheelbase", "gyro_sensitivity")
+"""Constants that stand for all in a pair: the others leave the same log as one of these."""
+
+
+class Pairs:
+    """All pairs of effects of one log."""
+
+    def __init__(self, singles: Singles, effects: frozenset[str]) -> None:
+        """Prepare; which effects lead is found when a pair is first asked for."""
+        self._singles = singles
+        self._effects = effects
+        self._leading: frozenset[str] | None = None
+
+    def pair(self, first: str, second: str) -> list[Scored]:
+        """Return the scored candidates of both together.
+
+        Where one effect alone explains the record, the other may be there without a trace; its
+        prior then counts only as far as its values leave none. Otherwise both are replayed, if one
+        of them is among the few that explain most.
+        """
+        found = []
+        for name, other in ((first, second), (second, first)):
+            silent = self._silent(other)
+            if silent is not None:
+                found += [
+                    Scored(
+                        one.candidate.beside(silent),
+                        one.log_prior + silent.log_prior,
+                        one.log_likelihood,
+                    )
+                    for one in self._singles.single(name)
+                ]
+        if self._leaders & {first, second}:
+            found += self._product(first, second)
+        return found
+
+    @property
+    def _leaders(self) -> frozenset[str]:
+        """The effects that explain most, where neither they nor no effect explain all."""
+        if self._leading is None:
+            self._leading = self._find_leaders()
+        return self._leading
+
+    def _find_leaders(self) -> frozenset[str]:
+        singles = self._singles
+        without = max(one.log_likelihood for one in singles.no_effect)
+        enough = singles.bench.highest_score - _EXPLAINED_NATS
+        if without >= enough:
+            return frozenset()
+        best = {
+            name: max((one.log_likelihood for one in singles.single(name)), default=without)
+            for name in self._effects
+        }
+        if max(best.values()) >= enough:
+            return frozenset()
+        order = sorted(best, key=lambda name: -best[name])[:_LEADERS]
+        return frozenset(name for name in order if best[name] > without + _NEWS_NATS)
+
+    def _silent(self, effect: str) -> Candidate | None:
+        """Return the values of an effect that leave the described program's output as it is."""
+        bench = self._singles.bench
+        described = bench.score(bench.described)
+        same = [
+            one
+            for one in self._singles.single(effect)
+            if abs(one.log_likelihood - described) < 1e-6
+        ]
+        if not same:
+            return None
+        best = max(same, key=lambda one: one.log_prior)
+        share = min(log_sum(one.log_prior for one in same) - P_DESCRIBED, 0.0)
+        return replace(best.candidate, log_prior=share)
+
+    def _product(self, first: str, second: str) -> list[Scored]:
+        singles = self._singles
+        config = singles.bench.config
+        name, other = (first, second) if smooth(first, config) else (second, first)
+        parameters = [one for one in smooth(name, config) if _stands_for_others(one)]
+        if not parameters:
+            return singles.scored(
+                singles.programs(a.beside(b) for a in self._best(name) for b in self._best(other))
+            )
+        candidates = [
+            one.beside(rest)
+            for rest in self._best(other)
+            for parameter in parameters
+            for one in singles.around(parameter, rest)
+        ]
+        return singles.scored(singles.programs(candidates))
+
+    def _best(self, effect: str) -> list[Candidate]:
+        """Return the few candidates of an effect that come nearest, each program once."""
+        ranked = sorted(self._singles.single(effect), key=lambda one: -one.total)
+        found: dict[str, Candidate] = {}
+        for one in ranked:
+            found.setdefault(repr(one.candidate.changes), one.candidate)
+        return list(found.values())[:_KEPT]
+
+
+def _stands_for_others(parameter: RealParameter) -> bool:
+    return parameter.fixed.get("constant", "wheel_radius") in _REPRESENTATIVES

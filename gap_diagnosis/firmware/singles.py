@@ -1,0 +1,273 @@
+"""One effect at a time: its candidates replayed, beside the programs without an effect.
+
+The programs that may have run are: the described kernel; the same with an offset that it had learnt
+before the log began; a float program of another author; and some other arithmetic, of which nothing
+is known. An effect alters the first three.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from gap_diagnosis.firmware.candidates import (
+    Candidate,
+    RealParameter,
+    listed,
+    overflow_candidates,
+    smooth,
+)
+from gap_diagnosis.firmware.comparison import catch_all_score, misfit, turn_scores
+from gap_diagnosis.firmware.foreign import FOREIGN, Foreign, foreign_replay
+from gap_diagnosis.firmware.leftover import flexible, size_of
+from gap_diagnosis.firmware.offsets import offset_programs
+from gap_diagnosis.firmware.replay import Program
+from gap_diagnosis.firmware.scored import Scored
+from gap_diagnosis.firmware.timed import (
+    auto_zero_candidates,
+    calibration_candidates,
+    missed_deadlines,
+    no_calibration,
+    no_tick_missed,
+    no_turn_zeroed,
+)
+from gap_diagnosis.firmware.workbench import Workbench
+from gap_diagnosis.recording import Floats
+
+P_DESCRIBED: Final = math.log(0.9)
+_P_OFFSET: Final = math.log(0.03)
+_P_FOREIGN: Final = math.log(0.04)
+_P_OTHER: Final = math.log(0.03)
+_P_SILENT: Final = math.log(0.3)
+
+_BEST_FOREIGN: Final = 3
+_SCREENED_TICKS: Final = 2_500
+_KEPT_AFTER_SCREEN: Final = 16
+_SCREEN_NATS: Final = 200.0
+_LEAST_WIDTH: Final = 2.0**-46
+_NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
+
+
+class Singles:
+    """All single effects of one log; each is looked at once, when it is first asked for."""
+
+    def __init__(self, bench: Workbench) -> None:
+        """Prepare; nothing is replayed yet."""
+        self.bench = bench
+        self._known: dict[str, list[Scored]] = {}
+
+    @cached_property
+    def is_equal(self) -> bool:
+        """Whether the record is the described program's output to its last digit."""
+        return self.bench.is_equal(self.bench.described)
+
+    @cached_property
+    def other(self) -> float:
+        """Prior times likelihood of some other arithmetic, in logarithm: blind to all effects."""
+        bench = self.bench
+        off = misfit(bench.windows, bench.described)
+        best = catch_all_score(bench.windows, flexible(bench.windows, off, bench.t_s))
+        return _P_OTHER + max(best, catch_all_score(bench.windows, off))
+
+    @cached_property
+    def no_effect(self) -> list[Scored]:
+        """What the programs without an effect say; some other arithmetic is not among them."""
+        bench = self.bench
+        nothing = Candidate({}, {}, 0.0, {})
+        found = [Scored(nothing, P_DESCRIBED, bench.score(bench.described))]
+        if self.is_equal:
+            return found
+        found += [
+            Scored(nothing, _P_OFFSET, bench.score(bench.poses(program)))
+            for program in self._offsets
+        ]
+        share = _P_FOREIGN - math.log(len(FOREIGN))
+        return found + [
+            Scored(nothing, share, bench.score(self._foreign_pose(program))) for program in FOREIGN
+        ]
+
+    @cached_property
+    def _offsets(self) -> list[Program]:
+        return offset_programs(self.bench)
+
+    @cached_property
+    def _offset(self) -> float | None:
+        """The offset learnt before the log began; None where power-on's serves as well."""
+        if self.is_equal or not self._offsets:
+            return None
+        bench = self.bench
+        turns = [
+            float(np.sum(turn_scores(bench.windows, bench.poses(program))))
+            for program in self._offsets
+        ]
+        at = int(np.argmax(turns))
+        if turns[at] < float(np.sum(turn_scores(bench.windows, bench.described))) + 5.0:
+            return None
+        return self._offsets[at].offset_lsb
+
+    @cached_property
+    def _best_foreign(self) -> tuple[Foreign, ...]:
+        """The float programs nearest to the record when their constants are free."""
+
+        def distance(program: Foreign) -> float:
+            own = "tick_period" if program.source == "gyro" else "wheelbase"
+            pose = self._foreign_pose(program, scaled=own)
+            return size_of(misfit(self.bench.windows, pose), self.bench.windows)
+
+        return tuple(sorted(FOREIGN, key=distance)[:_BEST_FOREIGN])
+
+    @cached_property
+    def best_poses(self) -> list[Floats]:
+        """Poses of the nearest float programs."""
+        return [self._foreign_pose(program) for program in self._best_foreign]
+
+    def _foreign_pose(self, program: Foreign, **more: Any) -> Floats:
+        bench = self.bench
+        return foreign_replay(program, bench.steps, bench.windows, bench.places, **more)[0]
+
+    def single(self, effect: str) -> list[Scored]:
+        """Return the scored candidates of one effect, under every kind of program."""
+        if effect not in self._known:
+            found = self._kernel_scores(effect)
+            if not self.is_equal:
+                found += self._foreign_scores(effect)
+            self._known[effect] = found
+        return self._known[effect]
+
+    def _kernel_scores(self, effect: str) -> list[Scored]:
+        bench = self.bench
+        candidates = listed(effect, bench.config)
+        for parameter in smooth(effect, bench.config):
+            candidates += self.around(parameter)
+        if effect == "auto_zero":
+            candidates += auto_zero_candidates(bench)
+            candidates.append(no_turn_zeroed())
+        if effect == "firmware_overflow":
+            candidates += overflow_candidates(bench.config, bench.used_bits())
+        if effect == "moving_calibration":
+            candidates += calibration_candidates(bench)
+        if effect == "missed_deadline":
+            candidates += [no_tick_missed(bench.inputs.ticks), *missed_deadlines(bench)]
+        return self.scored(self.programs(candidates))
+
+    def scored(self, pairs: list[tuple[Candidate, Program]]) -> list[Scored]:
+        """Return the likelihood of each; of a long log only of those that fit its beginning."""
+        bench = self.bench
+        rows = int(np.searchsorted(bench.places, self._screen_tick))
+        head = replace(bench, windows=bench.windows.head(rows))
+        if len(pairs) > _KEPT_AFTER_SCREEN and rows < len(bench.places) and head.windows.count:
+            scores = [head.score(bench.poses(program, rows)) for _, program in pairs]
+            order = sorted(range(len(pairs)), key=lambda at: -scores[at] - pairs[at][0].log_prior)
+            worst = scores[order[0]] - _SCREEN_NATS
+            pairs = [pairs[at] for at in order[:_KEPT_AFTER_SCREEN] if scores[at] >= worst]
+        found = [
+            Scored(one, P_DESCRIBED + one.log_prior, bench.score(bench.poses(program)))
+            for one, program in pairs
+        ]
+        if self._offset is None:
+            return found
+        return found + [
+            Scored(
+                one,
+                _P_OFFSET + one.log_prior,
+                bench.score(bench.poses(replace(program, offset_lsb=self._offset))),
+            )
+            for one, program in pairs
+            if program.offset_lsb is None
+        ]
+
+    @cached_property
+    def _screen_tick(self) -> int:
+        """So far a candidate is looked at first: a while beyond the first difference."""
+        bench = self.bench
+        rows = bench.windows.rows
+        away = np.abs(bench.windows.pose - bench.described[rows]) > bench.windows.quantum
+        first = np.flatnonzero(np.any(away, axis=1))
+        begin = int(bench.places[rows[first[0]]]) if len(first) else 0
+        return begin + _SCREENED_TICKS
+
+    def around(self, parameter: RealParameter, beside: Candidate | None = None) -> list[Candidate]:
+        """Return the best value of a real parameter, and its neighbours to the last bit."""
+        bench = self.bench
+
+        changes: Mapping[str, Any] = {} if beside is None else beside.changes
+        timing: Mapping[str, Any] = {} if beside is None else beside.timing
+
+        def pose_at(value: float) -> Floats | None:
+            program = bench.program(
+                {**changes, **parameter.fixed, parameter.field: value}, **timing
+            )
+            return None if program is None else bench.poses(program)
+
+        if self.is_equal:
+            return [parameter.at(parameter.small, parameter.small)]
+        best = bench.solve(pose_at, parameter.low, parameter.high)
+        values = [best]
+        if (pose := pose_at(best)) is not None and bench.is_near(pose):
+            spread = max(abs(best), 1.0)
+            values += [best + step * spread for step in _NEIGHBOURS]
+            values += [round(best, digits) for digits in range(3, 12)]
+        width = max(_LEAST_WIDTH, 0.5 * self._resolution(parameter))
+        kept = {value for value in values if parameter.low <= value <= parameter.high and value}
+        return [parameter.at(value, width) for value in sorted(kept)]
+
+    def _resolution(self, parameter: RealParameter) -> float:
+        """Return about how finely the record tells a constant: a digit over path and turn."""
+        windows = self.bench.windows
+        path_m = float(np.sum(np.hypot(*np.diff(windows.pose[:, :2], axis=0).T))) + 1e-9
+        turn_rad = float(np.sum(np.abs(np.diff(windows.pose[:, 2])))) + 1e-9
+        return float(min(windows.quantum[0] / path_m, windows.quantum[2] / turn_rad))
+
+    def _foreign_scores(self, effect: str) -> list[Scored]:
+        bench = self.bench
+        share = _P_FOREIGN - math.log(len(FOREIGN))
+        found = []
+        for program in self._best_foreign:
+            for parameter in smooth(effect, bench.config):
+                constant = parameter.fixed.get("constant", "tick_period")
+                if effect == "blend_weight":
+                    continue
+                pose, scale = foreign_replay(
+                    program, bench.steps, bench.windows, bench.places, scaled=str(constant)
+                )
+                one = parameter.at(scale, 3e-5)
+                found.append(Scored(one, share + one.log_prior, bench.score(pose)))
+            others = listed(effect, bench.config) if effect == "stale_heading" else []
+            if effect == "auto_zero":
+                others = auto_zero_candidates(bench)
+            alone = bench.score(self._foreign_pose(program))
+            silent = self._silent_candidate(effect)
+            if silent is not None:
+                found.append(Scored(silent, share + _P_SILENT, alone))
+            for one in others:
+                pose = self._foreign_pose(program, changes=one.changes)
+                found.append(Scored(one, share + one.log_prior, bench.score(pose)))
+        return found
+
+    def _silent_candidate(self, effect: str) -> Candidate | None:
+        """Return values for an effect that a float program may have without a known trace."""
+        if smooth(effect, self.bench.config):
+            return None
+        if effect == "auto_zero":
+            return no_turn_zeroed()
+        if effect == "missed_deadline":
+            return no_tick_missed(self.bench.inputs.ticks)
+        if effect == "moving_calibration":
+            return no_calibration()
+        if effect == "firmware_overflow":
+            return overflow_candidates(self.bench.config, self.bench.used_bits())[-1]
+        found = listed(effect, self.bench.config)
+        return found[0] if found else None
+
+    def programs(self, candidates: Iterable[Candidate]) -> list[tuple[Candidate, Program]]:
+        """Return each candidate with its program; those that no firmware can have are left out."""
+        return [
+            (one, program)
+            for one in candidates
+            if (program := self.bench.program(one.changes, **one.timing)) is not None
+        ]
