@@ -32,7 +32,8 @@ class Motion:
         speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, smoothed.
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
-        gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, adc_max_code: of the description.
+        gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
+            description; the noise is that of one sample.
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.
@@ -58,6 +59,7 @@ class Motion:
     gyro_code: Floats | None
     gyro_sensitivity_lsb_per_rad_s: float
     gyro_zero_rate_code: float
+    gyro_noise_lsb: float
     adc_max_code: float
     warm_k: Floats | None
     supply_error: Floats | None
@@ -99,9 +101,9 @@ class Prediction:
     lateral_m: Floats = field(init=False)
     yaw_rad: Floats = field(init=False)
     gyro_rad_s: Floats = field(init=False)
-    reference_forward_m: float = 0.0
-    reference_left_m: float = 0.0
-    reference_heading_rad: float = 0.0
+    reference_forward_m: Floats | float = 0.0
+    reference_left_m: Floats | float = 0.0
+    reference_heading_rad: Floats | float = 0.0
     reference_delay_s: Floats | float = 0.0
     reference_scale: float = 0.0
     encoder_delay_s: Floats | float = 0.0

@@ -79,12 +79,17 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
 
 
 def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
-    """Hold one bit of the code."""
+    """Hold one bit of the code: what that adds on average over the noise of a sample."""
     m = p.motion
-    code = np.rint(m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s)
-    whole = np.clip(code, 0, m.adc_max_code).astype(np.int64)
-    stuck = whole | (1 << bit) if value else whole & ~(1 << bit)
-    p.gyro_rad_s = p.gyro_rad_s + (stuck - whole) / m.gyro_sensitivity_lsb_per_rad_s
+    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
+    points, weights = np.polynomial.hermite_e.hermegauss(21)
+    added = np.zeros(len(code))
+    for point, weight in zip(points, weights / weights.sum(), strict=True):
+        whole = np.rint(code + point * m.gyro_noise_lsb)
+        whole = np.clip(whole, 0, m.adc_max_code).astype(np.int64)
+        stuck = whole | (1 << bit) if value else whole & ~(1 << bit)
+        added += weight * (stuck - whole)
+    p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
 
 
 def gyro_factor(p: Prediction, *, factor: float) -> None:

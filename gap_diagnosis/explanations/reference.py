@@ -5,13 +5,13 @@ from gap_diagnosis.prediction import Prediction
 
 def reference_yaw(p: Prediction, *, angle: float) -> None:
     """Report a heading that is too high."""
-    p.reference_heading_rad += angle
+    p.reference_heading_rad = p.reference_heading_rad + angle
 
 
 def reference_lever_arm(p: Prediction, *, x: float, y: float) -> None:
     """Track a point off the axle's middle."""
-    p.reference_forward_m += x
-    p.reference_left_m += y
+    p.reference_forward_m = p.reference_forward_m + x
+    p.reference_left_m = p.reference_left_m + y
 
 
 def reference_time_offset(p: Prediction, *, offset: float) -> None:

@@ -128,6 +128,28 @@ def build_columns(
     return Columns(values, tuple(terms), tuple(nuisances))
 
 
+def with_variant(
+    columns: Columns, nodes: Nodes, variant: Variant, like: Term
+) -> tuple[Term, Columns]:
+    """Return a term for one more variant of *like*'s effect, and columns that hold it."""
+    nominal = columns.values[..., 0]
+    base: list[Floats] = []
+    weights = []
+    count = columns.values.shape[-1] - 1
+    if not variant.coefficients:
+        base.append(nominal - residuals(nodes, predict(nodes.motion, [(variant, ())])))
+        weights.append(((count, 1.0),))
+    for index, limit in enumerate(like.tolerances):
+        steps = [0.0] * len(variant.coefficients)
+        steps[index] = 3 * limit
+        moved = residuals(nodes, predict(nodes.motion, [(variant, steps)]))
+        base.append((nominal - moved) / steps[index])
+        weights.append(((count + index, 1.0),))
+    term = Term(variant, tuple(weights), like.tolerances)
+    values = np.ascontiguousarray(np.concatenate([columns.values, np.stack(base, axis=-1)], -1))
+    return term, Columns(values, (*columns.terms, term), columns.nuisances)
+
+
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""
 

@@ -86,6 +86,9 @@ def estimate_motion(
         else np.clip(_filled(recording.gyro_code, t_s), low_code, high_code),
         gyro_sensitivity_lsb_per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
         gyro_zero_rate_code=plant.gyro.zero_rate_code,
+        gyro_noise_lsb=plant.gyro.noise_density_rad_per_sqrt_s
+        / math.sqrt(step_s)
+        * plant.gyro.sensitivity_lsb_per_rad_s,
         adc_max_code=high_code,
         warm_k=None if temperature is None else _filled(temperature, t_s) - _REFERENCE_K,
         supply_error=None
@@ -112,7 +115,7 @@ def _gyro_turn(recording: Recording, dt_s: Floats) -> Floats | None:
     if rate is None or np.isfinite(rate).sum() < 3:
         return None
     steps = _filled(rate, recording.t_s) * dt_s
-    return np.cumsum(steps) - steps[0]
+    return np.asarray(np.cumsum(steps) - steps[0])
 
 
 def _reckon(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:

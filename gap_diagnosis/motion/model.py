@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.motion.columns import Columns, Term, build_columns
+from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.motion.columns import Columns, Term, build_columns, with_variant
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
@@ -71,9 +72,21 @@ class MotionModel:
         self.keep = everything if keep is None else keep
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
-        self.tolerances = _tolerances(robot)
+        self.tolerances = _tolerances(robot, float(np.median(motion.dt_s[1:])))
         self.columns: Columns = build_columns(self.nodes, prior, self.tolerances, gross=gross)
         self.level_prior: LevelPrior = level_prior(robot)
+
+    def add(self, variant: Variant, like: Term) -> Term:
+        """Add the columns of another variant of a term's effect."""
+        term, columns = with_variant(self.columns, self.nodes, variant, like)
+        self.columns = columns
+        return term
+
+    def evidence_about(
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
+    ) -> Refitted:
+        """Return the fit about given coefficients: one step, no other levels."""
+        return self.refit(terms, levels, free_levels=False, steps=1, start=coefficients)
 
     def gram(self, levels: Floats) -> Gram:
         """Return all inner products at these noise levels."""
@@ -117,19 +130,24 @@ class MotionModel:
             return gram.log_nothing
         return gram.log_nothing + score(gram, terms, self.prior).log_evidence
 
-    def refit(self, terms: Sequence[Term], levels: Floats, *, free_levels: bool = True) -> Refitted:
+    def refit(
+        self,
+        terms: Sequence[Term],
+        levels: Floats,
+        *,
+        free_levels: bool = True,
+        steps: int = _NEWTON_STEPS,
+        start: Sequence[tuple[float, ...]] | None = None,
+    ) -> Refitted:
         """Fit *terms* again about their own best coefficients (Gauss-Newton)."""
-        start = score(self.gram(levels), terms, self.prior)
-        coefficients = _split(terms, start.means[int(np.argmax(start.weights))])
-        for step in range(_NEWTON_STEPS):
+        if start is None:
+            first = score(self.gram(levels), terms, self.prior)
+            start = _split(terms, first.means[int(np.argmax(first.weights))])
+        coefficients = tuple(start)
+        for step in range(steps):
             values, nuisances, tangent = self._linearised(terms, coefficients)
             if free_levels and step == 1:
-                levels = best_levels(
-                    lambda at, v=values, n=nuisances, t=tangent: self._evidence(v, n, t, at),
-                    self.level_prior,
-                    levels,
-                    rounds=10,
-                )
+                levels = self._better_levels(values, nuisances, tangent, levels)
             white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
@@ -143,6 +161,18 @@ class MotionModel:
             log_likelihood=gram.log_nothing + scored.log_likelihood + density,
             coefficients=coefficients,
         )
+
+    def _better_levels(
+        self,
+        values: Floats,
+        nuisances: Sequence[tuple[int, float]],
+        terms: Sequence[Term],
+        start: Floats,
+    ) -> Floats:
+        def evidence(levels: Floats) -> float:
+            return self._evidence(values, nuisances, terms, levels)
+
+        return best_levels(evidence, self.level_prior, start, rounds=6)
 
     def _linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
@@ -194,16 +224,17 @@ def _split(terms: Sequence[Term], values: Floats) -> tuple[tuple[float, ...], ..
 def _bounded(
     terms: Sequence[Term], coefficients: tuple[tuple[float, ...], ...]
 ) -> tuple[tuple[float, ...], ...]:
-    """Keep sizes that cannot be negative at a tenth of their tolerance or more."""
+    """Keep sizes that cannot be negative at their tolerance or more: below, no slope is told."""
     return tuple(
-        tuple(max(value, 0.1 * low) for value, low in zip(one, term.tolerances, strict=True))
+        tuple(max(value, low) for value, low in zip(one, term.tolerances, strict=True))
         if term.variant.is_positive
         else one
         for term, one in zip(terms, coefficients, strict=True)
     )
 
 
-def _tolerances(robot: Robot) -> dict[str, float]:
+def _tolerances(robot: Robot, tick_s: float) -> dict[str, float]:
+    """Return tolerances by ``effect.coefficient``; a lag below one tick cannot be told."""
     known = robot.tolerance
     return {
         "radius_scale.scale": known.radius_scale,
@@ -213,7 +244,7 @@ def _tolerances(robot: Robot) -> dict[str, float]:
         "gyro_scale.scale": known.gyro_scale,
         "gyro_bias.bias": known.gyro_bias_rad_s,
         "reference_time_offset.offset": known.time_offset_s,
-        "gyro_lag.time_constant": known.time_offset_s,
+        "gyro_lag.time_constant": max(known.time_offset_s, tick_s),
     }
 
 

@@ -154,14 +154,14 @@ def _compare_reference(
     nodes: Nodes, p: Prediction, d_x: Floats, d_y: Floats, d_heading: Floats, out: Floats
 ) -> None:
     motion, tick = nodes.motion, nodes.sample_tick
-    delay = np.asarray(p.reference_delay_s)
-    true_t_s = nodes.sample_t_s - (delay[tick] if delay.ndim else delay)
+    true_t_s = nodes.sample_t_s - _at(p.reference_delay_s, tick)
     x_m = np.interp(true_t_s, motion.t_s, motion.x_m) + d_x[tick]
     y_m = np.interp(true_t_s, motion.t_s, motion.y_m) + d_y[tick]
     heading = np.interp(true_t_s, motion.t_s, motion.heading_rad) + d_heading[tick]
     cosine, sine = np.cos(heading), np.sin(heading)
-    x_m = x_m + p.reference_forward_m * cosine - p.reference_left_m * sine
-    y_m = y_m + p.reference_forward_m * sine + p.reference_left_m * cosine
+    forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
+    x_m = x_m + forward * cosine - left * sine
+    y_m = y_m + forward * sine + left * cosine
     x_m = x_m + p.reference_scale * (x_m - motion.x_m[0])
     y_m = y_m + p.reference_scale * (y_m - motion.y_m[0])
 
@@ -171,11 +171,17 @@ def _compare_reference(
     out[0, nodes.sample_node] = mean(nodes.sample_x_m - x_m)
     out[1, nodes.sample_node] = mean(nodes.sample_y_m - y_m)
     if nodes.has_heading:
-        difference = nodes.sample_heading_rad - heading - p.reference_heading_rad
+        added = _at(p.reference_heading_rad, tick)
+        difference = nodes.sample_heading_rad - heading - added
         out[2, nodes.sample_node] = mean(difference)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _at(value: Floats | float, tick: Ints) -> Floats | float:
+    """Return a value that may change with time, at these ticks."""
+    return value[tick] if isinstance(value, np.ndarray) else value
+
+
+@numba.njit(cache=True, nogil=True)
 def _deviation(
     step_x: Floats,
     step_y: Floats,

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.recording import Floats
@@ -22,8 +23,12 @@ _LEADERS: Final = 6
 """Single terms that are combined with every other term."""
 _VARIANTS_KEPT: Final = 3
 _LEVELS_TRIED: Final = 3
-_REFITTED: Final = 14
+_REFITTED: Final = 8
 _GREEDY: Final = 3
+_EDGED: Final = 4
+_WORTH_EDGES: Final = 5.0
+_NEAR: Final = 12.0
+"""Sets this many nats below the best are not fitted again."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ class Scan:
 
     Attributes:
         model: the log.
+        by_effect: the terms of each effect.
+        spans: how far edges can move, by effect.
         found: the best account of every set of at most two effects that was scored, no effect
             being the empty set.
     """
@@ -65,6 +72,7 @@ class Scan:
         for term in model.columns.terms:
             self.by_effect[term.variant.effect].append(term)
         self.found: dict[Effects, Found] = {}
+        self.spans: dict[str, dict[str, float]] = {}
         self._grams: list[Gram] = []
         self._search(progress)
 
@@ -72,6 +80,11 @@ class Scan:
     def effects(self) -> Effects:
         """The effects that this log's motion can tell of."""
         return frozenset(self.by_effect)
+
+    def evidence(self, terms: Sequence[Term], levels: Floats) -> float:
+        """Return the log evidence of terms at levels that were tried, or the nearest of them."""
+        gram = min(self._grams, key=lambda one: float(np.sum(np.log(one.levels / levels) ** 2)))
+        return score(gram, terms, self.model.prior).log_evidence
 
     def _search(self, progress: Callable[[float], None]) -> None:
         model = self.model
@@ -82,6 +95,7 @@ class Scan:
         self._add_levels(model.levels_for((), self._grams[-1].levels))
         progress(0.3)
         tried: set[Effects] = {frozenset()}
+        self._off_the_grid()
         while len(tried) <= _LEVELS_TRIED:
             candidates = [f for f in self._ranked() if f.effects not in tried]
             if not candidates or candidates[0].log_evidence < self._ranked()[0].log_evidence - 5:
@@ -92,6 +106,28 @@ class Scan:
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+
+    def _off_the_grid(self) -> None:
+        """Give leading effects with edges a variant whose edges lie where they fit best."""
+        singles = [one for one in self._ranked() if len(one.effects) == 1][:_EDGED]
+        nothing = self.found[frozenset()].log_evidence
+        added = False
+        for one in singles:
+            (term,) = one.terms
+            if not has_edges(term) or one.log_evidence < nothing + _WORTH_EDGES:
+                continue
+            start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
+            edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
+            better = self.model.add(edged.term.variant, term)
+            self.by_effect[term.variant.effect].append(better)
+            self.spans[term.variant.effect] = edged.spans
+            added = True
+        if added:
+            levels = [gram.levels for gram in self._grams]
+            self._grams.clear()
+            self.found.clear()
+            for one_levels in levels:
+                self._add_levels(one_levels)
 
     def _greedy(self, gram: Gram) -> list[Term]:
         """Return a few terms that together take most of what is there."""
@@ -162,11 +198,12 @@ class Scan:
         return sorted(self.found.values(), key=lambda one: -one.log_evidence)
 
     def _to_refit(self) -> list[Found]:
-        """Return the best sets, singles first, so that each kind of answer is exact."""
+        """Return the sets that may win, singles first, so that each kind of answer is exact."""
         ranked = [one for one in self._ranked() if one.effects]
         singles = [one for one in ranked if len(one.effects) == 1][: _REFITTED // 2]
-        pairs = [one for one in ranked if len(one.effects) > 1][: _REFITTED - len(singles)]
-        return singles + pairs
+        pairs = [one for one in ranked if len(one.effects) > 1][: _REFITTED // 2]
+        least = self._ranked()[0].log_evidence - _NEAR
+        return singles[:1] + [one for one in singles[1:] + pairs if one.log_evidence > least]
 
     def _refit(self, one: Found) -> None:
         again = self.model.refit(one.terms, one.levels)

@@ -94,7 +94,7 @@ def whiten(
     columns: Floats, course: Course, levels: Floats, ticks: Floats
 ) -> tuple[Floats, float, int]:
     """Whiten residual columns float64[4, m, c]; return float64[rows, c], log determinant, rows."""
-    return _whiten(  # type: ignore[no-any-return]
+    return _whiten(
         columns,
         course.dt_s,
         course.step_x_m,
@@ -114,7 +114,7 @@ def whiten(
     )
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _whiten(
     columns: NDArray[np.float64],
     dt_s: Floats,

@@ -1,0 +1,140 @@
+"""The motion block: fits of sets of effects to wheels, gyro and reference together."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.edges import EDGES
+from gap_diagnosis.motion.evidence import Scored
+from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.scan import Found, Scan
+from gap_diagnosis.recording import Floats
+
+_DRAWS: Final = 4000
+
+
+class MotionBlock:
+    """Wheels, gyro and reference of one log (a `Block`)."""
+
+    name = "motion"
+
+    def __init__(
+        self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
+    ) -> None:
+        """Search through all single effects and pairs."""
+        self.model = model
+        self.scan = Scan(model, progress)
+        self._nothing = self.scan.found[frozenset()]
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """The effects that this log's motion can tell of."""
+        return self.scan.effects
+
+    @property
+    def levels(self) -> Floats:
+        """Noise levels of the best account of all."""
+        return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Return what the search found of a set of at most two effects, without parameters."""
+        found = self.scan.found[effects]
+        return Fit(
+            tuple(sorted(effects)),
+            found.log_evidence - self._nothing.log_evidence,
+            found.log_likelihood - self._nothing.log_likelihood,
+        )
+
+    def detail(self, effects: frozenset[str]) -> Fit:
+        """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
+        found = self.scan.found[effects]
+        if not effects:
+            return self.fit(effects)
+        again = found.refitted or self.model.refit(found.terms, found.levels)
+        parameters, windows = self._estimates(found, again)
+        fit = self.fit(effects)
+        return replace(fit, parameters=parameters, windows=tuple(windows))
+
+    def settings(self, effects: frozenset[str]) -> list[tuple[Any, tuple[float, ...]]]:
+        """Return variants and best coefficients, as `predict` takes them."""
+        found = self.scan.found[effects]
+        again = found.refitted or self.model.refit(found.terms, found.levels)
+        return [(t.variant, c) for t, c in zip(found.terms, again.coefficients, strict=True)]
+
+    def _estimates(
+        self, found: Found, again: Refitted
+    ) -> tuple[dict[str, Estimate], list[tuple[float, float]]]:
+        rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
+        draws = draw(again.scored, [t for t in found.terms if not t.is_fixed], rng)
+        parameters: dict[str, Estimate] = {}
+        windows: list[tuple[float, float]] = []
+        column = 0
+        for term in found.terms:
+            effect = term.variant.effect
+            width = len(term.variant.coefficients)
+            named = term.variant.parameters(draws[:, column : column + width]) if width else {}
+            column += width
+            for name, samples in named.items():
+                parameters[f"{effect}.{name}"] = _estimate(name, samples)
+            for name, value in term.variant.report.items():
+                key = f"{effect}.{name}"
+                if name in EDGES:
+                    sd = self.scan.spans.get(effect, {}).get(name, 0.0)
+                    samples = float(value) + sd * rng.standard_normal(_DRAWS)
+                    parameters[key] = _estimate(name, samples)
+                else:
+                    parameters[key] = self._choice(term, name, found)
+            if "start_s" in term.variant.fixed:
+                fixed = term.variant.fixed
+                windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
+        return parameters, windows
+
+    def _choice(self, term: Term, name: str, found: Found) -> Estimate:
+        """Return the probabilities of a choice, from every variant of the effect."""
+        others = [one for one in found.terms if one.variant.effect != term.variant.effect]
+        scores: dict[str, float] = {}
+        for variant in self.scan.by_effect[term.variant.effect]:
+            key = str(variant.variant.report[name])
+            value = self.scan.evidence([*others, variant], found.levels)
+            scores[key] = float(np.logaddexp(scores.get(key, -np.inf), value))
+        top = max(scores.values())
+        weights = {key: float(np.exp(value - top)) for key, value in scores.items()}
+        total = sum(weights.values())
+        return Estimate(
+            term.variant.report[name],
+            probabilities={key: weight / total for key, weight in weights.items()},
+        )
+
+
+def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:
+    """Return draws float64[4000, k] of the coefficients from the posterior mixture."""
+    count = scored.means.shape[1]
+    if count == 0:
+        return np.zeros((_DRAWS, 0))
+    picked = rng.choice(len(scored.weights), size=_DRAWS, p=scored.weights / scored.weights.sum())
+    factors = np.linalg.cholesky(
+        scored.covariances + 1e-18 * np.eye(count) * np.trace(scored.covariances[0])
+    )
+    normal = rng.standard_normal((_DRAWS, count))
+    draws = scored.means[picked] + np.einsum("sij,sj->si", factors[picked], normal)
+    column = 0
+    for term in terms:
+        for _ in term.weights:
+            if term.variant.is_positive:
+                draws[:, column] = np.abs(draws[:, column])
+            column += 1
+    return np.asarray(draws)
+
+
+def _estimate(name: str, samples: Floats) -> Estimate:
+    if name in {"phase", "direction"}:
+        middle = float(np.angle(np.mean(np.exp(1j * samples))))
+        samples = middle + np.angle(np.exp(1j * (samples - middle)))
+    return Estimate(float(samples.mean()), float(samples.std()), samples)

@@ -1,0 +1,84 @@
+"""Windows, thresholds and limits: real numbers that no column is linear in, sought one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.recording import Floats
+
+EDGES: Final = ("start_s", "stop_s", "threshold", "limit")
+_HALVINGS: Final = 5
+_GRID_PARTS: Final = 24
+_SHORTEST_S: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Edged:
+    """A term at its best edges, with how far each can move: half a nat of evidence."""
+
+    term: Term
+    spans: dict[str, float]
+
+
+def has_edges(term: Term) -> bool:
+    """Tell whether a term has a window, a threshold or a limit."""
+    return any(name in term.variant.fixed for name in EDGES)
+
+
+def best_edges(
+    model: MotionModel,
+    terms: Sequence[Term],
+    place: int,
+    coefficients: Sequence[tuple[float, ...]],
+    levels: Floats,
+) -> Edged:
+    """Move the edges of ``terms[place]`` to where the evidence is best, by halving steps."""
+    term = terms[place]
+    names = [name for name in EDGES if name in term.variant.fixed]
+    t_s = model.nodes.motion.t_s
+    width_s = float(t_s[-1] - t_s[0]) / _GRID_PARTS
+    steps = {
+        name: width_s if name.endswith("_s") else 0.05 * max(term.variant.fixed[name], 0.5)
+        for name in names
+    }
+
+    def value(candidate: Term) -> float:
+        trial = [*terms[:place], candidate, *terms[place + 1 :]]
+        return model.evidence_about(trial, coefficients, levels).log_evidence
+
+    best = value(term)
+    for _ in range(_HALVINGS):
+        for name in names:
+            for sign in (-1, 1):
+                moved = _moved(term, name, sign * steps[name])
+                found = value(moved)
+                if found > best:
+                    best, term = found, moved
+            steps[name] *= 0.5
+    spans = {name: _span(value, term, name, steps[name], best) for name in names}
+    return Edged(term, spans)
+
+
+def _span(value: Callable[[Term], float], term: Term, name: str, step: float, best: float) -> float:
+    reach = step
+    for _ in range(8):
+        if best - max(value(_moved(term, name, sign * reach)) for sign in (-1, 1)) > 0.5:
+            break
+        reach *= 1.7
+    return reach
+
+
+def _moved(term: Term, name: str, by: float) -> Term:
+    """Return the term with one edge moved; a window keeps at least half a second."""
+    fixed = dict(term.variant.fixed)
+    fixed[name] = float(fixed[name]) + by
+    if "start_s" in fixed and fixed["stop_s"] - fixed["start_s"] < _SHORTEST_S:
+        return term
+    if fixed.get("threshold", 0.0) < 0 or fixed.get("limit", 1.0) <= 0:
+        return term
+    report = {key: fixed.get(key, value) for key, value in term.variant.report.items()}
+    return replace(term, variant=replace(term.variant, fixed=fixed, report=report))
