@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from can_bus import load_database, read_log
+    from chiplog.regression import assert_gap_below
     from hil_harness.assembly import RunConfig
     from hil_harness.effects import catalogue, parse_effect
     from hil_harness.replaying import replay
@@ -23,6 +24,7 @@ __all__ = [
     "RunConfig",
     "RunResult",
     "Scenario",
+    "assert_gap_below",
     "catalogue",
     "load_database",
     "load_robot",
@@ -39,6 +41,7 @@ _HOMES = {
     "RunConfig": "hil_harness.assembly",
     "RunResult": "hil_harness.results",
     "Scenario": "hil_harness.scenarios",
+    "assert_gap_below": "chiplog.regression",
     "catalogue": "hil_harness.effects",
     "load_database": "can_bus",
     "load_robot": "hil_harness.robot",

@@ -17,6 +17,7 @@ from typing import Annotated
 import typer
 
 from chiplog.commands import (
+    demo,
     diagnose,
     doctor,
     effects,
@@ -77,6 +78,7 @@ for name, function, summary in (
     ("node", node.command, "Run plant or firmware as a process of its own."),
     ("replay", replay.command, "Compare a log's odometry with the firmware model's, bit for bit."),
     ("diagnose", diagnose.command, "Say where real differs from simulated, and why."),
+    ("demo", demo.command, "Diagnose a robot with a sealed effect, then open the seal."),
     ("map", map_command.command, "List a log's signals and propose which of them are what."),
     ("encode", encode.command, "Write a table's rows as a log of valid frames."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Final
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import Metric
 
@@ -147,13 +148,13 @@ def judge(bound: Bound, diagnosis: Diagnosis) -> Judgement:
     metric = metrics[name]
     if bound.per is None:
         return Judgement(bound, metric.before, metric.before <= bound.limit, None)
-    window = _window(bound, metric, name)
+    window = _window(bound, metric)
     value = metric.before * bound.per / window
     return Judgement(bound, value, value <= bound.limit, window)
 
 
-def _window(bound: Bound, metric: Metric, name: str) -> float:
-    window = metric.window_m if bound.span == "m" else metric.window_s
-    if window is None:
-        raise DiagnosisError(f"{name} has no windows in {bound.span}: give the bound without `per`")
-    return window
+def _window(bound: Bound, metric: Metric) -> float:
+    """Return the windows' length; by definition 5 m or 10 s where the metric does not tell."""
+    if bound.span == "m":
+        return metric.window_m or WINDOW_M
+    return metric.window_s or WINDOW_S

@@ -169,11 +169,11 @@ def diagnose_shown(
         )
 
 
-def write_page(path: Path, report: Report) -> None:
-    """Write the page of `report`."""
+def write_page(path: Path, report: Report, opened: Sequence[tuple[str, str]] = ()) -> None:
+    """Write the page of `report`, with what was `opened` after it where an effect was sealed."""
     from chiplog.pages.diagnosis import diagnosis_page
 
-    path.write_text(diagnosis_page(report), encoding="utf-8")
+    path.write_text(diagnosis_page(report, opened=opened), encoding="utf-8")
 
 
 def _refuse_unwritable(path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -30,8 +31,11 @@ _LIKELIEST = 5
 _NEGLIGIBLE = 0.001
 
 
-def diagnosis_page(report: Report) -> str:
-    """Return the self-contained page of one diagnosis: no network, one script of ours."""
+def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the self-contained page of one diagnosis: no network, one script of ours.
+
+    `opened` are the rows of a seal that was opened after the diagnosis.
+    """
     found, pictures = report.diagnosis, report.pictures
     script = files("chiplog.pages").joinpath("templates/diagnosis.js").read_text(encoding="utf-8")
     shown = [one for one in found.which if one is found.which[0] or one.probability >= _NEGLIGIBLE][
@@ -48,6 +52,7 @@ def diagnosis_page(report: Report) -> str:
             "verdict": words.verdict(found),
             "gap_sentence": words.gap_sentence(found),
             "unknown_sentence": words.unknown_sentence(found),
+            "opened": [(name, [text]) for name, text in opened],
             "bars": [] if found.waterfall is None else _bars(found.waterfall),
             "bars_caption": _bars_caption(found),
             "stage_rows": _stage_rows(found),
