@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.gap.metrics import Path
+from gap_diagnosis.gap.metrics import Path, known_by_way
 from gap_diagnosis.gap.windows import Window
 from gap_diagnosis.recording import Floats
 
@@ -69,6 +69,7 @@ def noise_floor(
     radius_m: float,
     wheelbase_m: float,
     gyro_share: float,
+    offset_time_s: Floats,
     has_heading: bool = True,
     draws: int = DRAWS,
 ) -> Floor:
@@ -76,14 +77,15 @@ def noise_floor(
 
     *path* is the explained path at the ticks; *wheel_way_m* the way that each wheel has rolled
     until each tick (never falling), float64[n] each. *gyro_share* is how much of the odometry's
-    heading comes from the gyro. Without *has_heading* the start heading is estimated as in
-    `metrics.path_errors` from positions. The same input gives the same draws.
+    heading comes from the gyro, whose offset at each tick was averaged over *offset_time_s*,
+    float64[n] (∞: no offset was taken off). Without *has_heading* the start heading is estimated
+    from positions as in `metrics.path_errors`. The same input gives the same draws.
     """
     generator = np.random.default_rng(_SEED)
     rows = [
         _window_floor(
             generator, path, wheel_way_m, measured_t_s, window, levels,
-            radius_m, wheelbase_m, gyro_share, has_heading, draws,
+            radius_m, wheelbase_m, gyro_share, offset_time_s, has_heading, draws,
         )
         for window in windows
     ]  # fmt: skip
@@ -101,6 +103,7 @@ def _window_floor(
     radius_m: float,
     wheelbase_m: float,
     gyro_share: float,
+    offset_time_s: Floats,
     has_heading: bool,
     draws: int,
 ) -> tuple[Floats, Floats, Floats]:
@@ -127,8 +130,12 @@ def _window_floor(
     bias = walk(levels.gyro_bias_walk_rad_s_per_sqrt_s * after_start)
     gyro_rad = walk(levels.gyro_noise_rad_per_sqrt_s * after_start)
     gyro_rad += np.cumsum(bias, axis=1) * node_s
+    offset_sd = levels.gyro_noise_rad_per_sqrt_s / np.sqrt(
+        offset_time_s[np.searchsorted(path.t_s, window.start_s)]
+    )
+    offset_rad = offset_sd * generator.standard_normal((draws, 1)) * (at_s - at_s[0])
     wheel_rad = (right - left) / wheelbase_m
-    heading_rad = gyro_share * gyro_rad + (1 - gyro_share) * wheel_rad
+    heading_rad = gyro_share * (gyro_rad + offset_rad) + (1 - gyro_share) * wheel_rad
 
     # In complex positions: a heading error turns each later step about its start.
     steps = np.diff(x_m + 1j * y_m, prepend=x_m[0] + 1j * y_m[0])
@@ -145,7 +152,9 @@ def _window_floor(
     off -= levels.reference_slow_position_m * (slow[0] + 1j * slow[1])
     seen_rad = heading_rad - levels.reference_slow_heading_rad * slow[2]
     known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
-    samples = max(rate_hz * (window.align_s - window.start_s), 1.0)
+    if not has_heading:
+        known = known_by_way(x_m + 1j * y_m, known)
+    samples = max(rate_hz * known * node_s, 1.0)
 
     def normal() -> Floats:
         return generator.standard_normal(draws)
@@ -196,12 +205,9 @@ def _turn_by_positions(
     known: int,
     normal: Floats,
 ) -> Floats:
-    """Return the error of a start heading that positions over half a metre tell."""
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(away)))])
-    known = max(known, min(int(np.searchsorted(way, 0.5)), len(way) // 2))
+    """Return the error of a start heading that the positions of the first nodes tell."""
     arm = away[:known] - away[:known].mean()
     inertia = max(float((np.abs(arm) ** 2).sum()), 1e-12)
     turn = np.imag(np.conj(arm) * (off[:, :known] - off[:, :known].mean(1, keepdims=True))).sum(1)
-    samples_per_node = max(rate_hz * node_s, 1e-9)
-    spread = white_m / math.sqrt(inertia * samples_per_node)
+    spread = white_m / math.sqrt(inertia * max(rate_hz * node_s, 1e-9))
     return np.asarray(turn / inertia + spread * normal)

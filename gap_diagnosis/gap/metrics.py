@@ -12,9 +12,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.gap.windows import Window
 from gap_diagnosis.recording import Floats, FrameTimes
+
+Complexes = NDArray[np.complex128]
 
 _ALIGN_M: Final = 0.5  # without orientation: the way that tells the start heading
 
@@ -64,7 +67,8 @@ def path_errors(path: Path, measured: Path, windows: Sequence[Window]) -> PathEr
 
     Turning and moving the whole of *measured* changes nothing. Where it has no orientation, the
     start heading comes from the positions of the first second, or of as much more as it takes to
-    travel half a metre, half the window at most.
+    travel half a metre, half the window at most; a window that does not move a quarter of a metre
+    until then is left out.
     """
     if path.heading_rad is None:
         raise ValueError("a predicted path has headings")
@@ -85,7 +89,9 @@ def path_errors(path: Path, measured: Path, windows: Sequence[Window]) -> PathEr
         mine = x_m + 1j * y_m
         theirs = measured.x_m[first:stop] + 1j * measured.y_m[first:stop]
         if measured.heading_rad is None:
-            known = _known_by_way(mine, known)
+            known = known_by_way(mine, known)
+            if np.abs(np.diff(mine[:known])).sum() < 0.5 * _ALIGN_M:
+                continue
             turn = _procrustes(mine[:known], theirs[:known])
         else:
             turned = np.exp(1j * (measured.heading_rad[first:stop] - predicted_rad))
@@ -134,18 +140,30 @@ def stamp_errors(
 ) -> WindowErrors:
     """Return how far a message's stamps lie from its beat in each window [s].
 
-    The beat is the frame counter (where it runs) or the order of arrival, times the described cycle
-    time as a clock that is fast by *clock_skew* makes it. Its start is the mean of the window's
-    first second; with *free_rate* its rate is the log's own.
+    The beat is the tick counter (where it runs) or the order of arrival, in the described cycle
+    times of a clock that is fast by *clock_skew*. Its start is the mean of the window's first
+    second; with *free_rate* its rate is the log's own.
     """
     t_s, counter = frames.t_s, frames.counter
-    counted = bool(frames.modulo) and bool((counter >= 0).all())
-    number = (counter if counted else np.arange(len(t_s))).astype(np.float64)
+    number = np.arange(len(t_s), dtype=np.float64)
+    if frames.modulo and (counter >= 0).all():
+        ticks_per_cycle = max(float(np.median(np.diff(np.sort(counter)))), 1.0)
+        number = (counter - counter.min()) / ticks_per_cycle
     order = np.argsort(t_s, kind="stable")
     late_s = (t_s - number * frames.cycle_s / (1 + clock_skew))[order]
     if free_rate:
         late_s = late_s - np.polyval(np.polyfit(number[order], late_s, 1), number[order])
     return series_errors(t_s[order], late_s, windows)
+
+
+def known_by_way(points: Complexes, known: int) -> int:
+    """Return of how many of the first points (complex positions) the start heading is estimated.
+
+    At least *known*; as many as it takes to travel half a metre, half of all points at most.
+    """
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
+    by_way = int(np.searchsorted(way, _ALIGN_M))
+    return max(known, min(by_way, len(points) // 2))
 
 
 def _samples(t_s: Floats, window: Window) -> tuple[int, int]:
@@ -155,13 +173,7 @@ def _samples(t_s: Floats, window: Window) -> tuple[int, int]:
     )
 
 
-def _known_by_way(points: Floats, known: int) -> int:
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
-    by_way = int(np.searchsorted(way, _ALIGN_M))
-    return max(known, min(by_way, len(points) // 2))
-
-
-def _procrustes(mine: Floats, theirs: Floats) -> float:
+def _procrustes(mine: Complexes, theirs: Complexes) -> float:
     """Return the turn that takes *mine* to *theirs* (complex positions) with least squares."""
     cross = np.sum(np.conj(mine - mine.mean()) * (theirs - theirs.mean()))
     return float(np.angle(cross))

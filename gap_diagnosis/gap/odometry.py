@@ -54,19 +54,20 @@ def without_offset(motion: Motion, turn_rad: Floats, robot: Robot) -> Floats:
     A standstill counts when it is long enough for the described first estimate; its mean rate holds
     from its beginning to the next one.
     """
-    told = robot.firmware.standstill
-    needed = told.ticks + 2 * told.settle_ticks + (1 << told.block_log2)
-    count = len(motion.t_s)
-    offset = np.zeros(count)
-    for first, stop in _rests(motion, told.tolerance_ticks):
-        inner = slice(first + told.ticks + told.settle_ticks, stop - told.settle_ticks)
-        if stop - first < needed:
-            continue
-        lasted_s = motion.t_s[inner][-1] - motion.t_s[inner][0]
-        rate = (turn_rad[inner][-1] - turn_rad[inner][0]) / lasted_s
-        if abs(rate) < told.max_rate_rad_s:
+    offset = np.zeros(len(motion.t_s))
+    for first, inner in _standstills(motion, robot):
+        rate = (turn_rad[inner][-1] - turn_rad[inner][0]) / _lasted_s(motion, inner)
+        if abs(rate) < robot.firmware.standstill.max_rate_rad_s:
             offset[first:] = rate
     return np.asarray(turn_rad - np.cumsum(offset * motion.dt_s))
+
+
+def offset_time_s(motion: Motion, robot: Robot) -> Floats:
+    """Return over what time the offset in use at each tick was averaged, float64[n]; ∞: none is."""
+    time_s = np.full(len(motion.t_s), np.inf)
+    for first, inner in _standstills(motion, robot):
+        time_s[first:] = _lasted_s(motion, inner)
+    return time_s
 
 
 def odometry_path(prediction: Prediction, robot: Robot) -> Path:
@@ -104,6 +105,22 @@ def as_travelled(prediction: Prediction, path: Path) -> Path:
         path.y_m / grown - (sin * forward + cos * left),
         heading,
     )
+
+
+def _standstills(motion: Motion, robot: Robot) -> list[tuple[int, slice]]:
+    """Return each standstill's first row and the rows that its offset is averaged over."""
+    told = robot.firmware.standstill
+    least = 1 << told.block_log2
+    found = []
+    for first, stop in _rests(motion, told.tolerance_ticks):
+        inner = slice(first + told.ticks + told.settle_ticks, stop - told.settle_ticks)
+        if inner.stop - inner.start >= least:
+            found.append((first, inner))
+    return found
+
+
+def _lasted_s(motion: Motion, rows: slice) -> float:
+    return float(motion.t_s[rows][-1] - motion.t_s[rows][0])
 
 
 def _rests(motion: Motion, tolerance_ticks: int) -> list[tuple[int, int]]:

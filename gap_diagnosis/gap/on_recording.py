@@ -25,6 +25,7 @@ from gap_diagnosis.gap.odometry import (
     gyro_share,
     gyro_turn_rad,
     odometry_path,
+    offset_time_s,
 )
 from gap_diagnosis.gap.windows import Window, windows_of
 from gap_diagnosis.motion.whitening import LEVELS, SLOW_S
@@ -164,6 +165,7 @@ def floor_on(
         radius_m=motion.radius_m,
         wheelbase_m=motion.wheelbase_m,
         gyro_share=gyro_share(robot, motion),
+        offset_time_s=offset_time_s(motion, robot),
         has_heading=reference is None or reference.heading_rad is not None,
         draws=draws,
     )

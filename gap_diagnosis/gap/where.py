@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -11,12 +12,34 @@ from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.gap.manoeuvres import Kinds
 from gap_diagnosis.gap.metrics import Path, path_errors, series_errors
 from gap_diagnosis.gap.odometry import as_travelled, gyro_share, gyro_turn_rad, without_offset
-from gap_diagnosis.gap.shares import Chain, chain_of, segment_spans, segments_of
+from gap_diagnosis.gap.shares import Chain, chain_of, segment_spans, segments_of, shares_of
 from gap_diagnosis.gap.windows import Window, segment_window
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.result_parts import Segment
+from gap_diagnosis.result_parts import Segment, StageOrNone
 from hil_harness.robot import Robot
+
+_ALONE: Final[Mapping[str, StageOrNone]] = {
+    "drive_position_m": "actuation",
+    "firmware_position_m": "firmware",
+    "timing_s": "bus",
+}
+"""Metrics whose residual only one stage can touch."""
+
+
+def stage_shares(
+    metric: str,
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    effects: Sequence[Setting] = (),
+) -> dict[StageOrNone, float]:
+    """Return each stage's share in the gap of this metric; empty where nothing can be said."""
+    if metric in _ALONE:
+        return {_ALONE[metric]: 1.0}
+    chain, _ = stage_chain(recording, robot, motion, windows, effects, metric=metric)
+    return shares_of(chain)
 
 
 def stage_chain(
@@ -25,9 +48,12 @@ def stage_chain(
     motion: Motion,
     windows: Sequence[Window],
     effects: Sequence[Setting] = (),
+    *,
+    metric: str = "odometry_position_m",
 ) -> tuple[Chain, tuple[int, ...]]:
     """Return the chain wheel, encoder, gyro, reference and each row's place in *windows*.
 
+    Its errors are positions, or turns for ``turn_difference_rad`` and where there is no reference.
     With a reference the true motion is the one that the reference shows, freed of its explained
     errors: what remains unexplained falls to the stage whose data differs from it. Wheel and
     encoder share one signal, so only an explained encoder error counts as the encoder's. Without a
@@ -35,11 +61,14 @@ def stage_chain(
     the chain is empty.
     """
     explained = predict(motion, effects)
-    if recording.reference is not None:
+    if recording.reference is not None and metric != "turn_difference_rad":
         return _position_chain(recording, robot, explained, windows)
-    if not effects or motion.gyro_turn_rad is None:
+    if motion.gyro_turn_rad is None or (recording.reference is None and not effects):
         return chain_of({"wheel": np.zeros((0, 1))}), ()
-    return _turn_chain(explained, windows)
+    true_rad = np.cumsum(explained.turn_rad)
+    if recording.reference is not None:
+        true_rad = np.interp(motion.t_s, *_heading(_truth(explained)))
+    return _turn_chain(explained, true_rad, windows)
 
 
 def manoeuvre_segments(
@@ -48,12 +77,27 @@ def manoeuvre_segments(
     motion: Motion,
     kinds: Kinds,
     effects: Sequence[Setting] = (),
+    *,
+    metric: str = "odometry_position_m",
 ) -> tuple[Segment, ...]:
     """Return each manoeuvre with the stage that carries most of the error that arises in it."""
     spans = segment_spans(motion.t_s, kinds)
     windows = [segment_window(start_s, stop_s) for start_s, stop_s, _ in spans]
-    chain, places = stage_chain(recording, robot, motion, windows, effects)
+    if metric in _ALONE:
+        stage = _ALONE[metric]
+        sole = Chain((stage,), np.ones((1, len(spans), 1)))
+        return segments_of(spans, range(len(spans)), sole)
+    chain, places = stage_chain(recording, robot, motion, windows, effects, metric=metric)
     return segments_of(spans, places, chain)
+
+
+def _truth(explained: Prediction) -> Path:
+    motion = explained.motion
+    return as_travelled(explained, Path(motion.t_s, motion.x_m, motion.y_m, motion.heading_rad))
+
+
+def _heading(path: Path) -> tuple[Floats, Floats]:
+    return path.t_s, np.asarray(path.heading_rad)
 
 
 def _position_chain(
@@ -63,10 +107,10 @@ def _position_chain(
     if reference is None:
         raise ValueError("a chain of positions needs a reference")
     measured = Path(reference.t_s, reference.x_m, reference.y_m, reference.heading_rad)
-    truth = as_travelled(explained, Path(motion.t_s, motion.x_m, motion.y_m, motion.heading_rad))
+    truth = _truth(explained)
     # Held against at the reference's own stamps, so that every link speaks of the same samples.
     true = _at(truth, reference.t_s, with_heading=reference.heading_rad is not None)
-    true_rad = np.interp(motion.t_s, truth.t_s, np.asarray(truth.heading_rad))
+    true_rad = np.interp(motion.t_s, *_heading(truth))
     share = gyro_share(robot, motion)
     recorded = Prediction(motion)
     wheels = _rolled_as_described(explained)
@@ -92,10 +136,11 @@ def _position_chain(
     ), tuple(int(place) for place in links[0].window)
 
 
-def _turn_chain(explained: Prediction, windows: Sequence[Window]) -> tuple[Chain, tuple[int, ...]]:
+def _turn_chain(
+    explained: Prediction, true_rad: Floats, windows: Sequence[Window]
+) -> tuple[Chain, tuple[int, ...]]:
     motion = explained.motion
     recorded = Prediction(motion)
-    true_rad = np.cumsum(explained.turn_rad)
     wheels_rad = np.cumsum(_rolled_as_described(explained).turn_rad)
     counted_rad = np.cumsum(recorded.turn_rad)
     links = [

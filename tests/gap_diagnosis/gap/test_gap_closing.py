@@ -1,0 +1,151 @@
+"""How far a gap closes: the formula, its interval, shares and waterfall."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from gap_diagnosis.gap.how_far import Compared, closed_share, gap_of, metric_of
+from gap_diagnosis.gap.metrics import WindowErrors
+from gap_diagnosis.gap.shares import chain_of, onset_and_end, shares_of
+from gap_diagnosis.gap.waterfall import MOST_EFFECTS, shapley_reductions
+from gap_diagnosis.result_parts import StageOrNone
+
+STAGES: tuple[StageOrNone, ...] = ("wheel", "encoder", "gyro", "reference")
+sizes = st.floats(0.01, 100.0)
+errors = st.floats(-10, 10)
+
+
+def errors_of(mean_square: np.ndarray) -> WindowErrors:
+    count = len(mean_square)
+    return WindowErrors(np.arange(count), mean_square, np.zeros((count, 2)))
+
+
+@given(floor=sizes, gap=st.floats(0.3, 50.0), after=sizes)
+def test_closed_is_the_share_of_what_can_be_closed_and_never_clipped(
+    floor: float, gap: float, after: float
+) -> None:
+    before = floor * (1 + gap)
+    assert closed_share(before, floor, floor) == pytest.approx(1)
+    assert closed_share(before, before, floor) == pytest.approx(0)
+    assert closed_share(before, after, floor) == pytest.approx((before - after) / (before - floor))
+
+
+@given(floor=sizes, part=st.floats(0.0, 1.19), after=sizes)
+def test_near_the_floor_there_is_no_gap_to_close(floor: float, part: float, after: float) -> None:
+    assert closed_share(part * floor, after, floor) is None
+
+
+def test_a_metric_without_a_window_is_not_given() -> None:
+    assert metric_of("timing_s", Compared(errors_of(np.zeros(0)))) is None
+
+
+def test_the_interval_of_closed_holds_its_value_and_shrinks_with_windows() -> None:
+    random = np.random.default_rng(2)
+    widths = []
+    for count in (10, 160):
+        before, after = random.chisquare(4, count) + 5, random.chisquare(4, count) / 4
+        metric = metric_of(
+            "odometry_position_m",
+            Compared(errors_of(before), errors_of(after), np.ones((3, count))),
+        )
+        assert metric is not None
+        assert metric.ci95 is not None
+        assert metric.closed is not None
+        assert metric.ci95[0] < metric.closed < metric.ci95[1]
+        widths.append(metric.ci95[1] - metric.ci95[0])
+    assert widths[1] < 0.5 * widths[0]
+
+
+def test_the_gap_is_told_in_the_first_metric_of_its_stage_that_has_one() -> None:
+    def metric(before: float) -> Compared:
+        return Compared(errors_of(np.full(4, before)), errors_of(np.full(4, 1.0)), np.ones((2, 4)))
+
+    metrics = {
+        name: found
+        for name, found in (
+            ("odometry_position_m", metric_of("odometry_position_m", metric(1.01))),
+            ("turn_difference_rad", metric_of("turn_difference_rad", metric(9.0))),
+        )
+        if found is not None
+    }
+    gap = gap_of(metrics, "wheel", "stretches")
+    assert gap is not None
+    assert gap.metric == "turn_difference_rad"
+    assert gap.closed == pytest.approx(1)
+    assert set(gap.all) == set(metrics)
+    assert gap_of(metrics, "firmware", "stretches") is None
+
+
+@given(arrays(np.float64, (4, 6, 2), elements=errors))
+def test_shares_of_the_stages_add_up_to_one(ends: np.ndarray) -> None:
+    shares = shares_of(chain_of(dict(zip(STAGES, ends, strict=True))))
+    if (ends[-1] ** 2).sum() < 1e-3:
+        return
+    assert math.fsum(shares.values()) == pytest.approx(1, abs=1e-12 * _size(ends))
+
+
+def _size(ends: np.ndarray) -> float:
+    """How much larger than the whole the parts are: cancelling loses as many digits."""
+    return float(max(1.0, (np.abs(ends) ** 2).sum() / (ends[-1] ** 2).sum()))
+
+
+def test_a_stage_whose_recorded_input_changes_nothing_has_no_share() -> None:
+    end = np.random.default_rng(1).normal(size=(5, 2))
+    chain = chain_of({"wheel": 0 * end, "encoder": 0 * end, "gyro": end, "reference": end})
+    assert shares_of(chain) == {"wheel": 0, "encoder": 0, "gyro": 1, "reference": 0}
+
+
+def test_without_any_error_there_are_no_shares() -> None:
+    assert shares_of(chain_of({"wheel": np.zeros((3, 2))})) == {}
+
+
+@given(
+    values=st.lists(st.floats(0, 100), min_size=16, max_size=16),
+    count=st.integers(0, 4),
+)
+def test_shapley_values_add_up_to_what_all_effects_take_off(
+    values: list[float], count: int
+) -> None:
+    names = "abcd"[:count]
+    subsets = [frozenset(s) for k in range(count + 1) for s in combinations(names, k)]
+    gap = dict(zip(subsets, values, strict=False))
+    reductions = shapley_reductions(names, gap.__getitem__)
+    taken = gap[frozenset()] - gap[frozenset(names)]
+    assert math.fsum(reductions.values()) == pytest.approx(taken, abs=1e-10)
+
+
+@given(gaps=st.lists(st.floats(0, 100), min_size=5, max_size=5))
+def test_effects_that_do_the_same_in_every_company_take_off_the_same(gaps: list[float]) -> None:
+    reductions = shapley_reductions("abcd", lambda on: gaps[len(on)])
+    assert len(set(reductions.values())) == 1
+
+
+@given(own=st.lists(st.floats(-10, 10), min_size=4, max_size=4))
+def test_an_effect_that_adds_the_same_to_every_company_takes_off_just_that(
+    own: list[float],
+) -> None:
+    part = dict(zip("abcd", own, strict=True))
+    reductions = shapley_reductions("abcd", lambda on: 50 - math.fsum(part[name] for name in on))
+    assert reductions == pytest.approx(part, abs=1e-12)
+
+
+def test_more_effects_than_a_waterfall_bears_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected at most"):
+        shapley_reductions([str(k) for k in range(MOST_EFFECTS + 1)], lambda on: 0.0)
+
+
+def test_onset_and_end_of_an_effect_are_found() -> None:
+    t_s = np.arange(6000) * 0.01
+    residual = np.random.default_rng(3).standard_normal(6000)
+    residual[2000:3500] += 0.4
+    start_s, stop_s, gain = onset_and_end(t_s, residual)
+    assert start_s == pytest.approx(20.0, abs=0.6)
+    assert stop_s == pytest.approx(35.0, abs=0.6)
+    assert gain > 0.5 * residual.sum() ** 2 / 6000
