@@ -124,9 +124,8 @@ class _Stream:
     ) -> None:
         self._schedule = schedule
         self._own = (name, SENSORS) if is_sensor else (name,)
-        self._generator = np.random.Generator(
-            np.random.Philox(key=[seed & (2**64 - 1), 0x62757300_00000000 + key])
-        )
+        words = np.array([seed & (2**64 - 1), 0x62757300_00000000 + key], dtype=np.uint64)
+        self._generator = np.random.Generator(np.random.Philox(key=words))
         self._draws: list[list[float]] = []
         self.number = -1
         self._in_burst = False

@@ -94,9 +94,7 @@ class FirmwareChanges:
             change(variable, frac_bits=bits)
         if self.trig_entries != 0:
             interpolated = self.trig_interpolated == 1
-            change(
-                "trig", method="table", entries=self.trig_entries, interpolated=interpolated
-            )
+            change("trig", method="table", entries=self.trig_entries, interpolated=interpolated)
         if self.euler != "described":
             top["integration"] = f"euler_{self.euler}"
         if self.stale_heading_cycles != 0:
@@ -149,7 +147,9 @@ class FirmwareChanges:
             used = replace(used, tick_period_s=used.tick_period_s * period)
         return used
 
-    def config(self, description: FirmwareDescription, constants: FirmwareConstants) -> KernelConfig:
+    def config(
+        self, description: FirmwareDescription, constants: FirmwareConstants
+    ) -> KernelConfig:
         """Return the kernel's integers of the program that runs. Raises FirmwareError."""
         return build_config(
             self.description(description),

@@ -12,7 +12,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from numpy.typing import NDArray
 
 from can_bus import CanBusError, Database, check_interface, load_database
-from hil_harness.effects import EffectSetting, Settings, apply_effects, combine_effects
+from hil_harness.effects import Effect, EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import LOCKSTEP_INTERFACES, unique_channel
 from hil_harness.nodes import PlantNode
@@ -41,6 +41,7 @@ class RunConfig:
         device: firmware under test as `--device` takes it; None is the shipped firmware.
         log: file for what the firmware received and sent (.log, .asc or .blf by its name).
         send_reference: also send the truth as REFERENCE_POSE.
+        known: the catalogue with a user's effects in it; None is Chiplog's.
     """
 
     scenario: Scenario
@@ -58,6 +59,7 @@ class RunConfig:
     device: str | None = None
     log: Path | None = None
     send_reference: bool = False
+    known: Mapping[str, Effect] | None = None
 
     def __post_init__(self) -> None:
         """Check what belongs together."""
@@ -86,11 +88,11 @@ class RunConfig:
     @property
     def effects_in_use(self) -> tuple[EffectSetting, ...]:
         """The scenario's effects, overridden by those asked for."""
-        return combine_effects(self.scenario.effects, self.effects)
+        return combine_effects(self.scenario.effects, self.effects, known=self.known)
 
     def settings(self) -> Settings:
         """Return what the effects add up to."""
-        return apply_effects(self.effects_in_use)
+        return apply_effects(self.effects_in_use, self.known)
 
     def tick_count(self, tick_period_us: int) -> int:
         """Return how many ticks the run lasts.

@@ -90,9 +90,8 @@ class FirmwareProgram:
         self._changes = pieces[0][2]
         self._tick_s = tick_s
         self._tick = 0
-        self._generator = np.random.Generator(
-            np.random.Philox(key=[seed & (2**64 - 1), _STREAM])
-        )
+        key = np.array([seed & (2**64 - 1), _STREAM], dtype=np.uint64)
+        self._generator = np.random.Generator(np.random.Philox(key=key))
         self._draws: list[float] = []
         self._kept: tuple[int, int, int, int, int] | None = None
         self._code_sum = 0

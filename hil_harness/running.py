@@ -31,8 +31,8 @@ from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
-from hil_harness.standalone import rejected_frames
 from hil_harness.skewed_log import SkewedLog
+from hil_harness.standalone import rejected_frames
 from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 

@@ -85,7 +85,9 @@ class Plant:
         self._commands = deque([(0.0, 0.0)] * (longest + 2), maxlen=longest + 2)
         starts = self._parameters["from_tick"].tolist()[1:]
         # from which tick on, and how many of the oldest commands are too old then
-        self._changes = [(tick, longest - delay) for tick, delay in zip(starts, delays[1:], strict=True)]
+        self._changes = [
+            (tick, longest - delay) for tick, delay in zip(starts, delays[1:], strict=True)
+        ]
         self._skipped = longest - delays[0]
         self._motion_state = np.zeros(1, records.MOTION_STATE)
         self._sensor_state = np.zeros(1, records.SENSOR_STATE)

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from chiplog.commands.options import EffectLibraryOption
 from chiplog.commands.output import STANDARD_OUTPUT, write_json
 from chiplog.errors import CommandError, suggestion
 
 if TYPE_CHECKING:
     from hil_harness.effects import Effect, EffectParameter
 
-_NESTED = ("apply", "parameters", "twins")
+_NESTED = ("apply", "explain", "parameters", "twins")
 
 
 class Stage(StrEnum):
@@ -38,14 +39,15 @@ def command(
         str | None, typer.Argument(help="One effect, with all that is known of it.")
     ] = None,
     stage: Annotated[Stage | None, typer.Option("--stage", help="Only those of one stage.")] = None,
+    effect_library: EffectLibraryOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the list to this file; - prints it.")
     ] = None,
 ) -> None:
     """List the effects that `chiplog run --effect NAME.PARAM=VALUE` can switch on."""
-    from hil_harness.effects import catalogue
+    from hil_harness.effects import catalogue, load_effect_library
 
-    known = catalogue()
+    known = catalogue() if effect_library is None else load_effect_library(effect_library)
     chosen = _chosen(known, name, stage)
     if json_file is not None:
         write_json(json_file, [_as_json(effect) for effect in chosen])
@@ -87,6 +89,7 @@ def _show_all(effects: Sequence[Effect]) -> None:
     show_table(["stage", "effect", "parameter", "unit", "neutral", "typical"], rows, words=4)
     show_line()
     show_line("A ratio is real over described, minus 1. `chiplog effects NAME` tells more of one.")
+    show_line("Any effect takes start_s and stop_s besides: it then acts in this part of the log.")
 
 
 def _show_one(effect: Effect) -> None:

@@ -49,6 +49,14 @@ EffectOption = Annotated[
 EffectsFileOption = Annotated[
     Path | None, typer.Option("--effects", help="Switch on the effects of a file (TOML).")
 ]
+EffectLibraryOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--effect-library",
+        metavar="FILE.py",
+        help="Effects of your own beside Chiplog's (the file is run as Python).",
+    ),
+]
 SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Seed of all noise; default: the scenario's.")
 ]

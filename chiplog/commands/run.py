@@ -15,6 +15,7 @@ from chiplog.commands.options import (
     DbcOption,
     DeviceOption,
     DurationOption,
+    EffectLibraryOption,
     EffectOption,
     EffectsFileOption,
     InterfaceOption,
@@ -58,6 +59,7 @@ def command(
     robot: RobotOption = None,
     effect: EffectOption = None,
     effects: EffectsFileOption = None,
+    effect_library: EffectLibraryOption = None,
     seed: SeedOption = None,
     duration_s: DurationOption = None,
     time: Annotated[
@@ -83,18 +85,27 @@ def command(
     """
     from chiplog.run_folder import BUS_LOG, RunFolder
     from hil_harness.assembly import RunConfig
-    from hil_harness.effects import combine_effects, load_effects, parse_effect
+    from hil_harness.effects import (
+        combine_effects,
+        load_effect_library,
+        load_effects,
+        parse_effect,
+    )
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
 
     found = find_scenario(scenario, seed=seed)
+    known = None if effect_library is None else load_effect_library(effect_library)
     folder = RunFolder(out if out is not None else Path("out") / found.name)
     config = RunConfig(
         scenario=found,
         robot=load_robot(robot),
         effects=combine_effects(
-            () if effects is None else load_effects(effects), map(parse_effect, effect or ())
+            () if effects is None else load_effects(effects, known),
+            [parse_effect(text, known) for text in effect or ()],
+            known=known,
         ),
+        known=known,
         seed=seed,
         duration_s=duration_s,
         time=None if time is None else time.value,

@@ -4,6 +4,7 @@ An effect is declared once, in the file of its stage; its mechanism lives where 
 """
 
 from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.library import load_effect_library
 from hil_harness.effects.model import (
     Effect,
     EffectParameter,
@@ -37,6 +38,7 @@ __all__ = [
     "catalogue",
     "combine_effects",
     "effects_from_toml",
+    "load_effect_library",
     "load_effects",
     "parse_effect",
 ]

@@ -1,4 +1,4 @@
-"""Stage firmware: arithmetic and constants of the ECU. Only a replay of the program sees it alone."""
+"""Stage firmware: arithmetic and constants of the ECU. Only a replay of the program sees it."""
 
 from __future__ import annotations
 
@@ -159,7 +159,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         _constant,
         twins=(
             Twins(
-                ("radius_scale",), "there are no raw counts in the log (opposite sign; wheel_radius)"
+                ("radius_scale",),
+                "there are no raw counts in the log (opposite sign; wheel_radius)",
             ),
         ),
     ),

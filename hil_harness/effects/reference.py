@@ -13,9 +13,7 @@ _INF: Final = float("inf")
 def _signed(
     name: str, unit: str, meaning: str, limit: float, typical: Typical | None = None
 ) -> EffectParameter:
-    return EffectParameter(
-        name, unit, 0.0, meaning, minimum=-limit, maximum=limit, typical=typical
-    )
+    return EffectParameter(name, unit, 0.0, meaning, minimum=-limit, maximum=limit, typical=typical)
 
 
 def _level(
@@ -146,7 +144,10 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         "reference",
         (
             _level(
-                "position", "m", "standard deviation of x and of y", 10.0,
+                "position",
+                "m",
+                "standard deviation of x and of y",
+                10.0,
                 Typical(0.00015, 0.02, f"{VICON}; RTK"),
             ),
             _level("heading", "rad", "standard deviation of the heading", 3.2),
@@ -175,8 +176,7 @@ EFFECTS: Final[tuple[Effect, ...]] = (
             _signed("y", "m", "step of y", 1e3),
             _signed("yaw", "rad", "step of the heading", 10.0),
         ),
-        "One step of the reference that stays: another body taken for the robot, a "
-        "relocalisation.",
+        "One step of the reference that stays: another body taken for the robot, a relocalisation.",
         _jump,
     ),
 )

@@ -91,7 +91,7 @@ def correlated_noise(time_s: Floats, correlation_time_s: float, seed: int, strea
 
     One stream of normals per *stream*, keyed by *seed* (Philox), whatever else is on.
     """
-    key = [seed & (2**64 - 1), 0x7265666572656E63 + stream]
+    key = np.array([seed & (2**64 - 1), 0x7265666572656E63 + stream], dtype=np.uint64)
     normals = np.random.Generator(np.random.Philox(key=key)).standard_normal(len(time_s))
     if correlation_time_s <= 0.0 or len(time_s) < 2:
         return normals

@@ -130,7 +130,9 @@ def apply_effects(settings: Iterable[EffectSetting], known: Known | None = None)
     Raises HarnessError for an unknown effect or parameter, and for one given twice.
     """
     known = catalogue() if known is None else known
-    checked = combine_effects((_checked_setting(setting, known) for setting in settings), known=known)
+    checked = combine_effects(
+        (_checked_setting(setting, known) for setting in settings), known=known
+    )
     windows = [_window(known[setting.effect], setting) for setting in checked]
     edges = sorted({edge for window in windows for edge in window if math.isfinite(edge)})
     pieces = [

@@ -49,8 +49,8 @@ class FirmwareNode:
     counted in `checker.rejected` and touch nothing. Of several valid frames of one message the
     newest counts, as in a receive mailbox. Its own frames carry the tick counter of the encoder
     frame it has used, or its own running one while there is none. `trigger_ids` are the frames that
-    make a tick's input complete (real time only). `program` is what it runs instead of the described
-    program; a tick that it does not execute sends nothing.
+    make a tick's input complete (real time only). `program` is what it runs instead of the
+    described one; a tick that it does not execute sends nothing.
 
     Raises HarnessError where robot, map and formats do not fit together.
     """
@@ -95,9 +95,7 @@ class FirmwareNode:
                 self._readers[mapped.message.name].append(reader)
         wheels = signal_map["left_count"].message
         self._counter_source = wheels.name if wheels.is_protected else None
-        self._senders = _senders(
-            database, signal_map, self.config, self.kernel, tick_period_us
-        )
+        self._senders = _senders(database, signal_map, self.config, self.kernel, tick_period_us)
         self._steps = 0
         self._keep_inputs = keep_inputs
         self._counter = -1

@@ -124,7 +124,10 @@ def calibration() -> Scenario:
     Rests at both ends, straights, spins, arcs of three radii ahead and one behind, stop and go.
     """
     segments = [_stop(8.0)]
-    for speed_m_s, rate_rad_s, driving_s, turning_s in ((0.25, 0.5, 7.0, 7.0), (0.6, 2.0, 4.5, 6.0)):
+    for speed_m_s, rate_rad_s, driving_s, turning_s in (
+        (0.25, 0.5, 7.0, 7.0),
+        (0.6, 2.0, 4.5, 6.0),
+    ):
         for sense in (1.0, -1.0):
             segments += [_go(sense * speed_m_s, driving_s), _stop(1.2)]
         for sense in (1.0, -1.0):

@@ -89,7 +89,7 @@ def run(
 ) -> Drive:
     if commands is None:
         commands = np.full((round(seconds / TICK_S) + 1, 2), (v, w))
-    plant = apply_effects(parse_effect(text) for text in effects).plant
+    plant = apply_effects(parse_effect(text) for text in effects).plant_over_time
     runs = simulate(robot, plant, commands, [seed], tick_period_us=TICK_US, drive=drive)
     return Drive(runs)
 
