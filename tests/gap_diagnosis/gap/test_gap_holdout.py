@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from gap_cases import ROBOT, TICK_S, drives
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gap_diagnosis.gap.holdout import BLOCK_S, CUT_S, HoldOut, hold_out
@@ -19,6 +19,7 @@ def sides(duration_s: float, seed: int, run_s: float = 2.0) -> tuple[np.ndarray,
     return t_s, kinds, hold_out(t_s, kinds)
 
 
+@settings(max_examples=40)
 @given(duration_s=st.floats(25.0, 400.0), seed=st.integers(0, 99))
 def test_held_out_blocks_last_at_least_ten_seconds_and_the_fit_keeps_its_distance(
     duration_s: float, seed: int
@@ -34,6 +35,7 @@ def test_held_out_blocks_last_at_least_ten_seconds_and_the_fit_keeps_its_distanc
         assert not sides_of.fit[near].any()
 
 
+@settings(max_examples=25)
 @given(duration_s=st.floats(80.0, 1200.0), seed=st.integers(0, 9))
 def test_about_a_quarter_of_the_log_is_held_out(duration_s: float, seed: int) -> None:
     _, _, sides_of = sides(duration_s, seed)

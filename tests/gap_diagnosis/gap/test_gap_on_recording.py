@@ -1,0 +1,173 @@
+"""The gap of whole drives whose only effect is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_cases import LEVELS, drives, setting
+
+from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.gap.holdout import hold_out
+from gap_diagnosis.gap.how_far import gap_of
+from gap_diagnosis.gap.manoeuvres import kinds_of
+from gap_diagnosis.gap.on_recording import (
+    Replayed,
+    compare,
+    floor_on,
+    measure,
+    odometry_rms,
+    recorded_odometry,
+    windows_on,
+)
+from gap_diagnosis.gap.waterfall import shapley_reductions
+from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+
+# Effect, parameter, value, the firmware's mode, the stage.
+CASES = [
+    ("radius_scale", "scale", 0.01, "wheel", "wheel"),
+    ("wheelbase_scale", "scale", 0.02, "wheel", "wheel"),
+    ("radius_mismatch", "mismatch", 0.01, "wheel", "wheel"),
+    ("gyro_scale", "scale", 0.02, "gyro", "gyro"),
+    ("reference_yaw", "angle", 0.02, "gyro", "reference"),
+]
+
+
+@pytest.mark.parametrize(("effect", "parameter", "value", "mode", "stage"), CASES)
+def test_the_true_effect_closes_the_gap_on_held_out_stretches_and_its_stage_carries_it(
+    effect: str, parameter: str, value: float, mode: str, stage: str
+) -> None:
+    robot, [(recording, motion)] = drives("random", effect, mode=mode, **{parameter: value})
+    kinds = kinds_of(recording, robot)
+    windows = windows_on(motion, hold_out(recording.t_s, kinds).held_out)
+    effects = [setting(motion, effect, value)]
+    metrics = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    gap = gap_of(metrics, stage, "stretches")
+    assert gap is not None
+    assert gap.metric == "odometry_position_m"
+    assert gap.floor is not None
+    assert gap.before > 3 * gap.floor
+    assert gap.closed == pytest.approx(1, abs=0.15)
+    shares = stage_shares(gap.metric, recording, robot, motion, windows, effects)
+    assert math.fsum(shares.values()) == pytest.approx(1, abs=1e-9)
+    assert max(shares, key=lambda name: shares[name]) == stage
+    assert shares[stage] > 0.7
+
+
+def test_a_wheelbase_is_seen_against_the_gyro_where_the_odometry_follows_the_gyro() -> None:
+    robot, [(recording, motion)] = drives("random", "wheelbase_scale", mode="gyro", scale=0.02)
+    windows = windows_on(motion)
+    effects = [setting(motion, "wheelbase_scale", 0.02)]
+    metrics = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    assert metrics["odometry_position_m"].closed is None
+    gap = gap_of(metrics, "wheel", "stretches")
+    assert gap is not None
+    assert gap.metric == "turn_difference_rad"
+    assert gap.closed == pytest.approx(1, abs=0.1)
+    shares = stage_shares(gap.metric, recording, robot, motion, windows, effects)
+    assert max(shares, key=lambda name: shares[name]) == "wheel"
+
+
+@pytest.mark.parametrize("mode", ["wheel", "gyro"])
+def test_the_floor_is_what_drives_without_an_effect_leave(mode: str) -> None:
+    # 30 drives of 12 windows: the RMS is known to about 3 %; the tolerance is four times that.
+    robot, made = drives("random", mode=mode, count=30)
+    squares: dict[str, list[tuple[float, float]]] = {}
+    for recording, motion in made:
+        windows = windows_on(motion)
+        for name, one in compare(recording, robot, motion, windows, levels=LEVELS).items():
+            assert one.floor is not None
+            squares.setdefault(name, []).append(
+                (float(one.before.mean_square.mean()), float(one.floor.mean()))
+            )
+    assert set(squares) == {"odometry_position_m", "odometry_heading_rad", "turn_difference_rad"}
+    for pairs in squares.values():
+        before, floor = np.array(pairs).mean(0)
+        assert math.sqrt(before / floor) == pytest.approx(1, abs=0.12)
+
+
+def test_the_floor_is_the_same_each_time() -> None:
+    robot, [(recording, motion)] = drives("figure8")
+    windows = windows_on(motion)
+    first = floor_on(recording, robot, motion, windows, (), LEVELS)
+    again = floor_on(recording, robot, motion, windows, (), LEVELS)
+    assert np.array_equal(first.position, again.position)
+
+
+def test_without_a_reference_the_turn_difference_remains() -> None:
+    robot, [(recording, motion)] = drives("random", "gyro_scale", mode="gyro", scale=0.02)
+    alone = replace(recording, reference=None)
+    effects = [setting(motion, "gyro_scale", 0.02)]
+    windows = windows_on(motion)
+    metrics = measure(alone, robot, motion, windows, effects=effects, levels=LEVELS)
+    assert "odometry_position_m" not in metrics
+    assert metrics["turn_difference_rad"].closed == pytest.approx(1, abs=0.1)
+    shares = stage_shares("turn_difference_rad", alone, robot, motion, windows, effects)
+    assert shares["gyro"] == pytest.approx(1, abs=0.1)
+    assert stage_shares("turn_difference_rad", alone, robot, motion, windows) == {}
+
+
+def test_odometry_frames_that_a_replay_meets_have_no_firmware_gap() -> None:
+    robot, [(recording, motion)] = drives("random")
+    odometry = recorded_odometry(recording)
+    assert odometry is not None
+    assert len(odometry.t_s) == len(recording.t_s)
+    columns = np.column_stack([odometry.x_m, odometry.y_m, odometry.heading_rad])
+    turned = columns * np.array([1.01, 1.01, 1.0])
+    windows = windows_on(motion)
+    same = measure(recording, robot, motion, windows, firmware=Replayed(columns))
+    other = measure(recording, robot, motion, windows, firmware=Replayed(turned, columns))
+    assert same["firmware_position_m"].before == pytest.approx(0, abs=1e-12)
+    assert other["firmware_position_m"].closed == pytest.approx(1, abs=1e-9)
+
+
+def test_a_simulation_of_the_commands_is_held_against_the_wheels() -> None:
+    robot, [(recording, motion)] = drives("random")
+    wheels = np.cumsum(0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad))
+    late = np.column_stack([0.98 * wheels, 0 * wheels, 0 * wheels])
+    metrics = measure(recording, robot, motion, windows_on(motion), drive=Replayed(late))
+    assert metrics["drive_position_m"].before > 0.01
+
+
+def test_posterior_draws_widen_the_interval_of_closed() -> None:
+    robot, [(recording, motion)] = drives("random", "radius_scale", scale=0.01)
+    windows = windows_on(motion)
+    effects = [setting(motion, "radius_scale", 0.01)]
+    random = np.random.default_rng(5)
+    draws = [[setting(motion, "radius_scale", one)] for one in random.normal(0.01, 0.006, 30)]
+    sharp = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    wide = measure(recording, robot, motion, windows, effects=effects, draws=draws, levels=LEVELS)
+    spans = [one["odometry_position_m"].ci95 for one in (sharp, wide)]
+    assert spans[0] is not None
+    assert spans[1] is not None
+    assert spans[1][1] - spans[1][0] > 2 * (spans[0][1] - spans[0][0])
+
+
+def test_a_waterfall_of_two_effects_ends_at_what_is_explained() -> None:
+    robot, [(recording, motion)] = drives("random", "radius_scale", scale=0.01)
+    windows = windows_on(motion)
+    known = {
+        "radius_scale": setting(motion, "radius_scale", 0.01),
+        "wheelbase_scale": setting(motion, "wheelbase_scale", 1e-4),
+    }
+
+    def rms(on: Sequence[Setting]) -> float:
+        return odometry_rms("odometry_position_m", recording, robot, motion, windows, on)
+
+    steps = shapley_reductions(known, lambda on: rms([known[name] for name in sorted(on)]))
+    assert math.fsum(steps.values()) == pytest.approx(rms([]) - rms(list(known.values())))
+    assert steps["radius_scale"] > 20 * abs(steps["wheelbase_scale"])
+
+
+def test_each_manoeuvre_is_given_the_stage_that_carries_its_error() -> None:
+    robot, [(recording, motion)] = drives("random", "radius_scale", scale=0.03)
+    kinds = kinds_of(recording, robot)
+    effects = [setting(motion, "radius_scale", 0.03)]
+    segments = manoeuvre_segments(recording, robot, motion, kinds, effects)
+    straight = [one for one in segments if one.kind in ("straight", "arc", "reverse")]
+    assert len(straight) > 5
+    assert np.mean([one.stage == "wheel" for one in straight]) > 0.8
+    assert all(one.stop_s > one.start_s for one in segments)
