@@ -7,14 +7,14 @@ Both are text that a person reads: intervals and origins stand as comments, and 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from gap_diagnosis.corrections import Correction, corrections
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
 from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, ParameterEstimate
-from hil_harness.effects import EffectParameter, catalogue, effects_from_toml
+from hil_harness.effects import Effect, EffectParameter, catalogue, effects_from_toml
 from hil_harness.robot import Robot, RobotFile, default_robot_text
 from hil_harness.toml_model import validate
 from hil_harness.toml_source import TomlSource, parse_toml, shorten
@@ -23,23 +23,31 @@ _VALUE: Final = r"[-+0-9._eExXobA-Fa-f]+"
 _DIGITS: Final = 9
 
 
-def effects_text(diagnosis: Diagnosis, *, without: Collection[str] = ()) -> str:
+def effects_text(
+    diagnosis: Diagnosis,
+    *,
+    without: Collection[str] = (),
+    known: Mapping[str, Effect] | None = None,
+) -> str:
     """Return the winning effects as ``chiplog run --effects`` and the pytest fixtures take them.
 
     Args:
         without: effects that the description has taken up (see `robot_text`).
+        known: the catalogue with a user's effects in it; None is Chiplog's.
 
     Raises DiagnosisError for an effect that the simulator does not have.
     """
     best = diagnosis.which[0]
+    known = catalogue() if known is None else known
     lines = [f"# {line}" for line in _origin(diagnosis)]
     if without:
         lines.append(f"# For the corrected description; it has taken up {', '.join(without)}.")
     for effect in best.effects:
         if effect not in (NO_GAP, UNKNOWN) and effect not in without:
-            lines += ["", *_effect_table(effect, best)]
+            lines += ["", *_effect_table(effect, best, known)]
     text = "\n".join(lines) + "\n"
-    effects_from_toml(parse_toml(text, name="explained.toml"))  # what we write, we can read
+    # What we write, we can read.
+    effects_from_toml(parse_toml(text, name="explained.toml"), known=known)
     return text
 
 
@@ -85,8 +93,8 @@ def _origin(diagnosis: Diagnosis) -> Iterator[str]:
         yield "There is no effect to switch on."
 
 
-def _effect_table(name: str, candidate: Candidate) -> Iterator[str]:
-    effect = catalogue().get(name)
+def _effect_table(name: str, candidate: Candidate, known: Mapping[str, Effect]) -> Iterator[str]:
+    effect = known.get(name)
     if effect is None:
         raise DiagnosisError(
             f"{name}: the simulator has no effect of this name, so it cannot be written to a file "

@@ -122,7 +122,7 @@ def command(
     if html is not None:
         write_page(html, report)
     written = _write_advice(found, advice_dir or _beside(json_file, html))
-    _take_home(found, robot, write_effects, write_robot)
+    _take_home(found, robot, effect_library, write_effects, write_robot)
     if json_file == STANDARD_OUTPUT:
         typer.echo(found.to_json(), nl=False)
     else:
@@ -203,11 +203,16 @@ def _write_advice(found: Diagnosis, folder: Path | None) -> list[Path]:
 
 
 def _take_home(
-    found: Diagnosis, robot: Path | None, effects_file: Path | None, robot_file: Path | None
+    found: Diagnosis,
+    robot: Path | None,
+    library: Path | None,
+    effects_file: Path | None,
+    robot_file: Path | None,
 ) -> None:
     if effects_file is None and robot_file is None:
         return
     from gap_diagnosis.take_home import corrected_effects, effects_text, robot_text
+    from hil_harness.effects.library import load_effect_library
     from hil_harness.robot import load_robot
 
     described = load_robot(robot)
@@ -216,7 +221,9 @@ def _take_home(
         # Bytes: the line ends are those of the user's own file.
         robot_file.write_bytes(robot_text(found, described).encode())
     if effects_file is not None:
-        effects_file.write_text(effects_text(found, without=taken), encoding="utf-8")
+        known = None if library is None else load_effect_library(library)
+        text = effects_text(found, without=taken, known=known)
+        effects_file.write_text(text, encoding="utf-8")
 
 
 def _hold(bounds: Sequence[Bound], found: Diagnosis, *, quiet: bool) -> bool:

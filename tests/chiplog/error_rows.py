@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from error_tables import buses, devices, files, formats, logs, rig, usage, wire
+from error_tables import buses, devices, diagnosis, files, formats, logs, rig, usage, wire
 from error_tables.row import Row
 
 from hil_harness.devices import include_dir
@@ -22,6 +22,7 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
     "Firmware under test": devices.FIRMWARE_UNDER_TEST,
     "Bus": buses.BUS,
     "Logs": logs.LOGS,
+    "Diagnosis": diagnosis.DIAGNOSIS,
     "Output": logs.OUTPUT,
 }
 

@@ -166,7 +166,9 @@
       height: () => 54 + 34 * rows, view: () => ({ x: shown, y: [rows, 0] }) };
     function draw(plot) {
       data.segments.forEach((segment) => {
-        const x = plot.toX(segment.start_s), w = plot.toX(segment.stop_s) - x;
+        const x = Math.max(plot.area.left, plot.toX(segment.start_s));
+        const w = Math.min(plot.area.right, plot.toX(segment.stop_s)) - x;
+        if (w <= 0) return;
         element(plot.inside, "rect", { x: x + 0.5, width: Math.max(0.5, w - 1), y: plot.toY(0) + 4, height: 24, style: "fill:var(--raised)" });
         if (w > 8 * segment.kind.length) {
           element(plot.inside, "text", { x: x + w / 2, y: plot.toY(0) + 21, "text-anchor": "middle" }, segment.kind);

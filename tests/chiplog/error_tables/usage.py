@@ -33,7 +33,7 @@ USAGE: tuple[Row, ...] = (
     Row(
         "an argument that is missing",
         "chiplog schema",
-        "missing argument 'SUBJECT'; choose from: robot (see chiplog schema --help)",
+        "missing argument 'SUBJECT'; choose from: robot, diagnosis (see chiplog schema --help)",
     ),
     Row(
         "an argument too many",
