@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus.frames import timestamp_us
-from can_bus.logs.reader import read_log
+from can_bus.logs.candump_columns import parse_plain, text_blocks
+from can_bus.logs.reader import log_format, read_candump_lines, read_log
 from can_bus.specs import MessageSpec
 
 _CLASSIC_BYTES: Final = 8
@@ -66,7 +68,35 @@ def read_log_columns(path: str | Path) -> LogColumns:
 
     Raises CanBusError as `read_log` does.
     """
-    return columns_of(read_log(path))
+    path = Path(path)
+    if log_format(path) != "candump":
+        return columns_of(read_log(path))
+    parts = []
+    line = 1
+    for block in text_blocks(path):
+        plain = parse_plain(block)
+        if plain is None:
+            text = io.StringIO(block.decode("ascii", errors="replace"), newline="\n")
+            parts.append(columns_of(read_candump_lines(path, text, line)))
+        else:
+            every = np.ones(len(plain.length), dtype=np.bool_)
+            parts.append(LogColumns(**vars(plain), is_data=every))
+        line += block.count(b"\n")
+    return _joined(parts)
+
+
+def _joined(parts: list[LogColumns]) -> LogColumns:
+    if len(parts) == 1:
+        return parts[0]
+    width = max((part.data.shape[1] for part in parts), default=_CLASSIC_BYTES)
+    empty = columns_of(())
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in (empty, *parts)])
+        for name in vars(empty)
+        if name != "data"
+    }
+    data = [np.pad(part.data, ((0, 0), (0, width - part.data.shape[1]))) for part in parts]
+    return LogColumns(**columns, data=np.concatenate([np.empty((0, width), np.uint8), *data]))
 
 
 def columns_of(messages: Iterable[can.Message]) -> LogColumns:

@@ -96,13 +96,21 @@ def read_log(path: str | Path) -> Iterator[can.Message]:
 
 def _read_candump(path: Path) -> Iterator[can.Message]:
     with path.open(encoding="ascii", errors="replace", newline="\n") as file:
-        for number, line in enumerate(_bounded_lines(path, file), start=1):
-            if line.strip():
-                message = parse_candump(line, path, number)
-                if not line.endswith("\n"):
-                    # Fewer digits are a shorter frame: nobody can tell what is missing.
-                    raise _bad_line(path, number, line, "an end of line: the log breaks off here")
-                yield message
+        yield from read_candump_lines(path, file)
+
+
+def read_candump_lines(path: Path, file: TextIO, first_line: int = 1) -> Iterator[can.Message]:
+    """Yield the frames of candump text that begins with that line of a log.
+
+    Raises CanBusError naming file and line.
+    """
+    for number, line in enumerate(_bounded_lines(path, file, first_line), start=first_line):
+        if line.strip():
+            message = parse_candump(line, path, number)
+            if not line.endswith("\n"):
+                # Fewer digits are a shorter frame: nobody can tell what is missing.
+                raise _bad_line(path, number, line, "an end of line: the log breaks off here")
+            yield message
 
 
 def parse_candump(line: str, path: Path, number: int) -> can.Message:
@@ -273,9 +281,9 @@ def _unfinished_blf_object(path: Path, objects: bytes) -> bytes | None:
         start = found + size
 
 
-def _bounded_lines(path: Path, file: TextIO) -> Iterator[str]:
+def _bounded_lines(path: Path, file: TextIO, first_line: int = 1) -> Iterator[str]:
     """Yield lines; a file without line ends must not fill the memory."""
-    number = 0
+    number = first_line - 1
     while line := file.readline(_MAX_LINE_CHARACTERS):
         number += 1
         if len(line) == _MAX_LINE_CHARACTERS:

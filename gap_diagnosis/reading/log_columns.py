@@ -9,11 +9,16 @@ from typing import Final
 
 import can
 
-from can_bus import LogColumns, columns_of, read_log
+from can_bus import LogColumns, columns_of, read_log, read_log_columns
 from gap_diagnosis.errors import DiagnosisError
 
 MAX_FRAMES: Final = 20_000_000
 """Frames that are read of one log, some ten hours of ours; each takes 23 bytes here."""
+
+MAX_BYTES: Final = 1 << 30
+"""Size of a log as text; a line of it takes less memory than text."""
+
+_COMPRESSED: Final = (".blf",)
 
 
 def load_columns(path: Path) -> LogColumns:
@@ -22,8 +27,15 @@ def load_columns(path: Path) -> LogColumns:
     Raises CanBusError for a log that cannot be read, DiagnosisError for one that is too long or an
     MF4 file that nothing here can read.
     """
-    messages = _read_mf4(path) if path.suffix.lower() == ".mf4" else read_log(path)
-    return columns_of(_bounded(path, messages))
+    if path.suffix.lower() == ".mf4":
+        return columns_of(_bounded(path, _read_mf4(path)))
+    if path.suffix.lower() in _COMPRESSED:
+        return columns_of(_bounded(path, read_log(path)))
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        raise DiagnosisError(
+            f"{path}: over {MAX_BYTES >> 30} GiB: expected a shorter log, or a part of it"
+        )
+    return read_log_columns(path)
 
 
 def _bounded(path: Path, messages: Iterable[can.Message]) -> Iterator[can.Message]:

@@ -1,0 +1,160 @@
+"""A bus log by ticks: its frames, its clock, and each signal on the rows of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from can_bus import COUNTER_MODULO
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.clock import fit_clock
+from gap_diagnosis.reading.frames import MessageFrames, checked_frames
+from gap_diagnosis.reading.log_columns import load_columns
+from gap_diagnosis.reading.rows import hold, rows_of_ticks
+from gap_diagnosis.reading.ticks import Ticks, unwrap_ticks
+from hil_harness.assembly import Wire
+from hil_harness.robot import Robot
+from hil_harness.signal_map import MappedSignal
+from hil_harness.signal_roles import Role
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_US = 1e-6
+_LEAST_FRAMES = 20
+_LARGEST_SKEW = 0.1
+
+
+class LogByTicks:
+    """One log under way to a recording."""
+
+    def __init__(self, path: Path, robot: Robot, wire: Wire) -> None:
+        self.path, self.plant, self.wire = path, robot.plant, wire
+        self.period_s = wire.tick_period_us * _US
+        columns = load_columns(path)
+        self.frames, self.rejected = checked_frames(columns, wire.database)
+        del columns
+        anchor = self._anchor()
+        self.start_us = int(anchor.stamp_us.min())
+        ticks = self._unwrapped(anchor)
+        self.first_tick = int(ticks.tick.min())
+        self.clock = fit_clock(ticks.tick, ticks.segment, self._seconds(anchor), self.period_s)
+        self._refuse_other_period(anchor)
+        self.anchor, self.anchor_ticks = anchor, ticks
+        self.ticks = {
+            name: ticks if frames is anchor else self._aligned(frames)
+            for name, frames in self.frames.items()
+        }
+        self.rows = rows_of_ticks(ticks.tick, ticks.segment, self.period_s)
+
+    def _anchor(self) -> MessageFrames:
+        """Return the frames of the left wheel's message, whose cycle is the tick."""
+        wheels = self.wire.signal_map["left_count"].message
+        found = self.frames.get(wheels.name)
+        if found is None or len(found) < _LEAST_FRAMES:
+            there = ", ".join(self.frames) or "nothing that the DBC knows"
+            refused = ", ".join(f"{why} {count}" for why, count in self.rejected.items() if count)
+            raise DiagnosisError(
+                f"{self.path}: {0 if found is None else len(found)} frames of {wheels.name}: "
+                f"expected at least {_LEAST_FRAMES}, as the wheels lie in it; the log has {there}"
+                + (f" (refused: {refused})" if refused else "")
+            )
+        return found
+
+    def _refuse_other_period(self, anchor: MessageFrames) -> None:
+        apart_s = self.clock.tick_s
+        if anchor.counter is None:
+            apart_s = max(apart_s, float(np.median(np.diff(anchor.stamp_us))) * _US)
+        if abs(apart_s / self.period_s - 1) > _LARGEST_SKEW:
+            raise DiagnosisError(
+                f"{self.path}: {anchor.spec.name} comes every {apart_s * 1e3:.3g} ms, "
+                f"{self.wire.database.path.name} says {self.period_s * 1e3:.3g} ms: expected its "
+                "GenMsgCycleTime in the DBC"
+            )
+
+    def _seconds(self, frames: MessageFrames) -> Floats:
+        return np.asarray((frames.stamp_us - self.start_us) * _US, dtype=np.float64)
+
+    def cycle_ticks(self, frames: MessageFrames) -> int:
+        """Return the ticks from one frame of a message to the next; 1 where it is not cyclic."""
+        cycle_us = frames.spec.cycle_time_us or self.wire.tick_period_us
+        return max(1, round(cycle_us / self.wire.tick_period_us))
+
+    def _unwrapped(self, frames: MessageFrames) -> Ticks:
+        stamps, counter, said = self._seconds(frames), frames.counter, frames.payload
+        order = None
+        if counter is None and np.any(np.diff(stamps) < 0):
+            order = np.argsort(stamps, kind="stable")
+            stamps, said = stamps[order], said[order]
+        ticks = unwrap_ticks(
+            stamps,
+            counter,
+            modulo=frames.modulo,
+            cycle_ticks=self.cycle_ticks(frames),
+            period_s=self.period_s,
+            repeats=np.concatenate(([False], said[1:] == said[:-1])),
+        )
+        if order is None:
+            return ticks
+        back = np.argsort(order)
+        return Ticks(ticks.tick[back], ticks.segment[back])
+
+    def _aligned(self, frames: MessageFrames) -> Ticks:
+        """Unwrap another message's ticks, and count them as the left wheel's message does."""
+        own = self._unwrapped(frames)
+        stamps = self._seconds(frames)
+        starts = self.clock.time_s(self._segment_starts(), np.arange(len(self.clock.start_s)))
+        segment = np.maximum(np.searchsorted(starts, stamps, side="right") - 1, 0)
+        away = self.clock.tick(stamps, segment) - own.tick
+        tick = own.tick.copy()
+        shared = _is_shared(frames) and _is_shared(self.anchor)
+        for number in np.unique(segment):
+            here = segment == number
+            lag = float(np.median(away[here]))
+            if frames.counter is not None and shared:
+                wanted = self._counter_offset(int(number))
+                wanted -= int(tick[here][0] - frames.counter[here][0])
+                shift = wanted + COUNTER_MODULO * round((lag - wanted) / COUNTER_MODULO)
+            else:
+                shift = round(lag)
+            tick[here] += shift
+        return Ticks(tick, segment.astype(np.int64))
+
+    def _segment_starts(self) -> Ints:
+        segment, tick = self.anchor_ticks.segment, self.anchor_ticks.tick
+        return np.array([tick[segment == n].min() for n in range(int(segment.max()) + 1)])
+
+    def _counter_offset(self, segment: int) -> int:
+        assert self.anchor.counter is not None  # asked for shared counters only
+        row = int(np.argmax(self.anchor_ticks.segment == segment))
+        return int(self.anchor_ticks.tick[row] - self.anchor.counter[row])
+
+    def log_seconds(self, ticks: Ticks) -> Floats:
+        """Return the log time of ticks, jitter taken out."""
+        return self.clock.time_s(ticks.tick, ticks.segment) + self.start_us * _US
+
+    def on_rows(self, role: Role) -> tuple[MappedSignal, Floats] | None:
+        """Return a role's raw values on the rows: the first frame of each tick, else NaN."""
+        mapped = self.wire.signal_map.get(role)
+        if mapped is None or mapped.message.name not in self.frames:
+            return None
+        name = mapped.message.name
+        raw = self.frames[name].raw[mapped.signal.name]
+        return mapped, self.rows.place(self.ticks[name].tick, raw)
+
+    def held(self, role: Role) -> tuple[MappedSignal, Floats] | None:
+        """Return a role's raw values held from frame to frame; NaN before the first."""
+        mapped = self.wire.signal_map.get(role)
+        if mapped is None or mapped.message.name not in self.frames:
+            return None
+        name = mapped.message.name
+        raw = self.frames[name].raw[mapped.signal.name]
+        return mapped, hold(self.ticks[name].tick, raw, self.rows.tick)
+
+
+def _is_shared(frames: MessageFrames) -> bool:
+    """Tell whether the counter is the tick counter that the frames of one tick share."""
+    e2e = frames.spec.e2e
+    return frames.counter is not None and e2e is not None and e2e.counter_signal == "tick_counter"
