@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.firmware.candidates import EFFECTS
-from gap_diagnosis.firmware.comparison import cut_windows, misfit
+from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_scores
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
 from gap_diagnosis.firmware.inputs import recorded_odometry, replay_inputs
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
@@ -23,6 +24,8 @@ from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
 _LIMIT: Final = 1e4
+_GYRO_LATE: Final = (1, 2, -1)
+_LATE_NATS: Final = 30.0
 
 
 class FirmwareBlock:
@@ -102,13 +105,36 @@ def firmware_block(recording: Recording, robot: Robot, wire: Wire) -> FirmwareBl
     windows = cut_windows(odometry, recording.t_s)
     if windows.count == 0:
         return None
-    steps = float_steps(inputs)
-    lag = best_lag(steps, windows, inputs.at_row)
+    lag = best_lag(float_steps(inputs), windows, inputs.at_row)
     places = np.clip(inputs.at_row - lag, 0, inputs.ticks - 1)
-    described = replay(inputs, Program(inputs.config), Start())[places]
-    start = find_start(inputs, odometry, described)
-    if start.pose is not None:
-        start = replace(start, tick=max(start.tick - lag, 0))
-        described = replay(inputs, Program(inputs.config), start)[places]
-    bench = Workbench(inputs, windows, start, places, steps, described, recording.t_s)
-    return FirmwareBlock(bench)
+
+    def bench(gyro_late: int) -> Workbench:
+        late = inputs.with_gyro_late(gyro_late)
+        described = replay(late, Program(late.config), Start())[places]
+        start = find_start(late, odometry, described)
+        if start.pose is not None:
+            start = replace(start, tick=max(start.tick - lag, 0))
+            described = replay(late, Program(late.config), start)[places]
+        whole = replace(windows, from_power_on=start.pose is None)
+        steps = float_steps(late)
+        return Workbench(late, whole, start, places, steps, described, recording.t_s)
+
+    return FirmwareBlock(_in_step(bench))
+
+
+def _in_step(bench: Callable[[int], Workbench]) -> Workbench:
+    """Return the bench whose gyro samples are used in the tick that explains the turns best.
+
+    A gyro frame that is later on the bus than the encoder's is used a tick later: nothing that the
+    firmware does. It takes a clear improvement to assume it.
+    """
+    plain = bench(0)
+    if plain.is_equal(plain.described):
+        return plain
+    best, most = plain, float(np.sum(turn_scores(plain.windows, plain.described))) + _LATE_NATS
+    for late in _GYRO_LATE:
+        one = bench(late)
+        turns = float(np.sum(turn_scores(one.windows, one.described)))
+        if turns > most:
+            best, most = one, turns
+    return best

@@ -198,6 +198,15 @@ class RealParameter:
             {self.name: width},
         )
 
+    def unseen(self) -> Candidate:
+        """Return the candidate that stands for values too small for any log, with their share."""
+        return Candidate(
+            {**self.values, self.name: 0.0},
+            {},
+            self.log_prior + math.log(0.1),
+            {self.name: self.small},
+        )
+
 
 def smooth(effect: str, described: KernelConfig) -> list[RealParameter]:
     """Return the smooth parameters of an effect, one for each value of its choices."""

@@ -33,6 +33,7 @@ _LEAST_M: Final = 1e-6
 _LEAST_RAD: Final = 1e-5
 
 _EXACT_QUANTA: Final = 3.0
+_CARRIED_QUANTA: Final = 10.0
 _EQUAL_QUANTA: Final = 0.51
 _EQUAL_NATS: Final = 20.0
 _WEIGHT_EQUAL: Final = 0.3
@@ -54,6 +55,9 @@ class Windows:
         motion: float64[w, 3], recorded forward [m], left [m], turn [rad] in each.
         floor: float64[w, 3], misfit that makes no practical difference.
         quantum: float64[3], resolution of the record: of x, y and heading.
+        pose: float64[r, 3], the record.
+        from_power_on: the replay begins with the ECU. Else the remainders that it carried into the
+            log are unknown, and the last digits prove nothing.
     """
 
     rows: Ints
@@ -63,6 +67,7 @@ class Windows:
     floor: Floats
     quantum: Floats
     pose: Floats
+    from_power_on: bool = True
 
     @property
     def count(self) -> int:
@@ -81,6 +86,7 @@ class Windows:
             self.floor[kept],
             self.quantum,
             self.pose[:end],
+            self.from_power_on,
         )
 
 
@@ -159,7 +165,8 @@ def turn_scores(windows: Windows, replayed: Floats) -> Floats:
 def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> Floats:
     off = np.where(np.isfinite(off), off, 1e30)
     z = np.abs(off) / windows.floor
-    digits = _EXACT_QUANTA * windows.quantum
+    digits = (_EXACT_QUANTA if windows.from_power_on else _CARRIED_QUANTA) * windows.quantum
+    equal = equal & windows.from_power_on
     exact = np.abs(off) <= digits
     per_digit = np.log(windows.floor / (2.0 * digits))
     log_wild = math.log(_WEIGHT_WILD) + _log_wild(z)

@@ -177,10 +177,9 @@ def _path(path_m: Floats, rows: Ints) -> Floats:
 def recorded_path(pose: Floats) -> Floats:
     """Return the signed path from the first row: float64[r]; back along the heading is negative."""
     step = np.diff(pose, axis=0, prepend=pose[:1])
-    ahead = np.cos(pose[:, 2]) * step[:, 0] + np.sin(pose[:, 2]) * step[:, 1]
-    return np.asarray(
-        np.cumsum(np.where(ahead < 0.0, -1.0, 1.0) * np.hypot(step[:, 0], step[:, 1]))
-    )
+    # Linear in the steps, so that coarse digits do not add up to a longer path.
+    along = pose[:, 2] - 0.5 * step[:, 2]
+    return np.asarray(np.cumsum(np.cos(along) * step[:, 0] + np.sin(along) * step[:, 1]))
 
 
 def best_lag(steps: Steps, windows: Windows, at_row: Ints, most: int = 3) -> int:

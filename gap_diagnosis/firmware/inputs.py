@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -47,6 +47,15 @@ class ReplayInputs:
     def ticks(self) -> int:
         """How many ticks there are."""
         return len(self.left_count)
+
+    def with_gyro_late(self, ticks: int) -> ReplayInputs:
+        """Return inputs where each gyro sample is used so many ticks later; below 0, earlier."""
+        if ticks == 0:
+            return self
+        code, validity = np.roll(self.gyro_code, ticks), np.roll(self.gyro_validity, ticks)
+        empty = slice(None, ticks) if ticks > 0 else slice(ticks, None)
+        code[empty], validity[empty] = 0, STALE
+        return replace(self, gyro_code=code, gyro_validity=validity)
 
 
 @dataclass(frozen=True)

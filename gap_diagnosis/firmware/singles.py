@@ -49,6 +49,7 @@ _BEST_FOREIGN: Final = 3
 _SCREENED_TICKS: Final = 2_500
 _KEPT_AFTER_SCREEN: Final = 16
 _SCREEN_NATS: Final = 200.0
+_ANY_SIZE: Final = 0.01
 _LEAST_WIDTH: Final = 2.0**-46
 _NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
 
@@ -196,7 +197,8 @@ class Singles:
         bench = self.bench
 
         changes: Mapping[str, Any] = {} if beside is None else beside.changes
-        timing: Mapping[str, Any] = {} if beside is None else beside.timing
+        timing = {} if self._offset is None else {"offset_lsb": self._offset}
+        timing |= {} if beside is None else beside.timing
 
         def pose_at(value: float) -> Floats | None:
             program = bench.program(
@@ -205,18 +207,21 @@ class Singles:
             return None if program is None else bench.poses(program)
 
         if self.is_equal:
-            return [parameter.at(parameter.small, parameter.small)]
+            # One value speaks for all: either the log shows each of them, or none.
+            return [parameter.at(_ANY_SIZE, parameter.large)]
         best = bench.solve(pose_at, parameter.low, parameter.high)
+        if abs(best) < parameter.small:
+            return [parameter.unseen()]
         values = [best]
         if (pose := pose_at(best)) is not None and bench.is_near(pose):
             spread = max(abs(best), 1.0)
             values += [best + step * spread for step in _NEIGHBOURS]
             values += [round(best, digits) for digits in range(3, 12)]
-        width = max(_LEAST_WIDTH, 0.5 * self._resolution(parameter))
+        width = max(_LEAST_WIDTH, 2.0 * self._resolution())
         kept = {value for value in values if parameter.low <= value <= parameter.high and value}
         return [parameter.at(value, width) for value in sorted(kept)]
 
-    def _resolution(self, parameter: RealParameter) -> float:
+    def _resolution(self) -> float:
         """Return about how finely the record tells a constant: a digit over path and turn."""
         windows = self.bench.windows
         path_m = float(np.sum(np.hypot(*np.diff(windows.pose[:, :2], axis=0).T))) + 1e-9
