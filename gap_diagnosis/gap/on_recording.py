@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -35,6 +36,7 @@ from gap_diagnosis.result_parts import Metric
 from hil_harness.robot import Robot
 
 _QUANTUM: Final = 1 / 12
+"""Variance of rounding to whole counts."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,15 @@ class Replayed:
 
 def levels_of(levels: Floats, robot: Robot) -> NoiseLevels:
     """Return the motion block's levels, float64[8], with the encoder's noise of the description."""
-    encoder = robot.plant.encoder
-    quantum = (_QUANTUM + encoder.noise_ticks**2) ** 0.5 * 2 * np.pi / encoder.ticks_per_rev
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
-    return NoiseLevels(**named, slow_s=SLOW_S, quantum_rad=quantum)
+    return NoiseLevels(**named, slow_s=SLOW_S, quantum_rad=_quantum_rad(robot))
+
+
+def _quantum_rad(robot: Robot) -> float:
+    """Return quantisation and noise of one reading of a wheel's angle, standard deviation."""
+    encoder = robot.plant.encoder
+    counts = math.sqrt(_QUANTUM + encoder.noise_ticks**2)
+    return counts * math.tau / encoder.ticks_per_rev
 
 
 def windows_on(motion: Motion, held_out: NDArray[np.bool_] | None = None) -> tuple[Window, ...]:
@@ -91,7 +98,8 @@ def measure(
     if drive is not None:
         wheels = predict(motion)
         measured = Path(motion.t_s, *wheels.path())
-        compared["drive_position_m"] = _replayed(motion.t_s, drive, measured, windows)
+        quantum_m = motion.radius_m * _quantum_rad(robot)
+        compared["drive_position_m"] = _replayed(motion.t_s, drive, measured, windows, quantum_m)
     if firmware is not None:
         odometry = recorded_odometry(recording)
         if odometry is not None:
@@ -210,9 +218,13 @@ def _floor_of(floor: Floor, name: str) -> Floats:
 
 
 def _replayed(
-    t_s: Floats, replayed: Replayed, measured: Path, windows: Sequence[Window]
+    t_s: Floats,
+    replayed: Replayed,
+    measured: Path,
+    windows: Sequence[Window],
+    noise_m: float = 0.0,
 ) -> Compared:
-    """Compare simulations whose noise is that of the measured signal's last digit: floor 0."""
+    """Compare simulations with a measured path whose samples are off by white noise only."""
 
     def errors(columns: Floats) -> WindowErrors:
         good = np.isfinite(columns).all(1)
@@ -220,7 +232,7 @@ def _replayed(
 
     before = errors(replayed.before)
     after = None if replayed.after is None else errors(replayed.after)
-    return Compared(before, after, np.zeros((1, len(before.mean_square))))
+    return Compared(before, after, np.full((1, len(before.mean_square)), noise_m**2))
 
 
 def _timing(

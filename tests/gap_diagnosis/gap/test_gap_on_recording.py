@@ -11,6 +11,7 @@ import pytest
 from gap_cases import LEVELS, drives, setting
 
 from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
@@ -124,12 +125,25 @@ def test_odometry_frames_that_a_replay_meets_have_no_firmware_gap() -> None:
     assert other["firmware_position_m"].closed == pytest.approx(1, abs=1e-9)
 
 
-def test_a_simulation_of_the_commands_is_held_against_the_wheels() -> None:
+def test_the_true_lag_closes_the_gap_between_commands_and_wheels() -> None:
+    lag = {"drive_lag.time_constant": 0.1}
+    robot, [(recording, motion)] = drives("random", "drive_lag", time_constant=0.1)
+    before, after = commanded_path(recording, robot), commanded_path(recording, robot, lag)
+    assert before is not None
+    windows = windows_on(motion)
+    metrics = measure(recording, robot, motion, windows, drive=Replayed(before, after))
+    gap = gap_of(metrics, "actuation", "stretches")
+    assert gap is not None
+    assert gap.metric == "drive_position_m"
+    assert gap.closed == pytest.approx(1, abs=0.1)
+
+
+def test_the_described_drive_follows_the_commands_to_the_floor() -> None:
     robot, [(recording, motion)] = drives("random")
-    wheels = np.cumsum(0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad))
-    late = np.column_stack([0.98 * wheels, 0 * wheels, 0 * wheels])
-    metrics = measure(recording, robot, motion, windows_on(motion), drive=Replayed(late))
-    assert metrics["drive_position_m"].before > 0.01
+    path = commanded_path(recording, robot)
+    assert path is not None
+    found = measure(recording, robot, motion, windows_on(motion), drive=Replayed(path))
+    assert found["drive_position_m"].before < 3e-4
 
 
 def test_posterior_draws_widen_the_interval_of_closed() -> None:
