@@ -18,7 +18,7 @@ from gap_diagnosis.reading.counts import unwrap_counts
 from gap_diagnosis.reading.wheels import fastest_ticks
 from gap_diagnosis.recording import FrameTimes, Recording, Reference
 from hil_harness.assembly import Wire
-from hil_harness.effect_runs import EffectRun, run_with_effects
+from hil_harness.effect_runs import EffectRun, answer_ticks, run_with_effects
 from hil_harness.effects import EffectSetting
 from hil_harness.effects.model import Effect
 from hil_harness.effects.reference_errors import correlated_noise, measure_over_time
@@ -136,8 +136,9 @@ def _recording(
     there = np.isfinite(stamps)
     clock = _clock(run, wheels.name, ticks[there], stamps[there], period_s)
     period, fastest = float(1 << plant.encoder.counter_bits), fastest_ticks(plant, period_s)
-    v_m_s, w_rad_s = run.commands.T
-    odometry = np.where(run.executed[:, np.newaxis], run.pose, np.nan)
+    v_m_s = rows.of_command("v_command", run.commands[:, 0])
+    w_rad_s = rows.of_command("w_command", run.commands[:, 1])
+    odometry = rows.odometry()
     first = int(np.argmax(there))
     last = len(there) - int(np.argmax(there[::-1]))
     part = slice(first, last)
@@ -191,7 +192,9 @@ class _Rows:
 
     def _came(self, spec: MessageSpec) -> tuple[Ints, Ints, Floats]:
         """Return whose frame, whose payload [ticks] and the stamp of each frame, as they came."""
-        sent = self._sent(spec)
+        return self._landed(spec, self._sent(spec))
+
+    def _landed(self, spec: MessageSpec, sent: Ints) -> tuple[Ints, Ints, Floats]:
         arrivals = self._run.arrivals.get(spec.name)
         if arrivals is None:
             time_us = sent * self._wire.tick_period_us
@@ -207,6 +210,25 @@ class _Rows:
         rows[frame[::-1]] = values[::-1]
         return rows
 
+    def odometry(self) -> Floats:
+        """Return the pose that the firmware's frames said in each tick: float64[n, 3]."""
+        run, rows = self._run, np.full((self._ticks, 3), np.nan)
+        for column, role in enumerate(ODOMETRY_ROLES):
+            mapped = self._wire.signal_map.get(role)
+            if mapped is None:
+                continue
+            _, payload, _ = self._answered(mapped.message)
+            frame = run.answer_tick[payload]
+            known = frame < self._ticks
+            values = run.pose[payload[known], column]
+            rows[:, column] = self._first(frame[known], values)
+        return rows
+
+    def _answered(self, spec: MessageSpec) -> tuple[Ints, Ints, Floats]:
+        """As `_came`, for a message of the firmware."""
+        sent = answer_ticks(spec, self._wire, self._run.executed)
+        return self._landed(spec, sent)
+
     def of_role(self, role: Role, values: Ints) -> Floats:
         """Return what a sensor's frames said in each tick, NaN where none came."""
         mapped = self._wire.signal_map.get(role)
@@ -214,6 +236,14 @@ class _Rows:
             return values.astype(np.float64)
         frame, payload, _ = self._came(mapped.message)
         return self._first(frame, values[payload].astype(np.float64))
+
+    def of_command(self, role: Role, values: Floats) -> Floats:
+        """Return the command that the frames so far say is in force in each tick."""
+        mapped = self._wire.signal_map.get(role)
+        if mapped is None or mapped.message.name not in self._run.arrivals:
+            return values
+        frame, payload, _ = self._came(mapped.message)
+        return _held(self._first(frame, values[payload]))
 
     def stamps(self, spec: MessageSpec) -> Floats:
         """Return the stamps of a message's frames in each tick, NaN where none came."""
@@ -243,13 +273,12 @@ class _Rows:
                     word = word * np.uint64(0x100000001B3) ^ part
             found[spec.name] = _frame_times(spec, frame - first, stamp_s, word)
         for spec in signals.messages(ODOMETRY_ROLES):
-            frame = self._sent(spec)
-            frame = frame[run.executed[frame]]
-            stamp_s = np.rint(run.time_s[frame] / _US) * _US
+            frame, payload, stamp_s = self._answered(spec)
             roles = [role for role in ODOMETRY_ROLES if signals[role].message is spec]
-            columns = np.ascontiguousarray(run.pose[frame][:, [ODOMETRY_ROLES.index(roles[0])]])
+            columns = np.ascontiguousarray(run.pose[payload][:, [ODOMETRY_ROLES.index(roles[0])]])
             word = columns.view(np.uint64)[:, 0]
-            found[spec.name] = _frame_times(spec, frame - first, stamp_s, word)
+            counter = run.answer_tick[frame] - first
+            found[spec.name] = _frame_times(spec, counter, stamp_s, word)
         return found
 
 

@@ -21,6 +21,7 @@ from hil_harness.firmware_program import AS_DESCRIBED, FirmwareProgram, run_prog
 from hil_harness.kernel_inputs import KERNEL_ROLES
 from hil_harness.nodes.plant import COMMAND_ROLES
 from hil_harness.nodes.schedule import cycle_of
+from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
 from hil_harness.sensor_frames import SENSOR_ROLES
@@ -45,6 +46,8 @@ class EffectRun:
         arrivals: per disturbed message, which of its frames came when.
         pose: float64[n, 3], the firmware's, heading unwrapped.
         executed: bool[n], whether the firmware answered in that tick.
+        answer_tick: int64[n], the tick whose counter its answer carries: that of the encoder frame
+            it has used, or one more than before while there is none.
     """
 
     settings: Settings
@@ -59,6 +62,7 @@ class EffectRun:
     arrivals: Mapping[str, Arrivals]
     pose: Floats
     executed: Bools
+    answer_tick: Ints
 
 
 def sensor_messages(wire: Wire) -> tuple[str, ...]:
@@ -117,6 +121,8 @@ def run_with_effects(
         arrivals = {} if traffic is None else _arrivals(traffic, wire, count)
         inputs = _kernel_inputs(wire, arrivals, left, right, gyro)
         pose, executed = _firmware(settings, robot, wire, inputs, seed, plain)
+        if traffic is not None:
+            arrivals |= _answer_arrivals(traffic, wire, executed)
         tick_s = period_us * 1e-6 / (1.0 + settings.plant.clock_skew)
         assert plant.temperature_code is not None  # asked for
         assert plant.supply_code is not None  # likewise
@@ -134,6 +140,7 @@ def run_with_effects(
                 arrivals=arrivals,
                 pose=pose,
                 executed=executed,
+                answer_tick=_answer_ticks(wire, arrivals, count),
             )
         )
     return runs
@@ -152,6 +159,24 @@ def _arrivals(traffic: Traffic, wire: Wire, ticks: int) -> dict[str, Arrivals]:
             every, phase = cycle_of(spec, wire.tick_period_us)
             sent_us = np.arange(phase, ticks, every, dtype=np.int64) * wire.tick_period_us
             found[spec.name] = traffic.arrivals(spec.name, sent_us)
+    return found
+
+
+def answer_ticks(spec: MessageSpec, wire: Wire, executed: Bools) -> Ints:
+    """Return the ticks in which the firmware sends a message."""
+    every, phase = cycle_of(spec, wire.tick_period_us)
+    due = np.arange(phase, len(executed), every, dtype=np.int64)
+    sent: Ints = due[executed[due]]
+    return sent
+
+
+def _answer_arrivals(traffic: Traffic, wire: Wire, executed: Bools) -> dict[str, Arrivals]:
+    """Return the fates of the frames of every disturbed message that the firmware sends."""
+    found = {}
+    for spec in wire.signal_map.messages(ODOMETRY_ROLES):
+        if traffic.touches(spec.name):
+            sent = answer_ticks(spec, wire, executed)
+            found[spec.name] = traffic.arrivals(spec.name, sent * wire.tick_period_us)
     return found
 
 
@@ -175,7 +200,7 @@ def _kernel_inputs(
         if spec.name not in arrivals and every == 1:
             continue
         if spec.name not in accepted:
-            accepted[spec.name] = _accepted(spec, arrivals.get(spec.name), wire, ticks)
+            accepted[spec.name] = _accepted(spec, arrivals.get(spec.name), wire, ticks)[1]
         payload = accepted[spec.name]
         fresh[role] = payload >= 0
         sampled = phase + np.maximum(payload, 0) * every
@@ -187,8 +212,23 @@ def _kernel_inputs(
     ).astype(np.int64)
 
 
-def _accepted(spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: int) -> Ints:
-    """Return int64[ticks]: whose payload the node believes in each tick, -1 for nobody's.
+def _answer_ticks(wire: Wire, arrivals: Mapping[str, Arrivals], ticks: int) -> Ints:
+    wheels = wire.signal_map["left_count"].message
+    if wheels.name not in arrivals or not wheels.is_protected:
+        return np.arange(ticks, dtype=np.int64)
+    every, phase = cycle_of(wheels, wire.tick_period_us)
+    frame = _accepted(wheels, arrivals[wheels.name], wire, ticks)[0]
+    tick = np.arange(ticks, dtype=np.int64)
+    # Since the last frame that was used the node counts by itself.
+    last = np.maximum.accumulate(np.where(frame >= 0, tick, -1))
+    used = phase + frame[np.maximum(last, 0)] * every
+    return np.where(last >= 0, used + tick - last, tick)
+
+
+def _accepted(
+    spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: int
+) -> tuple[Ints, Ints]:
+    """Return int64[ticks] twice: which frame the node believes, whose payload; -1 for none.
 
     As `FrameChecker`: of a protected message only frames in sequence; the newest of a tick counts.
     """
@@ -197,7 +237,8 @@ def _accepted(spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: i
     newest = np.full(ticks, -1, dtype=np.int64)
     if arrivals is None:
         newest[phase::every] = np.arange(len(newest[phase::every]))
-        return newest
+        return newest, newest
+    which = newest.copy()
     check = None if spec.e2e is None else CounterCheck(spec.e2e)
     cycle_us = spec.cycle_time_us
     last_us: int | None = None
@@ -216,8 +257,9 @@ def _accepted(spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: i
             last_us = now_us
             if not check.check((phase + frame * every) % COUNTER_MODULO).is_accepted:
                 continue
+        which[tick] = frame
         newest[tick] = payload
-    return newest
+    return which, newest
 
 
 def _firmware(
