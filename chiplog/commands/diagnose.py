@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from chiplog.commands.options import DbcOption, RobotOption, SignalsOption
+from chiplog.commands.options import DbcOption, EffectLibraryOption, RobotOption, SignalsOption
 from chiplog.commands.output import STANDARD_OUTPUT
 from chiplog.errors import CommandError
 
@@ -54,12 +54,7 @@ def command(
         Path | None,
         typer.Option("--html", metavar="OUT.html", help="Write a page that shows it."),
     ] = None,
-    effect_library: Annotated[
-        Path | None,
-        typer.Option(
-            "--effect-library", metavar="FILE.py", help="Effects of your own (runs the file)."
-        ),
-    ] = None,
+    effect_library: EffectLibraryOption = None,
     write_effects: Annotated[
         Path | None,
         typer.Option(
