@@ -90,6 +90,22 @@ def test_the_floor_is_what_drives_without_an_effect_leave(mode: str) -> None:
         assert math.sqrt(before / floor) == pytest.approx(1, abs=0.12)
 
 
+def test_the_floor_also_holds_where_the_reference_has_positions_only() -> None:
+    robot, made = drives("random", mode="gyro", count=30)
+    squares = []
+    for recording, motion in made:
+        assert recording.reference is not None
+        points = replace(recording.reference, heading_rad=None)
+        alone = replace(recording, reference=points)
+        found = compare(alone, robot, motion, windows_on(motion), levels=LEVELS)
+        assert "odometry_heading_rad" not in found
+        one = found["odometry_position_m"]
+        assert one.floor is not None
+        squares.append((float(one.before.mean_square.mean()), float(one.floor.mean())))
+    before, floor = np.array(squares).mean(0)
+    assert math.sqrt(before / floor) == pytest.approx(1, abs=0.12)
+
+
 def test_the_floor_is_the_same_each_time() -> None:
     robot, [(recording, motion)] = drives("figure8")
     windows = windows_on(motion)
