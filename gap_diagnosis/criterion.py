@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -15,7 +16,7 @@ from typing import Final
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import Metric
+from gap_diagnosis.result_parts import LogFacts, Metric
 
 METRICS: Final = MappingProxyType(
     {
@@ -148,13 +149,18 @@ def judge(bound: Bound, diagnosis: Diagnosis) -> Judgement:
     metric = metrics[name]
     if bound.per is None:
         return Judgement(bound, metric.before, metric.before <= bound.limit, None)
-    window = _window(bound, metric)
+    window = _window(bound, metric, diagnosis.logs)
     value = metric.before * bound.per / window
     return Judgement(bound, value, value <= bound.limit, window)
 
 
-def _window(bound: Bound, metric: Metric) -> float:
-    """Return the windows' length; by definition 5 m or 10 s where the metric does not tell."""
+def _window(bound: Bound, metric: Metric, logs: Sequence[LogFacts]) -> float:
+    """Return the windows' mean length; by the logs' mean speed where the metric does not tell."""
+    told = metric.window_m if bound.span == "m" else metric.window_s
+    if told is not None:
+        return told
+    driven_m = math.fsum(log.distance_m or 0.0 for log in logs)
+    lasted_s = math.fsum(log.duration_s for log in logs)
     if bound.span == "m":
-        return metric.window_m or WINDOW_M
-    return metric.window_s or WINDOW_S
+        return min(WINDOW_M, WINDOW_S * driven_m / lasted_s) if driven_m else WINDOW_M
+    return min(WINDOW_S, WINDOW_M * lasted_s / driven_m) if driven_m else WINDOW_S

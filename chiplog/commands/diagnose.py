@@ -141,9 +141,8 @@ def diagnose_shown(
     effect_library: Path | None = None,
 ) -> Report:
     """Diagnose with a progress bar on the terminal."""
-    from gap_diagnosis.diagnose import diagnose
-
     from chiplog.terminal import progress
+    from gap_diagnosis.diagnose import diagnose
 
     with progress("diagnosing", 1000) as bar:
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from gap_diagnosis.criterion import METRICS, Bound, judge, parse_bound, parse_criterion
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.result_parts import LogFacts
 
 SIZES = st.floats(1e-9, 1e9)
 BOUNDS = st.builds(
@@ -96,6 +97,24 @@ def test_the_gap_as_described_counts_not_the_one_that_effects_leave() -> None:
 def test_a_bound_per_time_uses_the_windows_seconds() -> None:
     judgement = judge(parse_bound("heading", "2 deg per min"), samples.diagnosis())
     assert judgement.value == pytest.approx(0.02 * 60 / 9)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "window_m", "window_s"), [(0.25, 2.5, 10.0), (2.0, 5.0, 2.5), (None, 5.0, 10.0)]
+)
+def test_windows_of_unknown_length_are_those_of_the_mean_speed(
+    speed_m_s: float | None, window_m: float, window_s: float
+) -> None:
+    distance_m = None if speed_m_s is None else 40 * speed_m_s
+    facts = LogFacts(name="run.log", duration_s=40.0, ticks=4000, distance_m=distance_m)
+    whole = samples.gap()
+    bare = {
+        name: one.model_copy(update={"window_m": None, "window_s": None})
+        for name, one in whole.all.items()
+    }
+    found = samples.diagnosis(gap=whole.model_copy(update={"all": bare}), logs=(facts,))
+    assert judge(parse_bound("position", "1 m per m"), found).scaled == window_m
+    assert judge(parse_bound("position", "1 m per s"), found).scaled == window_s
 
 
 @pytest.mark.parametrize(
