@@ -41,15 +41,17 @@ def command(
     from gap_diagnosis.reading.table_file import is_table
 
     given = parse_known(known or [])
+    if out is not None and out.exists():
+        raise CommandError(f"{out} exists: expected a new file, or remove it first")
     database = None if is_table(log) else load_database(dbc)
     found, guesses, text = propose_map(log, database, given)
     roles = {guess.signal.path: guess for guess in guesses.values()}
     show_table(HEAD, [_row(signal, roles) for signal in found.values()])
     if out is not None:
-        if out.exists():
-            raise CommandError(f"{out} exists: expected a new file, or remove it first")
         out.write_text(text, encoding="utf-8")
-        show_line(f"{out}: {len(guesses)} roles; check the lines marked GUESS")
+        guessed = sum(not guess.is_certain for guess in guesses.values())
+        check = f"; check the {guessed} marked GUESS" if guessed else ""
+        show_line(f"{out}: {len(guesses)} roles{check}")
     else:
         show_line("")
         for line in text.splitlines():

@@ -137,6 +137,10 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
             wrap=_visible_wrap(values[known]),
             rate_hz=_rate(time_s[known]),
         )
+    if not found:
+        raise DiagnosisError(
+            f"{table}: no column with {_LEAST_SAMPLES} numbers: expected a table of a drive"
+        )
     return found
 
 

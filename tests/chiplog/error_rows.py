@@ -7,7 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from error_tables import buses, devices, diagnosis, files, formats, logs, rig, usage, wire
+from error_tables import (
+    buses,
+    devices,
+    diagnosis,
+    files,
+    formats,
+    logs,
+    recordings,
+    rig,
+    usage,
+    wire,
+)
 from error_tables.row import Row
 
 from hil_harness.devices import include_dir
@@ -22,6 +33,7 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
     "Firmware under test": devices.FIRMWARE_UNDER_TEST,
     "Bus": buses.BUS,
     "Logs": logs.LOGS,
+    "Recordings": recordings.RECORDINGS,
     "Diagnosis": diagnosis.DIAGNOSIS,
     "Output": logs.OUTPUT,
 }

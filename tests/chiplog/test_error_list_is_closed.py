@@ -52,7 +52,6 @@ UNLISTED = {
     "a table's map: no command reads one yet": {
         "hil_harness/signal_map.py:load_table_map",
         "hil_harness/table_map.py:_clock",
-        "hil_harness/table_map.py:_complete",
         "hil_harness/table_map.py:_mapped",
     },
     "takes an installation, a load or a moment that no row can name; tested where it is raised": {

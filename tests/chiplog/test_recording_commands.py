@@ -1,0 +1,58 @@
+"""`chiplog encode` and `chiplog map`: a table becomes a log, and the log says what is in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from command_line import Chiplog
+
+
+def write_table(folder: Path, header: str = "t_s,left_ticks,right_ticks,gyro_code") -> None:
+    rows = [f"{k / 100},{30 * k + k * k // 9},{32 * k},{32768 + k}" for k in range(300)]
+    (folder / "table.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+
+
+def test_a_table_is_encoded_and_what_it_lacks_is_said(chiplog: Chiplog, tmp_path: Path) -> None:
+    write_table(tmp_path)
+    said = chiplog("encode", "table.csv", "--out", "bus.log")
+    assert said.status == 0
+    assert said.out.splitlines() == [
+        "bus.log: 600 frames of 300 ticks",
+        "left out, without a column: COMMAND, ENVIRONMENT, ODOMETRY_HEADING, ODOMETRY_X, "
+        "ODOMETRY_Y, REFERENCE_POSE",
+        "sent as not available, without a column: IMU.accel_x_raw, IMU.accel_y_raw",
+    ]
+
+
+def test_the_encoded_log_replays_after_a_run_and_maps_without_a_guess(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    write_table(tmp_path)
+    chiplog("encode", "table.csv", "--out", "bus.log")
+    said = chiplog("map", "bus.log", "--out", "map.toml")
+    assert said.status == 0
+    assert said.out.splitlines()[1].split()[:3] == ["ENCODER.left_count", "left_count", "100"]
+    text = (tmp_path / "map.toml").read_text(encoding="utf-8")
+    assert 'left_count = "ENCODER.left_count"\n' in text
+    assert "GUESS:" not in text
+    assert chiplog("run", "--signals", "map.toml", "--duration-s", "1", "--out", "out").status == 0
+
+
+def test_guesses_are_marked_in_the_list_and_in_the_map(chiplog: Chiplog, tmp_path: Path) -> None:
+    write_table(tmp_path, "time,enc_left,enc_right,gyro_z")
+    said = chiplog("map", "table.csv")
+    assert said.status == 0
+    assert "enc_left     left_count?" in said.out
+    assert 'left_count = "enc_left"  # GUESS: name, whole numbers, name of a wheel' in said.out
+
+
+def test_equal_candidates_end_with_status_two_and_both_names(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    write_table(tmp_path, "t_s,wheel_a,wheel_b,light")
+    said = chiplog("map", "table.csv", "--out", "map.toml")
+    assert said.status == 2
+    assert "left_count could be wheel_a as well as wheel_b" in said.err
+    assert not (tmp_path / "map.toml").exists()
+    known = ("--is", "left_count=wheel_a", "--is", "right_count=wheel_b")
+    assert chiplog("map", "table.csv", *known, "--out", "map.toml").status == 0
