@@ -174,9 +174,7 @@ class BusBlock:
 
     def _stale(self) -> list[_Option]:
         sensors = [one for one in self._messages if one.is_sensor]
-        found: dict[str, Staleness] = {
-            one.name: staleness(one, self._recording) for one in sensors
-        }
+        found: dict[str, Staleness] = {one.name: staleness(one, self._recording) for one in sensors}
         made = []
         for frame, messages in self._groups(sensors):
             several = [found[one.name] for one in messages]
@@ -221,9 +219,7 @@ class BusBlock:
 
     def _latencies(self) -> list[_Option]:
         sensors = [one for one in self._counted if one.is_sensor]
-        made = [
-            self._chosen(name, "delay", choice) for name, choice in latencies(sensors).items()
-        ]
+        made = [self._chosen(name, "delay", choice) for name, choice in latencies(sensors).items()]
         # A delay common to all sensors leaves no trace in the stamps: it is as likely as before.
         scales = np.geomspace(prior.LATENCY_TOLERANCE_S, prior.LATENCY_HIGH_S, 6)
         drawn = np.abs(self._random.standard_normal(_SAMPLES))
@@ -248,7 +244,8 @@ class BusBlock:
         """Return the best windows of silence: what they save in losses, less their prior."""
         period = self._recording.tick_period_s
         price = 2 * math.log(max(self._recording.duration_s / period, 2.0))
-        total, chosen, ratio = -price, (), 0.0
+        total, ratio = -price, 0.0
+        chosen: Windows = ()
         base = self._usual_losses(())
         candidates = silent_windows(self._messages, period)[:_MOST_GAPS]
         for count in range(1, len(candidates) + 1):
@@ -271,7 +268,11 @@ class BusBlock:
 
 
 def _against(
-    frame: str, news: Rate, usual: Sequence[Rate], draws: Mapping[str, Floats], windows: Windows = ()
+    frame: str,
+    news: Rate,
+    usual: Sequence[Rate],
+    draws: Mapping[str, Floats],
+    windows: Windows = (),
 ) -> _Option:
     evidence = news.log_evidence - sum(one.log_evidence for one in usual)
     ratio = news.log_best - sum(one.log_best for one in usual)
@@ -288,8 +289,6 @@ def _estimates(effect: str, options: Sequence[_Option]) -> dict[str, Estimate]:
     for name, draws in best.draws.items():
         found[f"{effect}.{name}"] = Estimate(float(draws.mean()), float(draws.std()), draws)
     if best.frame is not None:
-        chances = {
-            str(one.frame): float(w) for one, w in zip(options, weight, strict=True)
-        }
+        chances = {str(one.frame): float(w) for one, w in zip(options, weight, strict=True)}
         found[f"{effect}.frame"] = Estimate(best.frame, probabilities=chances)
     return found

@@ -22,6 +22,7 @@ _CONTEXT: Final = 40
 _CHANGING: Final = 0.8
 _LONGEST_STALE: Final = 60
 _BY_CHANCE: Final = 0.01
+_SURE_LENGTH: Final = 3
 _WANDER_FRAMES: Final = 501
 
 
@@ -220,4 +221,6 @@ def _leaps(recording: Recording, last: int, fresh: int, length: int) -> bool:
     for wheel in (recording.left_ticks, recording.right_ticks):
         usual += float(np.abs(wheel[last] - wheel[max(last - 4, 0)])) / 4
         moved += float(np.abs(wheel[fresh] - wheel[last]))
-    return bool(usual >= 2.0 and moved > 0.6 * usual * (length + 1))
+    # A slow wheel shows the same count twice by itself.
+    least = 2.0 if length >= _SURE_LENGTH else 8.0
+    return bool(usual >= least and moved > 0.6 * usual * (length + 1))

@@ -49,8 +49,8 @@ def spread_of(message: Message) -> tuple[float, int]:
 
 def jitter(messages: Sequence[Message]) -> Choice:
     """Return the evidence that messages jitter beyond the usual, with a common level."""
-    usual = np.geomspace(*prior.JITTER_USUAL_S, _GRID)
-    news = np.geomspace(*prior.JITTER_PRESENT_S, _GRID)
+    usual: Floats = np.geomspace(*prior.JITTER_USUAL_S, _GRID, dtype=np.float64)
+    news: Floats = np.geomspace(*prior.JITTER_PRESENT_S, _GRID, dtype=np.float64)
     log_news, log_usual = np.zeros(_GRID), 0.0
     best = 0.0
     for message in messages:
@@ -63,9 +63,7 @@ def jitter(messages: Sequence[Message]) -> Choice:
         log_usual += float(logsumexp(as_usual)) - math.log(_GRID)
         best -= float(as_usual.max())
     total = float(logsumexp(log_news)) - math.log(_GRID)
-    return Choice(
-        total - log_usual, best + float(log_news.max()), news, _weights(log_news)
-    )
+    return Choice(total - log_usual, best + float(log_news.max()), news, _weights(log_news))
 
 
 def _log_spread(sigma: Floats, sd: float, count: int) -> Floats:
@@ -79,14 +77,20 @@ def polling(message: Message, clock_skew: float) -> Choice:
     lateness that varies can tell.
     """
     low, high = prior.POLL_PERIOD_S
-    periods = np.arange(round(low * 1e4), round(high * 1e4) + 1) * 1e-4
+    periods = np.arange(round(low * 1e4), round(high * 1e4) + 1, dtype=np.float64) * 1e-4
     good = message.steady()
     stamps, late = message.t_s[good], message.late_s[good]
-    nothing = Choice(-math.log(len(periods)), 0.0, periods, np.full(len(periods), 1 / len(periods)))
+    nothing = Choice(
+        -math.log(len(periods)),
+        0.0,
+        periods,
+        np.full(len(periods), 1 / len(periods), dtype=np.float64),
+    )
     spread, count = spread_of(message)
     if count < 50 or spread < 20 * _STAMP_STEP_S:
         return nothing
-    chosen = slice(None, None, max(1, len(stamps) // _MOST_STAMPS))
+    # Any rows, not every second one: those would lie on lattices of their own.
+    chosen = np.random.default_rng(0).integers(0, len(stamps), min(len(stamps), _MOST_STAMPS))
     ecu = 1.0 + (clock_skew if math.isfinite(clock_skew) else 0.0)
     since = stamps[chosen] - stamps[0]
     strength = np.max(
@@ -109,7 +113,9 @@ def polling(message: Message, clock_skew: float) -> Choice:
     logs = np.where(gain > 0, gain.max() + accident, -np.inf)
     if not np.isfinite(logs).any():
         return nothing
-    return Choice(float(gain.max()) - math.log(len(periods)), float(gain.max()), periods, _weights(logs))
+    return Choice(
+        float(gain.max()) - math.log(len(periods)), float(gain.max()), periods, _weights(logs)
+    )
 
 
 def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
@@ -136,7 +142,10 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
         null = -0.5 * (away / usual) ** 2
         logs = -0.5 * ((away - value) / usual) ** 2 + np.log(density * width)
         found[name] = Choice(
-            float(logsumexp(logs)) - null, max(-null, 0.0) if away > 0 else 0.0, value, _weights(logs)
+            float(logsumexp(logs)) - null,
+            max(-null, 0.0) if away > 0 else 0.0,
+            value,
+            _weights(logs),
         )
     return found
 

@@ -126,7 +126,8 @@ def missing_codes(data: CodeData) -> tuple[Floats, Floats]:
     about = (counts[:-4] + counts[1:-3] + counts[4:]) / 3
     size = 1.0 + 0.05 * about
     ratio = (_log_poisson(after, 2 * about) - _log_poisson(after, about) + about) / size
-    ratio = np.where((here == 0) & (about > 2), ratio, -np.inf)
+    beside = (counts[1:-3] > 0) & (counts[4:] > 0)
+    ratio = np.where((here == 0) & (about > 2) & beside, ratio, -np.inf)
     visited = counts[2:-2] > 0
     if np.mean(visited[about > 4]) < 0.97 if np.any(about > 4) else True:
         ratio[:] = -np.inf  # a comb: a coarse sensor or a stuck bit, not one code

@@ -11,6 +11,8 @@ import numpy as np
 from gap_diagnosis.codes.data import CodeData, stretches
 
 _LEAST_RUN: Final = 5
+_CLUSTERED: Final = 0.7
+"""Repeats come in clusters: a run says less than as many repeats on their own."""
 _CONTRADICTION_NATS: Final = 4.0
 _BLOCK: Final = 10
 
@@ -35,7 +37,10 @@ def frozen_run(data: CodeData) -> Frozen | None:
     turning = data.turns[2:]
     best: Frozen | None = None
     runs = [one for one in stretches(same) if one[1] - one[0] >= _LEAST_RUN]
+    extremes = {data.code.min(), data.code.max()}
     for start, stop in sorted(runs, key=lambda one: one[0] - one[1])[:20]:
+        if data.code[start] in extremes:
+            continue  # a flat top, not a frozen sensor
         inside = np.zeros(len(again), dtype=np.bool_)
         inside[max(start - 1, 0) : stop - 1] = True
         ratio = 0.0
@@ -43,9 +48,8 @@ def frozen_run(data: CodeData) -> Frozen | None:
             held = int(np.count_nonzero(inside & state))
             rest = state & ~inside & same[:-1]
             repeated = int(np.count_nonzero(again & rest))
-            # With few examples of this state, what is seen of the other one stands in.
             known = int(np.count_nonzero(rest))
-            ratio -= held * math.log((repeated + 1) / (known + 2))
+            ratio -= _CLUSTERED * held * math.log((repeated + 1) / (known + 2))
         ratio += _contradicted(data, start, stop + 1)
         found = Frozen(float(data.t_s[start]), float(data.t_s[stop]), ratio)
         if best is None or found.log_ratio > best.log_ratio:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.codes.data import CodeData, stretches
+from gap_diagnosis.codes.data import Bools, CodeData, Floats, stretches
 
 _LEAST_AT_TOP: Final = 5
 _NATS: Final = 5.0
@@ -43,12 +43,12 @@ def flat_top(data: CodeData) -> FlatTop | None:
     return FlatTop(reach / data.per_rad_s, sd, ratio)
 
 
-def _piled(data: CodeData, size: np.ndarray, reach: float, top: np.ndarray) -> float:
+def _piled(data: CodeData, size: Floats, reach: float, top: Bools) -> float:
     """Return the evidence of more codes at the top than noise about any rate would leave there."""
     if data.noise < 1.5:
         return 0.0
-    near = np.count_nonzero(size > reach - 2 * data.noise)
-    at = np.count_nonzero(top)
+    near = int(np.count_nonzero(size > reach - 2 * data.noise))
+    at = int(np.count_nonzero(top))
     usual = min(0.9, 2.0 / data.noise)
     share = at / near
     if share <= usual:
@@ -56,11 +56,14 @@ def _piled(data: CodeData, size: np.ndarray, reach: float, top: np.ndarray) -> f
     told = min(near, _MOST_PILED) / near
     return float(
         told
-        * (at * math.log(share / usual) + (near - at) * math.log(max(1 - share, 1e-3) / (1 - usual)))
+        * (
+            at * math.log(share / usual)
+            + (near - at) * math.log(max(1 - share, 1e-3) / (1 - usual))
+        )
     )
 
 
-def _overrun(data: CodeData, away: np.ndarray, reach: float, top: np.ndarray) -> float:
+def _overrun(data: CodeData, away: Floats, reach: float, top: Bools) -> float:
     """Return the evidence of stretches in which the wheels turn beyond the top, the code does not.
 
     Against it: stretches beyond the top with the code elsewhere.

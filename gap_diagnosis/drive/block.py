@@ -97,7 +97,10 @@ class DriveBlock:
     def __init__(self, data: DriveData, robot: Robot) -> None:
         self._data = data
         self._robot = robot
-        self._nominal = Shapes(data, robot).angle({})
+        shapes = Shapes(data, robot)
+        # What scales with the counts is what a gain adds: a column that bent otherwise would let
+        # counting errors explain the drive's dynamics.
+        self._nominal = np.sum(shapes.gain_columns({}, shapes.angle({})), axis=0)
         self._fits: dict[frozenset[str], Fit] = {}
         self._levels: Floats = STARTS[0]
         self._null = 0.0
@@ -124,6 +127,20 @@ class DriveBlock:
         if wanted not in self._fits:
             self._fits[wanted] = self._fit(wanted)
         return self._fits[wanted]
+
+    def unexplained(self) -> Fit:
+        """Return the fit of a drive that follows its commands otherwise than any effect has it.
+
+        Linear dynamics of other time constants and a speed that bends with the command, all of
+        unknown size: what is left to a motor, a velocity loop or an engine not in the library.
+        """
+        shapes = Shapes(self._data, self._robot)
+        columns = shapes.foreign_columns()
+        variant = Variant(self._data, columns, (prior.FOREIGN,) * len(columns))
+        setting = self._setting(variant, frozenset())
+        levels, free = self._fit_levels(setting, {}, self._levels)
+        evidence = self._evidence(setting, levels, rough=True)[0] - self._null_evidence
+        return Fit((), evidence, max(free - self._null, 0.0))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         names = sorted(effects)

@@ -56,7 +56,8 @@ class Variant:
 
 
 def variants(data: DriveData, nominal: Floats, effects: Sequence[str]) -> list[Variant]:
-    """Return every variant of a set of effects; *nominal* is the described drive's prediction."""
+    """Return every variant of a set of effects; *nominal* is what a gain of both
+    wheels adds."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
         if effect in ("ticks_per_rev", "missed_ticks", "extra_ticks"):
@@ -92,7 +93,8 @@ def _columns(data: DriveData, nominal: Floats, effect: str) -> tuple[prior.Size,
     if effect == "ticks_per_rev":
         return prior.TICKS_PER_REV, [nominal]
     if effect == "extra_ticks":
-        elapsed = np.arange(nominal.shape[1]) * data.block_s * data.tick_rad
+        blocks = np.arange(nominal.shape[1], dtype=np.float64)
+        elapsed = blocks * (data.block_s * data.tick_rad)
         return prior.EXTRA_TICKS_PER_S, [_on(wheel, elapsed) for wheel in range(2)]
     made = []
     for wheel in range(2):
@@ -102,7 +104,9 @@ def _columns(data: DriveData, nominal: Floats, effect: str) -> tuple[prior.Size,
             moving = np.zeros(1)
         for quantile in _THRESHOLD_QUANTILES:
             fast = np.abs(steps) >= (np.quantile(moving, quantile) if quantile else 0.0)
-            made.append(_on(wheel, -np.cumsum(np.where(fast, steps, 0.0))))
+            made.append(
+                _on(wheel, np.asarray(-np.cumsum(np.where(fast, steps, 0.0)), dtype=np.float64))
+            )
     return prior.MISSED_TICKS, made
 
 

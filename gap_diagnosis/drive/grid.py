@@ -117,13 +117,10 @@ def _by_sampling(log_density: Values, box: Floats) -> Weighted:
     mean = np.asarray(best, dtype=np.float64)
     covariance = np.diag((0.5 * cell) ** 2)
     random = np.random.default_rng(1)
-    seen_points: list[Floats] = []
-    seen_values: list[Floats] = []
     temper = 0.0
     for _ in range(4 * _ROUNDS):
         draws, log_proposal = _student(mean, covariance, _ROUND_DRAWS, random)
         values = inside(draws)
-        seen_points, seen_values = [draws, mean[np.newaxis]], [values, inside(mean[np.newaxis])]
         ratio = values - log_proposal
         temper = _temperature(values, ratio)
         weight = _tempered(values, ratio, temper)

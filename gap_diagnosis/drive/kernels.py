@@ -35,7 +35,7 @@ def predict(
     """
     n = commanded.shape[1]
     angle = np.zeros((2, n))
-    whole = int(math.floor(delay_s / dt_s))
+    whole = math.floor(delay_s / dt_s)
     rest_s = min(max(delay_s - whole * dt_s, 0.0), dt_s)
     knee = limit_acceleration * lag_s
     parts_s = (rest_s, dt_s - rest_s)

@@ -58,3 +58,6 @@ TICKS_PER_REV: Final = Size(tolerance=0.002, high=0.05)
 MISSED_TICKS: Final = Size(tolerance=0.0005, high=0.08)
 EXTRA_TICKS_PER_S: Final = Size(tolerance=0.2, high=100.0)
 """Effects of the encoder that these residuals see too; their parameters are told elsewhere."""
+
+FOREIGN: Final = Size(tolerance=0.05, high=1.5)
+"""Weights of responses that no described drive has."""

@@ -22,6 +22,8 @@ BENT: Final = (
 )  # fmt: skip
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
+_FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
+
 _PARAMETER: Final = {
     "drive_acceleration_limit": "limit",
     "drive_deadband": "rate",
@@ -52,14 +54,15 @@ class Coordinate:
 
     def value(self, coordinate: Floats) -> Floats:
         """Return the parameter."""
-        return np.exp(coordinate) if self.is_logarithm else coordinate**2
+        value = np.exp(coordinate) if self.is_logarithm else coordinate**2
+        return np.asarray(value, dtype=np.float64)
 
     def log_prior(self, coordinate: Floats) -> Floats:
         """Return the log prior density in the coordinate."""
         if self.size is None:
             return np.full(coordinate.shape, -math.log(self.high - self.low))
         jacobian = np.log(2 * np.maximum(coordinate, 1e-12))
-        return self.size.log_density(coordinate**2) + jacobian
+        return np.asarray(self.size.log_density(coordinate**2) + jacobian, dtype=np.float64)
 
 
 class Shapes:
@@ -108,3 +111,17 @@ class Shapes:
         columns = np.zeros((2, *change.shape))
         columns[0, 0], columns[1, 1] = change
         return columns
+
+    def foreign_columns(self) -> Floats:
+        """Return what dynamics beyond the described drive would add: float64[5, 2, m].
+
+        Responses with other lags less the described one (weighted, they make any stable linear
+        response of no overshoot or some), and a speed that bends with its size.
+        """
+        nominal = self.angle({})
+        made = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
+        steps = np.diff(nominal, axis=1, prepend=nominal[:, :1]) / self._data.block_s
+        steps = np.where(self._data.seen, steps, 0.0)
+        fastest = float(np.abs(steps).max()) or 1.0
+        made.append(np.cumsum(np.abs(steps) * steps, axis=1) * self._data.block_s / fastest)
+        return np.where(self._data.seen, np.stack(made), 0.0)

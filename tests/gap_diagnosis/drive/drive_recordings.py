@@ -7,10 +7,10 @@ import numpy as np
 
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import commands_on_the_wire, load_wire
+from hil_harness.batch import simulate_batch
 from hil_harness.effects import EffectSetting
 from hil_harness.robot import Robot, load_robot
 from hil_harness.scenarios import Scenario
-from hil_harness.batch import simulate_batch
 from hil_harness.scenarios.named import random as random_scenario
 
 WIRE = load_wire()

@@ -1,0 +1,120 @@
+"""The bus's block tells what happened to frames from their stamps, counters and payloads."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.bus import BusBlock, bus_block
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.assembly import load_wire
+from hil_harness.effects import EffectSetting
+from hil_harness.robot import load_robot
+from hil_harness.scenarios.named import random as random_scenario
+
+WIRE = load_wire()
+ROBOT = load_robot()
+
+
+def recording(seed: int = 1, **effects: Mapping[str, Any]) -> Recording:
+    settings = tuple(EffectSetting(name, tuple(one.items())) for name, one in effects.items())
+    scenario = random_scenario(seed)
+    return synthetic_recording(ROBOT, WIRE, scenario, settings, seed, duration_s=60.0)
+
+
+def block_of(made: Recording) -> BusBlock:
+    block = bus_block(made, WIRE)
+    assert block is not None
+    return block
+
+
+def evidence(block: BusBlock, effect: str) -> float:
+    return block.fit(frozenset({effect})).log_evidence
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_an_even_bus_speaks_for_no_effect(seed: int) -> None:
+    block = block_of(recording(seed))
+    assert max(evidence(block, one) for one in block.effects) <= 0.0
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_an_everyday_bus_speaks_for_no_effect(seed: int) -> None:
+    made = recording(seed)
+    random = np.random.default_rng(seed)
+    frames = {
+        name: replace(one, t_s=one.t_s + random.exponential(0.0001, len(one.t_s)))
+        for name, one in made.frames.items()
+    }
+    block = block_of(replace(made, frames=frames, clock_skew=3e-5, clock_skew_sd=1e-6))
+    assert max(evidence(block, one) for one in block.effects) <= 0.5
+
+
+CASES: list[tuple[str, dict[str, Any]]] = [
+    ("frame_loss", {"frame": "ENCODER", "probability": 0.01, "burst": 2.0}),
+    ("frame_duplication", {"frame": "IMU", "probability": 0.004}),
+    ("frame_reordering", {"frame": "ENCODER", "probability": 0.006}),
+    ("stale_producer", {"frame": "ENCODER", "cycles": 5, "probability": 0.004}),
+    ("stale_producer", {"frame": "IMU", "cycles": 4, "probability": 0.004}),
+    ("frame_jitter", {"frame": "IMU", "sigma": 0.002}),
+    ("reception_stamp", {"frame": "ENCODER", "delay": 0.001, "period": 0.004}),
+    ("frame_latency", {"frame": "IMU", "delay": 0.012}),
+    ("clock_skew", {"skew": -0.0012}),
+    ("bus_gap", {"start_s": 20.0, "stop_s": 20.3}),
+]
+
+
+@pytest.mark.parametrize(("effect", "values"), CASES)
+def test_each_effect_is_found_measured_and_its_frame_named(
+    effect: str, values: dict[str, Any]
+) -> None:
+    block = block_of(recording(3, **{effect: values}))
+    fit = block.fit(frozenset({effect}))
+    assert fit.log_evidence > 8
+    rest = block.effects - {effect}
+    if effect == "reception_stamp":
+        rest = rest - {"frame_jitter", "frame_latency"}  # it is their twin
+    if effect == "bus_gap":
+        rest = rest - {"frame_loss"}  # the lost frames are lost
+    assert max(evidence(block, one) for one in rest) < 1.0
+    for name, value in values.items():
+        found = fit.parameters.get(f"{effect}.{name}")
+        if isinstance(value, str):
+            assert found is not None
+            assert found.value == value
+        elif found is not None:
+            assert abs(float(found.value) - value) < max(5 * found.sd, 0.02 * abs(value))
+
+
+def test_a_gap_explains_its_own_lost_frames() -> None:
+    block = block_of(recording(3, bus_gap={"start_s": 20.0, "stop_s": 20.3}))
+    both = block.fit(frozenset({"bus_gap", "frame_loss"}))
+    assert both.log_evidence < block.fit(frozenset({"bus_gap"})).log_evidence
+    ((start, stop),) = both.windows
+    assert (start, stop) == pytest.approx((20.0, 20.3), abs=0.02)
+
+
+def test_probabilities_of_loss_are_covered_by_their_intervals() -> None:
+    inside = 0
+    runs = 30
+    for seed in range(runs):
+        probability = float(np.exp(np.random.default_rng(seed).uniform(np.log(2e-3), np.log(0.1))))
+        loss = {"frame": "ENCODER", "probability": probability, "burst": 1.0}
+        fit = block_of(recording(seed + 1, frame_loss=loss)).fit(frozenset({"frame_loss"}))
+        samples = fit.parameters["frame_loss.probability"].samples
+        assert samples is not None
+        low, high = np.quantile(samples, (0.1, 0.9))
+        inside += bool(low < probability < high)
+    # Of 30 intervals of 80 %, 24 cover in the mean; 17 or fewer once in 300 times.
+    assert inside >= 18
+
+
+def test_a_table_tells_of_the_clock_alone() -> None:
+    made = replace(recording(), frames={}, clock_skew=-0.0012, clock_skew_sd=1e-6)
+    block = block_of(made)
+    assert block.effects == {"clock_skew"}
+    assert evidence(block, "clock_skew") > 20
+    assert bus_block(replace(made, clock_skew_sd=float("nan")), WIRE) is None

@@ -1,0 +1,101 @@
+"""The codes' block finds faults of the converter, and none in coarse or noiseless sensors."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.codes import CodesBlock, codes_block
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.assembly import load_wire
+from hil_harness.effects import EffectSetting
+from hil_harness.robot import load_robot
+from hil_harness.scenarios.named import random as random_scenario
+
+WIRE = load_wire()
+ROBOT = load_robot()
+
+
+def recording(seed: int = 1, **effects: Mapping[str, Any]) -> Recording:
+    settings = tuple(EffectSetting(name, tuple(one.items())) for name, one in effects.items())
+    scenario = random_scenario(seed)
+    return synthetic_recording(ROBOT, WIRE, scenario, settings, seed, duration_s=60.0)
+
+
+def block_of(made: Recording) -> CodesBlock:
+    block = codes_block(made, ROBOT)
+    assert block is not None
+    return block
+
+
+def evidences(made: Recording) -> dict[str, float]:
+    block = block_of(made)
+    return {one: block.fit(frozenset({one})).log_evidence for one in block.effects}
+
+
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_sound_codes_speak_for_no_effect(seed: int) -> None:
+    assert max(evidences(recording(seed)).values()) <= 0.5
+
+
+@pytest.mark.parametrize("step", [2, 4, 16, 64])
+def test_a_coarse_sensor_has_no_stuck_bit(step: int) -> None:
+    made = recording()
+    assert made.gyro_code is not None
+    coarse = replace(made, gyro_code=step * np.round(made.gyro_code / step))
+    assert max(evidences(coarse).values()) <= 0.0
+
+
+def test_a_simulator_without_noise_is_not_frozen() -> None:
+    made = recording()
+    assert made.w_command_rad_s is not None
+    rate = np.nan_to_num(made.w_command_rad_s)
+    clean = replace(made, gyro_code=np.round(32768 + 7505.75 * rate))
+    assert max(evidences(clean).values()) <= 0.0
+
+
+def test_physical_rates_have_no_bits() -> None:
+    made = recording()
+    assert made.gyro_code is not None
+    found = evidences(replace(made, gyro_code=made.gyro_code + 0.37))
+    assert set(found) == {"gyro_frozen", "gyro_saturation"}
+    assert max(found.values()) <= 0.0
+
+
+@pytest.mark.parametrize(("bit", "value"), [(1, 0), (2, 1), (5, 0), (8, 1), (11, 0), (13, 1)])
+def test_a_stuck_bit_is_named_with_its_value(bit: int, value: int) -> None:
+    made = recording(adc_stuck_bit={"bit": bit, "value": value})
+    fit = block_of(made).fit(frozenset({"adc_stuck_bit"}))
+    assert fit.log_evidence > 5
+    assert fit.parameters["adc_stuck_bit.bit"].value == bit
+    assert fit.parameters["adc_stuck_bit.value"].value == value
+
+
+def test_a_frozen_gyro_is_found_with_its_window() -> None:
+    fit = block_of(recording(gyro_frozen={"start_s": 20.0, "stop_s": 20.5})).fit(
+        frozenset({"gyro_frozen"})
+    )
+    assert fit.log_evidence > 20
+    assert fit.windows[0] == pytest.approx((20.0, 20.5), abs=0.03)
+
+
+def test_a_flat_top_is_a_limit_and_no_frozen_gyro() -> None:
+    made = recording(gyro_saturation={"limit": 0.7})
+    found = evidences(made)
+    assert found["gyro_saturation"] > 10
+    assert found["gyro_frozen"] <= 0
+    limit = block_of(made).fit(frozenset({"gyro_saturation"})).parameters["gyro_saturation.limit"]
+    assert limit.value == pytest.approx(0.7, abs=0.001)
+
+
+def test_a_missing_code_is_named() -> None:
+    fit = block_of(recording(adc_missing_code={"code": 32770})).fit(frozenset({"adc_missing_code"}))
+    assert fit.log_evidence > 2
+    assert fit.parameters["adc_missing_code.code"].value == 32770
+
+
+def test_without_a_gyro_there_is_no_block() -> None:
+    assert codes_block(replace(recording(), gyro_code=None), ROBOT) is None

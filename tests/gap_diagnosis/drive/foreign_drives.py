@@ -1,0 +1,70 @@
+"""Motors that no described drive follows exactly: another engine's, a loop, a rough floor."""
+
+import numpy as np
+from drive_recordings import ROBOT, WIRE, drive_scenario, recording_of
+
+from gap_diagnosis.recording import Recording
+from hil_harness.assembly import commands_on_the_wire
+
+TICKS_PER_RAD = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi)
+
+
+def commanded_rates(seed: int, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands float64[n, 2] and wheel rates float64[n, 2] of a random drive."""
+    scenario = drive_scenario(seed, duration_s)
+    commands = commands_on_the_wire(scenario, round(duration_s / 0.01), WIRE)
+    wheels = ROBOT.plant.wheels
+    turn = 0.5 * commands[:, 1] * wheels.wheelbase_m
+    rates = np.stack([commands[:, 0] - turn, commands[:, 0] + turn], axis=1) / wheels.radius_m
+    return commands, rates
+
+
+def second_order(seed: int, duration_s: float = 60.0) -> Recording:
+    """A motor with inductance: two lags of 25 ms in place of one of 50 ms."""
+    commands, target = commanded_rates(seed, duration_s)
+    return _turned(commands, _lagged(_lagged(target, 0.025), 0.025), seed)
+
+
+def velocity_loop(seed: int, duration_s: float = 60.0) -> Recording:
+    """A PI loop about a slow motor that overshoots a little."""
+    commands, target = commanded_rates(seed, duration_s)
+    rate = np.zeros(2)
+    integral = np.zeros(2)
+    rates = np.zeros_like(target)
+    for k in range(len(target)):
+        for _ in range(5):
+            error = target[k] - rate
+            integral += 0.002 * error
+            rate = rate + 0.002 * (4.0 * error + 25.0 * integral - 0.2 * rate) / 0.2
+        rates[k] = rate
+    return _turned(commands, rates, seed)
+
+
+def disturbed(seed: int, duration_s: float = 60.0, level: float = 0.05) -> Recording:
+    """The described motor under a load that changes its rate by 5 %, coloured over 0.3 s."""
+    commands, target = commanded_rates(seed, duration_s)
+    rates = _lagged(target, ROBOT.plant.drive.time_constant_s)
+    random = np.random.default_rng(seed)
+    keep = np.exp(-0.01 / 0.3)
+    error = np.zeros(2)
+    for k in range(len(rates)):
+        error = keep * error + level * np.sqrt(1 - keep**2) * random.standard_normal(2)
+        rates[k] *= 1 + error
+    return _turned(commands, rates, seed)
+
+
+def _lagged(target: np.ndarray, lag_s: float) -> np.ndarray:
+    share = 1 - np.exp(-0.01 / lag_s)
+    rates = np.zeros_like(target)
+    rate = np.zeros(2)
+    for k in range(len(target)):
+        rate = rate + share * (target[k] - rate)
+        rates[k] = rate
+    return rates
+
+
+def _turned(commands: np.ndarray, rates: np.ndarray, seed: int) -> Recording:
+    angle = np.concatenate((np.zeros((1, 2)), np.cumsum(rates[:-1] * 0.01, axis=0)))
+    noise = 0.2 * np.random.default_rng(seed + 1000).standard_normal(angle.shape)
+    counts = np.floor(angle * TICKS_PER_RAD + noise)
+    return recording_of(commands, counts[:, 0], counts[:, 1])
