@@ -26,9 +26,9 @@ def show_diagnosis(found: Diagnosis, files: Sequence[Path] = ()) -> None:
             show_line(fill(sentence, _WIDTH))
     show_line()
     show_table(
-        ["explanation", "probability", "parameter", "estimate", "95 % interval"],
+        ["probability", "explanation", "estimate", "95 % interval"],
         words.candidate_rows(found, _CANDIDATES),
-        words=3,
+        words=2,
     )
     show_line()
     rows = [["cannot tell", sentence] for sentence in words.ambiguity_sentences(found)[:_NOTES]]

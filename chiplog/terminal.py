@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import (
@@ -50,11 +51,14 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int
     )
     for index, name in enumerate(head):
         is_last = index == len(head) - 1
+        wraps = is_last and index < words
         table.add_column(
             Text(name),
             justify="left" if index < words else "right",
-            no_wrap=not (is_last and index < words),
+            no_wrap=not wraps,
             overflow="fold",
+            # Cells hold blanks: rich would take their longest word for the least width.
+            min_width=None if wraps else max(cell_len(row[index]) for row in (head, *rows)),
         )
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))

@@ -146,18 +146,19 @@ def unknown_sentence(diagnosis: Diagnosis) -> str:
 
 
 def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
-    """Return (explanation, probability, parameter, estimate, 95 % interval) of the likeliest.
+    """Return (probability, explanation, estimate, 95 % interval) of the likeliest.
 
-    A set of several parameters takes several rows.
+    A lone parameter shares the row of its explanation; several follow in rows of their own.
     """
     rows = []
     for candidate in diagnosis.which[:most]:
-        heads = [set_name(candidate.effects), probability(candidate.probability)]
-        for key, parameter in candidate.parameters.items():
-            rows.append([*heads, key, *parameter_words(parameter)])
-            heads = ["", ""]
-        if not candidate.parameters:
-            rows.append([*heads, "", "", ""])
+        chance, name = probability(candidate.probability), set_name(candidate.effects)
+        parameters = [[key, *parameter_words(one)] for key, one in candidate.parameters.items()]
+        if len(parameters) == 1:
+            rows.append([chance, *parameters[0]])
+        else:
+            rows.append([chance, name, "", ""])
+            rows += [["", f"  {key}", *values] for key, *values in parameters]
     return rows
 
 
