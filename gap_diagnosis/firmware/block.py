@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.firmware.candidates import EFFECTS
-from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_scores
+from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_score
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
 from gap_diagnosis.firmware.inputs import recorded_odometry, replay_inputs
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
@@ -131,10 +131,10 @@ def _in_step(bench: Callable[[int], Workbench]) -> Workbench:
     plain = bench(0)
     if plain.is_equal(plain.described):
         return plain
-    best, most = plain, float(np.sum(turn_scores(plain.windows, plain.described))) + _LATE_NATS
+    best, most = plain, turn_score(plain.windows, plain.described) + _LATE_NATS
     for late in _GYRO_LATE:
         one = bench(late)
-        turns = float(np.sum(turn_scores(one.windows, one.described)))
+        turns = turn_score(one.windows, one.described)
         if turns > most:
             best, most = one, turns
     return best

@@ -8,8 +8,10 @@ replay. Its misfit has one of four densities, mixed with weights that do not dep
 * *practical*: normal about zero with the floor below which no one would speak of a gap;
 * *wild*: even in logarithm over many orders of magnitude, for lost frames and the like.
 
-A program that is named must fit nearly all windows in one of the first three ways. The catch-all,
-"some other arithmetic", has only the last, but may take out a smooth function of the motion first.
+A program that is named must fit nearly all windows in one of the first three ways, and a record
+that it gives whole, to the last digit, is proof. The catch-all, "some other arithmetic", has at
+least one component (forward, left, turn) that is wild throughout, but may take out a smooth
+function of the motion first.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ _EXACT_QUANTA: Final = 3.0
 _CARRIED_QUANTA: Final = 10.0
 _EQUAL_QUANTA: Final = 0.51
 _EQUAL_NATS: Final = 20.0
+_WHOLE_NATS: Final = 1000.0
 _WEIGHT_EQUAL: Final = 0.3
 _WEIGHT_EXACT: Final = 0.34
 _WEIGHT_PRACTICAL: Final = 0.34
@@ -152,14 +155,19 @@ def is_equal(windows: Windows, replayed: Floats) -> bool:
 
 def score(windows: Windows, replayed: Floats) -> float:
     """Return the log likelihood of a named program's replay."""
-    off = misfit(windows, replayed)
-    return float(np.sum(_window_scores(windows, off, equal_windows(windows, replayed))))
+    whole = _WHOLE_NATS if windows.from_power_on and is_equal(windows, replayed) else 0.0
+    return float(np.sum(component_scores(windows, replayed))) + whole
 
 
-def turn_scores(windows: Windows, replayed: Floats) -> Floats:
-    """Return each window's log likelihood of its turn alone: float64[w]."""
+def component_scores(windows: Windows, replayed: Floats) -> Floats:
+    """Return the log likelihood of forward, left and turn, each over all windows: float64[3]."""
     off = misfit(windows, replayed)
-    return np.asarray(_window_scores(windows, off, equal_windows(windows, replayed))[:, 2])
+    return np.asarray(np.sum(_window_scores(windows, off, equal_windows(windows, replayed)), 0))
+
+
+def turn_score(windows: Windows, replayed: Floats) -> float:
+    """Return the log likelihood of the turns alone."""
+    return float(component_scores(windows, replayed)[2])
 
 
 def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> Floats:
@@ -181,6 +189,6 @@ def _log_wild(z: Floats) -> Floats:
     return -math.log(2.0 * _DECADES) - np.log(np.maximum(z, 1.0))
 
 
-def catch_all_score(windows: Windows, off: Floats) -> float:
-    """Return the log likelihood of "some other arithmetic" whose misfit is *off*: float64[w, 3]."""
-    return float(np.sum(_log_wild(np.abs(off) / windows.floor)))
+def catch_all_scores(windows: Windows, off: Floats) -> Floats:
+    """Return the log likelihood of "some other arithmetic" whose misfit is *off*: float64[3]."""
+    return np.asarray(np.sum(_log_wild(np.abs(off) / windows.floor), axis=0))

@@ -13,7 +13,7 @@ from gap_diagnosis.firmware.candidates import Candidate, Value
 from gap_diagnosis.hypothesis import Estimate
 
 _DRAWS: Final = 400
-_ALIKE_NATS: Final = 0.1
+_ALIKE_NATS: Final = 2.0
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,12 @@ from gap_diagnosis.firmware.candidates import (
     overflow_candidates,
     smooth,
 )
-from gap_diagnosis.firmware.comparison import catch_all_score, misfit, turn_scores
+from gap_diagnosis.firmware.comparison import (
+    catch_all_scores,
+    component_scores,
+    misfit,
+    turn_score,
+)
 from gap_diagnosis.firmware.foreign import FOREIGN, Foreign, foreign_replay
 from gap_diagnosis.firmware.leftover import flexible, size_of
 from gap_diagnosis.firmware.offsets import offset_programs
@@ -42,7 +47,7 @@ from gap_diagnosis.recording import Floats
 P_DESCRIBED: Final = math.log(0.9)
 _P_OFFSET: Final = math.log(0.03)
 _P_FOREIGN: Final = math.log(0.04)
-_P_OTHER: Final = math.log(0.03)
+P_OTHER: Final = math.log(0.03)
 _P_SILENT: Final = math.log(0.3)
 
 _BEST_FOREIGN: Final = 3
@@ -70,10 +75,19 @@ class Singles:
     @cached_property
     def other(self) -> float:
         """Prior times likelihood of some other arithmetic, in logarithm: blind to all effects."""
-        bench = self.bench
-        off = misfit(bench.windows, bench.described)
-        best = catch_all_score(bench.windows, flexible(bench.windows, off, bench.t_s))
-        return _P_OTHER + max(best, catch_all_score(bench.windows, off))
+        poses = [self.bench.described] + ([] if self.is_equal else self.best_poses)
+        return P_OTHER + max(self._wild_score(pose) for pose in poses)
+
+    def _wild_score(self, pose: Floats) -> float:
+        """Return the log likelihood of arithmetic that is another's in one component at least."""
+        windows = self.bench.windows
+        off = misfit(windows, pose)
+        left = flexible(windows, off, self.bench.t_s)
+        wild = np.maximum(catch_all_scores(windows, left), catch_all_scores(windows, off))
+        named = component_scores(windows, pose)
+        gain = wild - named
+        taken = np.sum(np.maximum(gain, 0.0)) if np.max(gain) > 0.0 else np.max(gain)
+        return float(np.sum(named) + taken) - len(gain) * math.log(2.0)
 
     @cached_property
     def no_effect(self) -> list[Scored]:
@@ -102,12 +116,9 @@ class Singles:
         if self.is_equal or not self._offsets:
             return None
         bench = self.bench
-        turns = [
-            float(np.sum(turn_scores(bench.windows, bench.poses(program))))
-            for program in self._offsets
-        ]
+        turns = [turn_score(bench.windows, bench.poses(program)) for program in self._offsets]
         at = int(np.argmax(turns))
-        if turns[at] < float(np.sum(turn_scores(bench.windows, bench.described))) + 5.0:
+        if turns[at] < turn_score(bench.windows, bench.described) + 5.0:
             return None
         return self._offsets[at].offset_lsb
 
@@ -165,7 +176,8 @@ class Singles:
             scores = [head.score(bench.poses(program, rows)) for _, program in pairs]
             order = sorted(range(len(pairs)), key=lambda at: -scores[at] - pairs[at][0].log_prior)
             worst = scores[order[0]] - _SCREEN_NATS
-            pairs = [pairs[at] for at in order[:_KEPT_AFTER_SCREEN] if scores[at] >= worst]
+            kept = [at for at in order[:_KEPT_AFTER_SCREEN] if scores[at] >= worst]
+            pairs = [pairs[at] for at in sorted(kept)]
         found = [
             Scored(one, P_DESCRIBED + one.log_prior, bench.score(bench.poses(program)))
             for one, program in pairs

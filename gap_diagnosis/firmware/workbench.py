@@ -25,7 +25,8 @@ NOTHING_LEARNT: Final[Mapping[str, float]] = {
 """Changes of a program that never learns an offset at rest."""
 
 _ODD_LSB: Final = 0.3717
-_NEWTON_STEPS: Final = 4
+_NEWTON_STEPS: Final = 12
+_LEAST_CHANGE: Final = 1e-6
 _NEAR_QUANTA: Final = 50.0
 
 
@@ -149,9 +150,10 @@ class Workbench:
             if not np.isfinite(power) or power <= 0.0:
                 break
             change = float(slope @ (wanted - ours)) / power
-            value = float(np.clip(value + change, low, high))
-            if abs(change) < 1e-13 or value == 0.0 or (pose := pose_at(value)) is None:
+            before, value = value, float(np.clip(value + change, low, high))
+            if abs(value - before) < 1e-13 or (pose := pose_at(value)) is None:
                 break
-            ours = self.signals(pose)
-            slope = (ours - origin) / value
+            was, ours = ours, self.signals(pose)
+            if abs(value - before) > _LEAST_CHANGE:
+                slope = (ours - was) / (value - before)
         return value
