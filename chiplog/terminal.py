@@ -63,8 +63,10 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     out = _console()
-    # A table wider than the terminal is wrapped by the terminal: nothing is cut off.
-    out.width = max(out.width, Measurement.get(out, out.options, table).minimum)
+    # A table wider than the terminal is wrapped by the terminal: nothing is cut off. (Asked within
+    # the terminal's width, rich would answer with that.)
+    unbound = out.options.update(max_width=_PIPED_WIDTH)
+    out.width = max(out.width, Measurement.get(out, unbound, table).minimum)
     with out.capture() as capture:
         out.print(table)
     # Padding to the full width would be invisible blanks in a pipe or a copied line.
