@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.columns import DISCRETE, LINEAR, SHARED, Variant, is_possible, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
-from gap_diagnosis.drive.grid import Weighted, integrate
+from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
 from gap_diagnosis.drive.noise import (
     STARTS,
     Levels,
@@ -58,6 +58,10 @@ class _Setting:
     def linear_sizes(self) -> tuple[prior.Size, ...]:
         gains = (prior.GAIN, prior.GAIN) if self.has_gain else ()
         return (*gains, *self.variant.sizes)
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        return [(one.low, one.high) for one in self.coordinates]
 
     def values(self, point: Floats) -> dict[str, float]:
         return {
@@ -147,16 +151,20 @@ class DriveBlock:
         settings = [
             self._setting(one, effects) for one in variants(self._data, self._nominal, names)
         ]
-        levels = self._levels
-        quick = [self._evidence(setting, levels, rough=True) for setting in settings]
-        best = int(np.argmax([one[0] for one in quick]))
-        point = quick[best][1].best
+        # The variant is chosen at the noise levels of no effect, then they are estimated anew.
+        best, others, point = 0, 0.0, np.zeros(0)
+        if len(settings) == 1:
+            point = self._locate(settings[0])
+        else:
+            quick = [self._evidence(setting, self._levels, rough=True) for setting in settings]
+            logs = np.array([one[0] for one in quick])
+            best = int(np.argmax(logs))
+            others = float(np.logaddexp.reduce(logs - logs[best])) - np.log(len(settings))
+            point = quick[best][1].best
         values = settings[best].values(point)
         levels, free = self._fit_levels(settings[best], values, self._levels)
-        found = [self._evidence(settings[best], levels)]
-        others = [one[0] - quick[best][0] for i, one in enumerate(quick) if i != best]
-        total = found[0][0] + float(np.logaddexp.reduce([0.0, *others])) - np.log(len(settings))
-        grid, scale_weights = found[0][1], found[0][2]
+        total, grid, scale_weights = self._evidence(settings[best], levels, start=point)
+        total += others
         return Fit(
             effects=tuple(names),
             log_evidence=total - self._null_evidence,
@@ -207,9 +215,19 @@ class DriveBlock:
         return levels, value
 
     def _evidence(
-        self, setting: _Setting, logs: Floats, *, rough: bool = False
+        self, setting: _Setting, logs: Floats, *, rough: bool = False, start: Floats | None = None
     ) -> tuple[float, Weighted, Floats]:
-        """Return the log evidence at noise levels, its grid, and weights of prior scales."""
+        """Return the log evidence at noise levels, its points, and the prior's scales."""
+        log_density, sd = self._density(setting, logs, rough=rough)
+        points = integrate(log_density, setting.bounds, start)
+        return points.log_integral, points, sd
+
+    def _locate(self, setting: _Setting) -> Floats:
+        log_density, _ = self._density(setting, self._levels, rough=True)
+        return locate(log_density, setting.bounds)
+
+    def _density(self, setting: _Setting, logs: Floats, *, rough: bool) -> tuple[Values, Floats]:
+        """Return the log posterior density of the bending parameters, and the prior's scales."""
         data = setting.variant.data
         levels = Levels.of(logs, data.tick_rad)
         fixed = np.concatenate((setting.variant.columns, setting.nuisances))
@@ -230,8 +248,7 @@ class DriveBlock:
                 total = total + one.log_prior(points[:, i])
             return np.asarray(total, dtype=np.float64)
 
-        grid = integrate(log_density, [(one.low, one.high) for one in setting.coordinates])
-        return grid.log_integral, grid, sd
+        return log_density, sd
 
     def _parameters(
         self, setting: _Setting, logs: Floats, grid: Weighted, sd: Floats

@@ -27,10 +27,10 @@ _POINTS: Final = 25
 _FINAL_POINTS: Final = 61
 _CLOSINGS: Final = 7
 _SHRINKS: Final = 0.6
-_COARSE: Final = {2: 9, 3: 5, 4: 4}
-_ROUND_DRAWS: Final = 80
+_COARSE: Final = {2: 7, 3: 5, 4: 4}
+_ROUND_DRAWS: Final = 60
 _ROUNDS: Final = 6
-_DRAWS: Final = 300
+_DRAWS: Final = 250
 _FREEDOM: Final = 5.0
 
 
@@ -61,13 +61,30 @@ class Weighted:
         return np.asarray(self.point[int(np.argmax(self.log_value))], dtype=np.float64)
 
 
-def integrate(log_density: Values, bounds: Sequence[tuple[float, float]]) -> Weighted:
-    """Integrate exp(log_density(points float64[p, d])) over a box of one to four dimensions."""
+def locate(log_density: Values, bounds: Sequence[tuple[float, float]]) -> Floats:
+    """Return where log_density(points float64[p, d]) is largest in a box."""
+    box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
+    if len(box) < 2:
+        return integrate(log_density, bounds).best
+    return _best_of_box(log_density, box)
+
+
+def integrate(
+    log_density: Values, bounds: Sequence[tuple[float, float]], start: Floats | None = None
+) -> Weighted:
+    """Integrate exp(log_density(points float64[p, d])) over a box of one to four dimensions.
+
+    *start* is near the largest value, where that is known from `locate`.
+    """
     box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
     if len(box) == 0:
         point = np.zeros((1, 0))
         return Weighted(point, log_density(point), np.zeros(0))
-    return _by_grid(log_density, box) if len(box) == 1 else _by_sampling(log_density, box)
+    if len(box) == 1:
+        return _by_grid(log_density, box)
+    return _by_sampling(
+        log_density, box, _best_of_box(log_density, box) if start is None else start
+    )
 
 
 def _by_grid(log_density: Values, box: Floats) -> Weighted:
@@ -90,37 +107,44 @@ def _by_grid(log_density: Values, box: Floats) -> Weighted:
     return Weighted(points, log_density(points) + float(np.sum(np.log(cell))), cell)
 
 
-def _by_sampling(log_density: Values, box: Floats) -> Weighted:
+def _inside(log_density: Values, box: Floats, candidates: Floats) -> Floats:
+    """Return the log density of candidates, -inf outside the box."""
+    there = np.all((candidates > box[:, 0]) & (candidates < box[:, 1]), axis=1)
+    logs = np.full(len(candidates), -np.inf)
+    if there.any():
+        logs[there] = log_density(candidates[there])
+    return logs
+
+
+def _best_of_box(log_density: Values, box: Floats) -> Floats:
+    """Return the best point of a coarse grid, improved by a simplex."""
     size = len(box)
     points, cell = _middles(box, _COARSE[size])
-    values = log_density(points)
-    start = points[int(np.argmax(values))]
-
-    def inside(candidates: Floats) -> Floats:
-        there = np.all((candidates > box[:, 0]) & (candidates < box[:, 1]), axis=1)
-        logs = np.full(len(candidates), -np.inf)
-        if there.any():
-            logs[there] = log_density(candidates[there])
-        return logs
-
-    best = minimize(
-        lambda point: -float(np.maximum(inside(point[np.newaxis])[0], -1e300)),
+    start = points[int(np.argmax(log_density(points)))]
+    found = minimize(
+        lambda point: -max(float(_inside(log_density, box, point[np.newaxis])[0]), -1e300),
         start,
         method="Nelder-Mead",
         options={
             "maxfev": 60 * size,
             "initial_simplex": np.vstack([start, start + 0.45 * np.diag(cell)]),
-            "fatol": 0.01,
+            "fatol": 0.05,
             "xatol": 1e-7,
         },
-    ).x
-    mean = np.asarray(best, dtype=np.float64)
+    )
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def _by_sampling(log_density: Values, box: Floats, start: Floats) -> Weighted:
+    size = len(box)
+    cell = (box[:, 1] - box[:, 0]) / _COARSE[size]
+    mean = start
     covariance = np.diag((0.5 * cell) ** 2)
     random = np.random.default_rng(1)
     temper = 0.0
     for _ in range(4 * _ROUNDS):
         draws, log_proposal = _student(mean, covariance, _ROUND_DRAWS, random)
-        values = inside(draws)
+        values = _inside(log_density, box, draws)
         ratio = values - log_proposal
         temper = _temperature(values, ratio)
         weight = _tempered(values, ratio, temper)
@@ -130,7 +154,7 @@ def _by_sampling(log_density: Values, box: Floats) -> Weighted:
         if temper == 1.0 and float(1 / np.sum(weight**2)) > 0.35 * _ROUND_DRAWS:
             break
     draws, log_proposal = _student(mean, 1.3 * covariance, _DRAWS, random)
-    log_value = inside(draws) - log_proposal - np.log(_DRAWS)
+    log_value = _inside(log_density, box, draws) - log_proposal - np.log(_DRAWS)
     return Weighted(draws, log_value, np.zeros(size), _tail_shape(log_value))
 
 
