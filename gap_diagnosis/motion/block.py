@@ -43,6 +43,11 @@ class MotionBlock:
         """Noise levels of the best account of all."""
         return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
 
+    def log_evidence_of_levels(self, levels: Floats) -> float:
+        """Return the log evidence of no effect at these noise levels, less that at its own."""
+        density = self.model.level_prior.log_density(np.log(levels))
+        return self.model.gram(levels).log_nothing + density - self._nothing.log_evidence
+
     def fit(self, effects: frozenset[str]) -> Fit:
         """Return what the search found of a set of at most two effects, without parameters."""
         found = self.scan.found[effects]

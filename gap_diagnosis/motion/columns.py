@@ -70,12 +70,17 @@ class Columns:
 
 
 def build_columns(
-    nodes: Nodes, prior: Prior, tolerances: dict[str, float], *, gross: bool
+    nodes: Nodes,
+    prior: Prior,
+    tolerances: dict[str, float],
+    *,
+    gross: bool,
+    without: frozenset[str] = frozenset(),
 ) -> Columns:
     """Return the columns of all effects that this log can speak of.
 
     *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
-    set-up too.
+    set-up too. *without*: effects to leave out.
     """
     motion = nodes.motion
     nominal = residuals(nodes, predict(motion))
@@ -83,7 +88,7 @@ def build_columns(
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
     for effect, explanation in EXPLAINED.items():
-        if effect in GROSS and not gross:
+        if effect in without or (effect in GROSS and not gross):
             continue
         if not nodes.has_reference and effect in NEEDS_REFERENCE:
             continue

@@ -63,8 +63,10 @@ class MotionModel:
         *,
         keep: NDArray[np.bool_] | None = None,
         gross: bool = False,
+        without: frozenset[str] = frozenset(),
     ) -> None:
-        """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used."""
+        """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used;
+        *without* names effects that are not to be tried."""
         self.recording, self.robot, self.prior = recording, robot, prior
         delay_s = coarse_delay_s(recording, robot)
         motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
@@ -73,7 +75,9 @@ class MotionModel:
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot, float(np.median(motion.dt_s[1:])))
-        self.columns: Columns = build_columns(self.nodes, prior, self.tolerances, gross=gross)
+        self.columns: Columns = build_columns(
+            self.nodes, prior, self.tolerances, gross=gross, without=without
+        )
         self.level_prior: LevelPrior = level_prior(robot)
 
     def add(self, variant: Variant, like: Term) -> Term:

@@ -37,8 +37,7 @@ class Nodes:
         sample_node: int64[r], which block that is.
         samples: float64[r], how many it has.
         has_gyro, has_reference, has_heading: which channels there are.
-        gyro_mask: bool[m], blocks whose gyro is used.
-        sample_mask: bool[r], blocks of samples that are used.
+        gyro_kept: bool[m], blocks whose gyro is used.
     """
 
     motion: Motion
@@ -52,6 +51,7 @@ class Nodes:
     sample_starts: Ints
     sample_node: Ints
     samples: Floats
+    gyro_kept: NDArray[np.bool_]
     has_gyro: bool
     has_reference: bool
     has_heading: bool
@@ -67,7 +67,7 @@ class Nodes:
 
 
 def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.bool_]) -> Nodes:
-    """Cut the ticks into blocks; leave out reference samples where *keep* (bool[n]) is false."""
+    """Cut the ticks into blocks; leave out gyro and reference where *keep* (bool[n]) is false."""
     count = len(motion.t_s)
     step_s = float(np.median(motion.dt_s[1:]))
     size = max(1, round(_BLOCK_S / step_s), -(-count // _MOST_NODES))
@@ -105,6 +105,7 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
         sample_starts=sample_starts.astype(np.int64),
         sample_node=node.astype(np.int64),
         samples=samples,
+        gyro_kept=np.logical_and.reduceat(keep, starts),
         has_gyro=motion.gyro_turn_rad is not None,
         has_reference=len(tick) > 0,
         has_heading=has_heading,
@@ -139,7 +140,8 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     if motion.gyro_turn_rad is not None:
         extra = np.cumsum((prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s)
         turned = motion.heading_rad - motion.heading_rad[0]
-        out[3] = nodes.mean(motion.gyro_turn_rad - turned - d_heading - extra)
+        compared = nodes.mean(motion.gyro_turn_rad - turned - d_heading - extra)
+        out[3] = np.where(nodes.gyro_kept, compared, np.nan)
     if nodes.has_reference:
         _compare_reference(nodes, prediction, d_x, d_y, d_heading, out)
     return out

@@ -114,7 +114,7 @@ def whiten(
     )
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def _whiten(
     columns: NDArray[np.float64],
     dt_s: Floats,

@@ -1,0 +1,146 @@
+"""One log's likelihood: its blocks, prepared and searched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap_diagnosis.bus import bus_block
+from gap_diagnosis.codes import codes_block
+from gap_diagnosis.drive import drive_block
+from gap_diagnosis.firmware import FirmwareBlock, firmware_block
+from gap_diagnosis.hypothesis import Block, Fit
+from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.gross import looks_gross
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.unknown import Alternative, alternatives
+from gap_diagnosis.priors import Prior
+from gap_diagnosis.recording import Recording
+from hil_harness.assembly import Wire
+from hil_harness.robot import Robot
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A log with its blocks.
+
+    Attributes:
+        recording: the log.
+        motion: the block of wheels, gyro and reference; None where there is nothing to compare.
+        blocks: all blocks, the motion's first.
+        alternatives: what an unlisted cause in the motion could depend on, best first.
+        unknown: log evidence of an unlisted cause by stage, less that of no effect.
+    """
+
+    recording: Recording
+    motion: MotionBlock | None
+    blocks: tuple[Block, ...]
+    alternatives: tuple[Alternative, ...]
+    unknown: Mapping[str, float]
+
+    @property
+    def firmware(self) -> FirmwareBlock | None:
+        """The block of the odometry frames, if there are any."""
+        return next((one for one in self.blocks if isinstance(one, FirmwareBlock)), None)
+
+
+def analyse(
+    recording: Recording,
+    robot: Robot,
+    wire: Wire,
+    prior: Prior,
+    *,
+    progress: Progress = lambda step, share: None,
+    without: frozenset[str] = frozenset(),
+) -> Analysis:
+    """Prepare and search all blocks of a log; *without* are effects that are not to be tried."""
+    motion = None
+    blocks: list[Block] = []
+    if recording.reference is not None or recording.gyro_rate_rad_s is not None:
+        progress("wheels, gyro and reference", 0.05)
+        gross = looks_gross(recording, robot)
+        model = MotionModel(recording, robot, prior, gross=gross, without=without)
+        motion = MotionBlock(
+            model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
+        )
+        blocks.append(motion)
+    progress("commands against wheels", 0.55)
+    drive = drive_block(recording, robot)
+    if drive is not None:
+        blocks.append(drive)
+    progress("bus and converter", 0.6)
+    bus = bus_block(recording, wire) if recording.frames else None
+    if bus is not None:
+        blocks.append(bus)
+    codes = codes_block(recording, robot)
+    if codes is not None:
+        blocks.append(codes)
+    progress("odometry against replay", 0.65)
+    firmware = firmware_block(recording, robot, wire)
+    if firmware is not None:
+        blocks.append(firmware)
+    progress("what no effect explains", 0.7)
+    others = [] if motion is None else _alternatives(motion)
+    return Analysis(
+        recording,
+        motion,
+        tuple(_without(one, without) for one in blocks),
+        tuple(others),
+        _unknown(motion, others, firmware),
+    )
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A block that keeps silent about some of its effects."""
+
+    block: Block
+    effects: frozenset[str]
+
+    @property
+    def name(self) -> str:
+        """The block's name."""
+        return self.block.name
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Fit as the block does."""
+        return self.block.fit(effects)
+
+
+def _without(block: Block, without: frozenset[str]) -> Block:
+    return block if not block.effects & without else Reduced(block, block.effects - without)
+
+
+def _alternatives(motion: MotionBlock) -> list[Alternative]:
+    """Return unlisted causes at the noise levels of the best account, relative to no effect."""
+    levels = motion.levels
+    gain = motion.log_evidence_of_levels(levels)
+    return [
+        Alternative(
+            one.stage,
+            one.variable,
+            one.log_evidence + gain,
+            one.log_likelihood + gain,
+            one.share,
+        )
+        for one in alternatives(motion.model, levels)
+    ]
+
+
+def _unknown(
+    motion: MotionBlock | None, others: list[Alternative], firmware: FirmwareBlock | None
+) -> dict[str, float]:
+    stages: dict[str, list[float]] = {}
+    for one in others:
+        stages.setdefault(one.stage, []).append(one.log_evidence)
+    found = {
+        stage: float(np.logaddexp.reduce(values)) - float(np.log(len(values)))
+        for stage, values in stages.items()
+    }
+    if firmware is not None:
+        found["firmware"] = -1e4 if firmware.is_equal else firmware.leftover().log_evidence
+    return found

@@ -1,0 +1,192 @@
+"""From probabilities to the answer's entries: names, intervals, groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, cast, get_args
+
+import numpy as np
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.explanations import twins_of
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.ranking import Effects, Ranked, Ranking
+from gap_diagnosis.result import NO_GAP, UNKNOWN
+from gap_diagnosis.result_parts import (
+    Candidate,
+    ChoiceEstimate,
+    Dependence,
+    NumberEstimate,
+    ParameterEstimate,
+    StageOrNone,
+    Unknown,
+    Variable,
+)
+from hil_harness.effects import catalogue
+
+_LISTED: Final = 12
+_DETAILED: Final = 4
+_MOST_AMBIGUOUS: Final = 40
+_LEAST_SHARE: Final = 0.02
+
+
+def candidates(ranking: Ranking, analyses: Sequence[Analysis]) -> tuple[list[Candidate], float]:
+    """Return the entries of ``which`` and the probability of all that is not listed."""
+    listed = [one for one in ranking.sets if one.effects][:_LISTED]
+    nothing = ranking.of(frozenset())
+    lost = sum(ranking.unknown.values())
+    entries = [_candidate(one, ranking, analyses, place) for place, one in enumerate(listed)]
+    entries.append(
+        Candidate(
+            effects=(NO_GAP,), probability=nothing.probability,
+            group_probability=nothing.probability, separation=0.0,
+        )
+    )  # fmt: skip
+    entries.append(Candidate(effects=(UNKNOWN,), probability=lost, group_probability=lost))
+    other = max(0.0, 1.0 - float(sum(one.probability for one in entries)))
+    return entries, other
+
+
+def _candidate(
+    one: Ranked, ranking: Ranking, analyses: Sequence[Analysis], place: int
+) -> Candidate:
+    group = ranking.group(one.effects)
+    ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
+    ambiguous += [twin for twin in _twins(one.effects) if twin not in ambiguous]
+    fits = _details(one.effects, analyses) if place < _DETAILED else []
+    parameters = {key: _converted(key, estimates) for key, estimates in _by_parameter(fits).items()}
+    windows = tuple(window for fit in fits for window in fit.windows)
+    return Candidate(
+        effects=tuple(sorted(one.effects)),
+        probability=one.probability,
+        group_probability=min(1.0, one.probability + sum(each.probability for each in group)),
+        parameters=dict(sorted(parameters.items())),
+        windows=windows,
+        ambiguous_with=tuple(ambiguous),
+        separation=2 * one.log_likelihood,
+        pareto_k=max((fit.pareto_k for fit in fits), default=0.0) or None,
+    )
+
+
+def _twins(effects: Effects) -> list[tuple[str, ...]]:
+    """Return the sets that differ from this one by a twin in place of one effect."""
+    return [
+        tuple(sorted((effects - {effect}) | {twin}))
+        for effect in sorted(effects)
+        for twin in twins_of(effect)
+        if twin not in effects
+    ]
+
+
+def _details(effects: Effects, analyses: Sequence[Analysis]) -> list[Fit]:
+    fits = []
+    for analysis in analyses:
+        for block in analysis.blocks:
+            own = effects & block.effects
+            if own:
+                fit = (
+                    analysis.motion.detail(own)
+                    if analysis.motion is not None and block is analysis.motion
+                    else block.fit(own)
+                )
+                fits.append(fit)
+    return fits
+
+
+def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:
+    found: dict[str, list[Estimate]] = {}
+    for fit in fits:
+        for key, estimate in fit.parameters.items():
+            found.setdefault(key, []).append(estimate)
+    return found
+
+
+def _converted(key: str, estimates: Sequence[Estimate]) -> ParameterEstimate:
+    """Return one estimate of all: blocks and logs that speak of a parameter are weighed."""
+    choices = [one for one in estimates if one.samples is None]
+    if choices:
+        return _choice(choices)
+    best = min(estimates, key=lambda one: one.sd)
+    samples = np.asarray(best.samples, dtype=np.float64)
+    if len(estimates) > 1:
+        weights = np.array([1 / max(one.sd, 1e-300) ** 2 for one in estimates])
+        mean = float(np.average([float(one.value) for one in estimates], weights=weights))
+        sd = float(weights.sum() ** -0.5)
+        samples = mean + (samples - samples.mean()) * sd / max(best.sd, 1e-300)
+    effect, _, name = key.partition(".")
+    try:
+        unit = catalogue()[effect].parameter(name).unit
+    except KeyError:
+        unit = "1"
+    low95, low80, low50, high50, high80, high95 = np.percentile(
+        samples, [2.5, 10, 25, 75, 90, 97.5]
+    )
+    return NumberEstimate(
+        estimate=float(samples.mean()),
+        unit=unit,
+        sd=float(samples.std()),
+        ci50=(float(low50), float(high50)),
+        ci80=(float(low80), float(high80)),
+        ci95=(float(low95), float(high95)),
+    )
+
+
+def _choice(estimates: Sequence[Estimate]) -> ChoiceEstimate:
+    total: dict[str, float] = {}
+    for one in estimates:
+        known = one.probabilities or {str(one.value): 1.0}
+        for name, probability in known.items():
+            total[name] = total.get(name, 0.0) + np.log(max(probability, 1e-12))
+    top = max(total.values())
+    weights = {name: float(np.exp(value - top)) for name, value in total.items()}
+    whole = sum(weights.values())
+    best = max(weights, key=lambda name: weights[name])
+    value = next((one.value for one in estimates if str(one.value) == best), estimates[0].value)
+    known_value = value if isinstance(value, str) else int(value)
+    return ChoiceEstimate(
+        estimate=known_value if str(known_value) in weights else best,
+        probabilities={name: weight / whole for name, weight in weights.items()},
+    )
+
+
+def stage_probabilities(ranking: Ranking, stage_of: Mapping[str, str]) -> dict[StageOrNone, float]:
+    """Return the probability of each stage; a pair's is split evenly between its effects."""
+    stages: dict[StageOrNone, float] = dict.fromkeys(get_args(StageOrNone), 0.0)
+    for one in ranking.sets:
+        if not one.effects:
+            stages["none"] += one.probability
+        for effect in one.effects:
+            stage = cast(StageOrNone, stage_of[effect])
+            stages[stage] += one.probability / len(one.effects)
+    for name, probability in ranking.unknown.items():
+        stages[cast(StageOrNone, name)] += probability
+    total = sum(stages.values())
+    return {stage: value / total for stage, value in stages.items()}
+
+
+def unknown_part(analyses: Sequence[Analysis], ranking: Ranking, stage: StageOrNone) -> Unknown:
+    """Describe the leftover: on what it depends, and how far that would close the gap."""
+    depends: dict[Variable, float] = {}
+    windows: tuple[tuple[float, float], ...] = ()
+    names = set(get_args(Variable))
+    for analysis in analyses:
+        if stage == "firmware" and analysis.firmware is not None:
+            left = analysis.firmware.leftover()
+            windows = left.windows
+            pairs = list(left.depends_on)
+        else:
+            pairs = [
+                (one.variable, one.share) for one in analysis.alternatives if one.stage == stage
+            ][:3]
+        for variable, share in pairs:
+            if variable in names and share >= _LEAST_SHARE:
+                known = cast(Variable, variable)
+                depends[known] = max(depends.get(known, 0.0), float(share))
+    ordered = sorted(depends.items(), key=lambda item: -item[1])
+    closes = ordered[0][1] if ordered else None
+    return Unknown(
+        stage=stage,
+        windows=windows,
+        depends_on=tuple(Dependence(variable=name, share=share) for name, share in ordered),
+        closes=closes,
+    )

@@ -1,0 +1,175 @@
+"""The diagnosis of logs: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from gap_diagnosis.advising import advice_for
+from gap_diagnosis.analysis import Analysis, Progress, analyse
+from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
+from gap_diagnosis.effect_stages import stages_of
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
+from gap_diagnosis.how_far import Shrink, shrink
+from gap_diagnosis.pictures import Report
+from gap_diagnosis.priors import Prior, default_prior
+from gap_diagnosis.ranking import Ranking, rank
+from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
+from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
+from gap_diagnosis.structure import structure_of
+from hil_harness.assembly import Wire, load_wire
+from hil_harness.effects.library import load_effect_library
+from hil_harness.robot import Robot, load_robot
+
+
+def diagnose(
+    logs: Sequence[Path],
+    *,
+    robot: Path | None = None,
+    dbc: Path | None = None,
+    signals: Path | None = None,
+    references: Sequence[Path] = (),
+    holdout: Path | None = None,
+    holdout_reference: Path | None = None,
+    effect_library: Path | None = None,
+    progress: Progress = lambda step, share: None,
+) -> Report:
+    """Diagnose recorded logs; *progress* is told the step and the share that is done.
+
+    Raises DiagnosisError, CanBusError or HarnessError in one line for what cannot be read.
+    """
+    started = time.monotonic()
+    described = load_robot(robot)
+    known = None if effect_library is None else load_effect_library(effect_library)
+    progress("reading", 0.0)
+    recordings = read_recordings(
+        logs, robot=described, references=references, dbc=dbc, signals=signals
+    )
+    held = None
+    if holdout is not None:
+        given = () if holdout_reference is None else (holdout_reference,)
+        (held,) = read_recordings(
+            [holdout], robot=described, references=given, dbc=dbc, signals=signals
+        )
+    wire = _wire(dbc, signals, recordings)
+    inputs = input_files(
+        logs, robot, dbc, signals, references, holdout, holdout_reference, effect_library
+    )
+    return diagnose_recordings(
+        recordings,
+        described,
+        wire,
+        held=held,
+        library=known,
+        inputs=inputs,
+        started=started,
+        progress=progress,
+    )
+
+
+def diagnose_recordings(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    wire: Wire,
+    *,
+    held: Recording | None = None,
+    library: Mapping[str, object] | None = None,
+    inputs: Sequence[InputFile] = (),
+    prior: Prior | None = None,
+    started: float | None = None,
+    progress: Progress = lambda step, share: None,
+    without: frozenset[str] = frozenset(),
+) -> Report:
+    """Diagnose recordings that are read already; *without* withholds effects from the library."""
+    started = time.monotonic() if started is None else started
+    del library
+    prior = prior or default_prior()
+    parts = max(len(recordings), 1)
+    analyses: list[Analysis] = []
+    for place, recording in enumerate(recordings):
+
+        def part(step: str, share: float, at: int = place) -> None:
+            progress(step, 0.02 + 0.75 * (at + share) / parts)
+
+        analyses.append(analyse(recording, robot, wire, prior, progress=part, without=without))
+    if not any(one.blocks for one in analyses):
+        raise DiagnosisError(
+            f"{recordings[0].name}: nothing to compare the wheels with: expected a gyro, a "
+            "reference, commands, odometry frames or stamped bus frames"
+        )
+    stage_of = stages_of(analyses)
+    ranking = rank([one.blocks for one in analyses], prior, stage_of, _unknown(analyses))
+    progress("how far the gap shrinks", 0.8)
+    which, other = candidates(ranking, analyses)
+    ordered = sort_candidates(which)
+    verdict = "+".join(ordered[0].effects)
+    stages = stage_probabilities(ranking, stage_of)
+    stage = _stage(verdict, ranking, stages)
+    found = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
+    progress("what to drive next", 0.95)
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        stage=stage,
+        stage_probabilities=sort_stages(stages),
+        which=ordered,
+        other=other,
+        where=Where(stages=found.stages, segments=found.segments),
+        unknown=unknown_part(analyses, ranking, stage) if verdict == UNKNOWN else None,
+        gap=found.gap,
+        waterfall=found.waterfall,
+        structure=structure_of(analyses),
+        advice=advice_for(ordered[0], robot, wire, analyses),
+        assumptions=ASSUMPTIONS,
+        notes=notes_on(analyses, found.notes),
+        logs=tuple(log_facts(one.recording, robot) for one in analyses),
+        inputs=tuple(inputs),
+        version=version("chiplog"),
+        seconds=time.monotonic() - started,
+    )
+    progress("done", 1.0)
+    return Report(diagnosis, found.pictures)
+
+
+def _wire(dbc: Path | None, signals: Path | None, recordings: Sequence[Recording]) -> Wire:
+    """Return the wire; a map of table columns says nothing about frames."""
+    if any(one.frames for one in recordings):
+        return load_wire(dbc, signals)
+    return load_wire(dbc) if dbc is not None and signals is None else load_wire()
+
+
+def _unknown(analyses: Sequence[Analysis]) -> dict[str, float]:
+    """Return the log evidence of an unlisted cause by stage, added up over logs."""
+    total: dict[str, float] = {}
+    for one in analyses:
+        for stage, value in one.unknown.items():
+            total[stage] = total.get(stage, 0.0) + value
+    return total
+
+
+def _stage(verdict: str, ranking: Ranking, stages: Mapping[StageOrNone, float]) -> StageOrNone:
+    """Return the most probable stage that goes with the verdict."""
+    if verdict == NO_GAP:
+        return "none"
+    if verdict == UNKNOWN:
+        named = {name: ranking.unknown.get(name, 0.0) for name in stages if name != "none"}
+        return max(named, key=lambda name: named[name])
+    real = {name: value for name, value in stages.items() if name != "none"}
+    return max(real, key=lambda name: real[name])
+
+
+def _shrink(
+    analyses: Sequence[Analysis],
+    ranking: Ranking,
+    verdict: str,
+    stage: StageOrNone,
+    robot: Robot,
+    wire: Wire,
+    held: Recording | None,
+) -> Shrink:
+    effects = frozenset() if verdict in {NO_GAP, UNKNOWN} else frozenset(verdict.split("+"))
+    return shrink(analyses[0], effects, stage, robot, wire, held)

@@ -1,0 +1,116 @@
+"""What a diagnosis was made from, what it takes for granted, and what the data cannot tell."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import InputFile, LogFacts
+from hil_harness.robot import Robot
+
+ASSUMPTIONS: Final = (
+    "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m).",
+    "The reference is off by white noise and by noise that lasts about a second, levels estimated.",
+    "Constants within the tolerances of robot.toml are no news.",
+    "At most two effects of the library act at once, or one that is not in it.",
+    "Start pose and small offsets of clocks are free in every fit.",
+)
+
+_CHUNK: Final = 1 << 20
+
+Role = Literal[
+    "log", "reference", "robot", "dbc", "signals", "holdout", "holdout_reference", "effect_library"
+]
+
+
+def input_files(
+    logs: Sequence[Path],
+    robot: Path | None,
+    dbc: Path | None,
+    signals: Path | None,
+    references: Sequence[Path],
+    holdout: Path | None,
+    holdout_reference: Path | None,
+    effect_library: Path | None,
+) -> list[InputFile]:
+    """Return every file that was read, with its SHA-256."""
+    named: list[tuple[Role, Path | None]] = [("log", log) for log in logs]
+    named += [("reference", one) for one in references]
+    named += [
+        ("robot", robot),
+        ("dbc", dbc),
+        ("signals", signals),
+        ("holdout", holdout),
+        ("holdout_reference", holdout_reference),
+        ("effect_library", effect_library),
+    ]
+    return [
+        InputFile(role=role, name=Path(path).name, sha256=_sha256(Path(path)))
+        for role, path in named
+        if path is not None
+    ]
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def log_facts(recording: Recording, robot: Robot) -> LogFacts:
+    """Return what a log holds."""
+    rad = 2 * np.pi / robot.plant.encoder.ticks_per_rev
+    steps = [
+        np.abs(np.diff(ticks[np.isfinite(ticks)])).sum() * rad * robot.plant.wheels.radius_m
+        for ticks in (recording.left_ticks, recording.right_ticks)
+    ]
+    turned = recording.right_ticks - recording.left_ticks
+    turned = np.abs(np.diff(turned[np.isfinite(turned)])).sum() * rad
+    skew = recording.clock_skew
+    return LogFacts(
+        name=recording.name,
+        duration_s=recording.duration_s,
+        ticks=len(recording.t_s),
+        distance_m=float(np.mean(steps)),
+        turned_rad=float(turned * robot.plant.wheels.radius_m / robot.plant.wheels.wheelbase_m),
+        has_reference=recording.reference is not None,
+        has_gyro=recording.gyro_rate_rad_s is not None,
+        has_commands=recording.v_command_m_s is not None,
+        has_odometry=recording.odometry_x_m is not None,
+        clock_skew=float(skew) if np.isfinite(skew) else None,
+        lost_ticks=int(recording.tick[-1] - recording.tick[0] + 1 - len(recording.tick))
+        + int(np.isnan(recording.left_ticks).sum()),
+    )
+
+
+def notes_on(analyses: Sequence[Analysis], more: Sequence[str]) -> tuple[str, ...]:
+    """Return what these logs cannot tell."""
+    notes: list[str] = []
+    recordings = [one.recording for one in analyses]
+    if all(one.reference is None for one in recordings):
+        notes.append(
+            "No reference: what bends wheels and gyro alike, and whether wheelbase or gyro scale "
+            "is wrong, cannot be known."
+        )
+    elif any(one.reference is not None and one.reference.heading_rad is None for one in recordings):
+        notes.append("The reference has no orientation: headings are compared by its course only.")
+    if all(one.gyro_rate_rad_s is None for one in recordings):
+        notes.append("No gyro in the log: nothing is said of it.")
+    if all(one.v_command_m_s is None for one in recordings):
+        notes.append("No commands in the log: nothing is said of the drive.")
+    if all(one.odometry_x_m is None for one in recordings):
+        notes.append("No odometry frames: a replay has nothing to be compared with.")
+    for one in recordings:
+        lost = {reason: count for reason, count in one.rejected.items() if count}
+        if lost:
+            parts = ", ".join(f"{count} by {reason}" for reason, count in sorted(lost.items()))
+            notes.append(f"{one.name}: frames rejected: {parts}.")
+    return (*notes, *more)

@@ -1,0 +1,177 @@
+"""How far the gap shrinks on data that the fit of the values never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.firmware import replayed_pose
+from gap_diagnosis.gap.holdout import hold_out
+from gap_diagnosis.gap.how_far import gap_of
+from gap_diagnosis.gap.manoeuvres import kinds_of
+from gap_diagnosis.gap.on_recording import Replayed, levels_of, measure, odometry_rms, windows_on
+from gap_diagnosis.gap.waterfall import shapley_reductions
+from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.motion.block import MotionBlock, draw
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.pictures import Pictures
+from gap_diagnosis.picturing import pictures_of
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.ranking import Effects
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
+from hil_harness.assembly import Wire
+from hil_harness.robot import Robot
+
+_DRAWS: Final = 40
+_ODOMETRY: Final = frozenset({"odometry_position_m", "odometry_heading_rad", "turn_difference_rad"})
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """The gap before and after, and where it lies.
+
+    Attributes:
+        gap: None where nothing could be held out or measured.
+        waterfall: None where the winning effects are not those of the motion.
+        stages: share of each stage in the gap.
+        segments: the same, manoeuvre by manoeuvre.
+        pictures: to draw from.
+        notes: what could not be measured.
+    """
+
+    gap: Gap | None = None
+    waterfall: Waterfall | None = None
+    stages: dict[StageOrNone, float] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    pictures: Pictures = field(default_factory=Pictures)
+    notes: tuple[str, ...] = ()
+
+
+def shrink(
+    analysis: Analysis,
+    effects: Effects,
+    stage: StageOrNone,
+    robot: Robot,
+    wire: Wire,
+    held: Recording | None,
+) -> Shrink:
+    """Measure the gap with and without *effects*, whose values are fitted on the other part.
+
+    With *held*, another log, that is where it is measured; else on held-out stretches.
+    """
+    if analysis.motion is None:
+        return Shrink(notes=("Neither gyro nor reference: the gap of the pose is not measured.",))
+    own = effects & analysis.motion.effects
+    model, where = analysis.motion.model, analysis.recording
+    if held is None:
+        kinds = kinds_of(where, robot)
+        sides = hold_out(where.t_s, kinds)
+        if sides.why_not is not None:
+            return Shrink(
+                stages={}, notes=(sides.why_not,), pictures=pictures_of(where, model, [], ())
+            )
+        apart = MotionModel(where, robot, model.prior, keep=sides.fit)
+        fitted = _refitted(apart, analysis.motion, own)
+        motion, mask = model.nodes.motion, sides.held_out
+    else:
+        where = held
+        kinds = kinds_of(held, robot)
+        fitted = _refitted(model, analysis.motion, own)
+        motion = estimate_motion(held, robot)
+        mask = np.ones(len(held.t_s), dtype=np.bool_)
+    settings, drawn = _settings(fitted)
+    windows = windows_on(motion, mask)
+    firmware = None
+    if where.odometry_x_m is not None:
+        firmware = Replayed(before=replayed_pose(where, robot, wire))
+    metrics = measure(
+        where,
+        robot,
+        motion,
+        windows,
+        effects=settings,
+        draws=drawn,
+        levels=levels_of(analysis.motion.levels, robot),
+        firmware=firmware,
+    )
+    gap = gap_of(metrics, stage, "stretches" if held is None else "log")
+    named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None
+    waterfall = None
+    if gap is not None and named is not None and own and gap.after is not None:
+        waterfall = _waterfall(gap, named, where, robot, motion, windows, settings)
+    metric = named or ("odometry_position_m" if where.reference else "turn_difference_rad")
+    return Shrink(
+        gap=gap,
+        waterfall=waterfall,
+        stages=stage_shares(metric, where, robot, motion, windows, settings),
+        segments=manoeuvre_segments(where, robot, motion, kinds, settings, metric=metric),
+        pictures=pictures_of(where, model, windows, settings, motion=motion, robot=robot),
+    )
+
+
+def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:
+    """Fit the values of the chosen effects again on what *model* may see."""
+    if not effects:
+        return None
+    found = motion.scan.found[effects]
+    terms = [
+        model.add(term.variant, term) if model is not motion.model else term for term in found.terms
+    ]
+    return model.refit(terms, found.levels, free_levels=False)
+
+
+def _settings(fitted: Refitted | None) -> tuple[list[Setting], list[list[Setting]]]:
+    """Return the best values and draws from their posterior."""
+    if fitted is None:
+        return [], []
+    terms = fitted.scored.terms
+    best: list[Setting] = [(t.variant, c) for t, c in zip(terms, fitted.coefficients, strict=True)]
+    draws = draw(fitted.scored, [t for t in terms if not t.is_fixed], np.random.default_rng(0))[
+        :_DRAWS
+    ]
+    drawn = []
+    for row in draws:
+        place = 0
+        one: list[Setting] = []
+        for term in terms:
+            width = len(term.variant.coefficients)
+            one.append((term.variant, tuple(row[place : place + width])))
+            place += width
+        drawn.append(one)
+    return best, drawn if draws.shape[1] else []
+
+
+def _waterfall(
+    gap: Gap,
+    metric: str,
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    settings: Sequence[Setting],
+) -> Waterfall | None:
+    def rms(subset: frozenset[str]) -> float:
+        chosen = [one for one in settings if one[0].effect in subset]
+        return odometry_rms(metric, recording, robot, motion, windows, chosen)
+
+    names = frozenset(variant.effect for variant, _ in settings)
+    reductions = shapley_reductions(names, rms)
+    return Waterfall(
+        metric=metric,
+        unit=gap.unit,
+        before=rms(frozenset()),
+        steps=tuple(
+            WaterfallStep(effect=name, reduction=value)
+            for name, value in sorted(reductions.items(), key=lambda item: -item[1])
+        ),
+        after=rms(names),
+        floor=gap.floor,
+    )

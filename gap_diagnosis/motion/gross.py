@@ -1,0 +1,53 @@
+"""Is something wrong by a sign or a factor? Only then are mistakes of the set-up tried."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.recording import Floats, Recording
+from hil_harness.robot import Robot
+
+_LOW: Final = 0.7
+_HIGH: Final = 1.4
+_BLOCK_S: Final = 0.5
+
+
+def looks_gross(recording: Recording, robot: Robot) -> bool:
+    """Tell whether turns or ways of two sources differ by more than any effect makes likely."""
+    motion = estimate_motion(recording, robot)
+    t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
+    if len(t_s) < 8:
+        return False
+    wheels = motion.radius_m * (motion.right_angle_rad - motion.left_angle_rad) / motion.wheelbase_m
+    turn = np.diff(np.interp(t_s, motion.t_s, wheels))
+    ratios = []
+    if motion.gyro_turn_rad is not None:
+        gyro = np.diff(np.interp(t_s, motion.t_s, motion.gyro_turn_rad))
+        ratios.append(_slope(turn, gyro))
+    reference = recording.reference
+    if reference is not None and len(reference.t_s) > 8:
+        if reference.heading_rad is not None:
+            heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
+            ratios.append(_slope(turn, heading))
+            if motion.gyro_turn_rad is not None:
+                ratios.append(_slope(gyro, heading))
+        way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
+        forward = np.diff(np.interp(t_s, motion.t_s, way))
+        moved = np.hypot(
+            np.diff(np.interp(t_s, reference.t_s, reference.x_m)),
+            np.diff(np.interp(t_s, reference.t_s, reference.y_m)),
+        )
+        ratios.append(_slope(np.abs(forward), moved))
+    return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+
+
+def _slope(cause: Floats, effect: Floats) -> float | None:
+    """Return the slope of a regression through deviations; None where the cause hardly varies."""
+    cause = cause - np.median(cause)
+    power = float(cause @ cause)
+    if power < 1e-4:
+        return None
+    return float(cause @ (effect - np.median(effect))) / power

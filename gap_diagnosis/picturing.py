@@ -1,0 +1,136 @@
+"""The arrays that a report draws: residuals, their map over the log, held-out trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.gap.odometry import odometry_path
+from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.pictures import HeldOutPath, Pictures, ResidualMap, ResidualSeries
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, Recording
+from hil_harness.robot import Robot
+
+_PATHS: Final = 6
+_WINDOWS: Final = 12
+
+
+def pictures_of(
+    recording: Recording,
+    model: MotionModel,
+    windows: Sequence[Window],
+    settings: Sequence[Setting],
+    *,
+    motion: Motion | None = None,
+    robot: Robot | None = None,
+) -> Pictures:
+    """Return residuals of the fitted log, and trajectories over *windows* of *recording*."""
+    series = _residuals(model, settings)
+    paths: tuple[HeldOutPath, ...] = ()
+    if motion is not None and robot is not None:
+        paths = tuple(
+            path
+            for window in _longest(windows)
+            if (path := _path(recording, robot, motion, window, settings)) is not None
+        )
+    return Pictures(series, _map(series), paths)
+
+
+_CHANNELS: Final = (
+    ("wheel", "reference − wheels, along x", "m"),
+    ("wheel", "reference − wheels, along y", "m"),
+    ("wheel", "reference heading − wheel heading", "rad"),
+    ("gyro", "gyro heading − wheel heading", "rad"),
+)
+
+
+def _residuals(model: MotionModel, settings: Sequence[Setting]) -> tuple[ResidualSeries, ...]:
+    nodes = model.nodes
+    t_s = nodes.mean(nodes.motion.t_s)
+    before = residuals(nodes, predict(nodes.motion))
+    after = residuals(nodes, predict(nodes.motion, settings)) if settings else None
+    found = []
+    for channel, (stage, name, unit) in enumerate(_CHANNELS):
+        if np.isfinite(before[channel]).any():
+            found.append(
+                ResidualSeries(
+                    stage,
+                    name,
+                    unit,
+                    t_s,
+                    _from_zero(before[channel]),
+                    None if after is None else _from_zero(after[channel]),
+                )
+            )
+    return tuple(found)
+
+
+def _from_zero(values: Floats) -> Floats:
+    known = np.flatnonzero(np.isfinite(values))
+    return np.asarray(values - values[known[0]])
+
+
+def _map(series: Sequence[ResidualSeries]) -> ResidualMap | None:
+    """Return how much of each residual arises in which twelfth of the log."""
+    if not series:
+        return None
+    t_s = series[0].t_s
+    edges = np.linspace(t_s[0], t_s[-1], _WINDOWS + 1)
+    rows: dict[str, Floats] = {}
+    for one in series:
+        known = np.isfinite(one.value)
+        at = np.interp(edges, t_s[known], one.value[known])
+        energy = np.diff(at) ** 2
+        total = float(energy.sum())
+        if total > 0:
+            rows[one.name] = energy / total
+    if not rows:
+        return None
+    shares = np.array(list(rows.values()))
+    return ResidualMap(edges, tuple(rows), shares / shares.sum())
+
+
+def _longest(windows: Sequence[Window]) -> list[Window]:
+    ordered = sorted(windows, key=lambda one: one.start_s - one.stop_s)[:_PATHS]
+    return sorted(ordered, key=lambda one: one.start_s)
+
+
+def _path(
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    window: Window,
+    settings: Sequence[Setting],
+) -> HeldOutPath | None:
+    """Return one stretch three times, moved so that it starts in the origin along x."""
+    inside = (motion.t_s >= window.start_s) & (motion.t_s <= window.stop_s)
+    if inside.sum() < 3:
+        return None
+    reference = recording.reference
+    measured = None
+    if reference is not None:
+        span = (reference.t_s >= window.start_s) & (reference.t_s <= window.stop_s)
+        if span.sum() < 3:
+            return None
+        heading = float(np.interp(window.start_s, motion.t_s, motion.heading_rad))
+        measured = _moved(reference.x_m[span], reference.y_m[span], heading)
+    tracks = []
+    for effects in ((), settings):
+        path = odometry_path(predict(motion, effects), robot)
+        heading_rad = np.zeros(1) if path.heading_rad is None else path.heading_rad[inside]
+        tracks.append(_moved(path.x_m[inside], path.y_m[inside], float(heading_rad[0])))
+    name = f"{recording.name}, {window.start_s:.0f} to {window.stop_s:.0f} s"
+    return HeldOutPath(name, measured, tracks[0], tracks[1] if settings else None)
+
+
+def _moved(x_m: Floats, y_m: Floats, heading_rad: float) -> Floats:
+    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
+    dx, dy = x_m - x_m[0], y_m - y_m[0]
+    return np.column_stack([cosine * dx + sine * dy, -sine * dx + cosine * dy])

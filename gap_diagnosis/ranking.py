@@ -1,0 +1,157 @@
+"""From evidence to probabilities: every set of effects over all blocks, `no_gap` and `unknown`."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.priors import Prior
+
+Effects = frozenset[str]
+
+THRESHOLD: Final = 29.0
+"""Separation below which two sets are not told apart (docs/design.md, section 5)."""
+
+_STAGES: Final = 8
+_PAIRED: Final = 12
+"""Single effects that are tried in pairs with every other one, outside the motion block."""
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A set of effects with what speaks for it.
+
+    Attributes:
+        effects: their names; empty for no gap.
+        log_evidence, log_likelihood: over all blocks, less those of no effect.
+        probability: posterior.
+    """
+
+    effects: Effects
+    log_evidence: float
+    log_likelihood: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All answers.
+
+    Attributes:
+        sets: most probable first, no effect among them.
+        unknown: probability of a cause that is not in the library, by stage.
+    """
+
+    sets: tuple[Ranked, ...]
+    unknown: Mapping[str, float]
+
+    @property
+    def best(self) -> Ranked:
+        """The most probable set."""
+        return self.sets[0]
+
+    def of(self, effects: Effects) -> Ranked:
+        """Return the entry of one set."""
+        return next(one for one in self.sets if one.effects == effects)
+
+    def group(self, effects: Effects) -> list[Ranked]:
+        """Return the other sets of at most as many effects that are not told apart from this."""
+        own = self.of(effects)
+        return [
+            one
+            for one in self.sets
+            if one.effects != effects
+            and len(one.effects) <= len(effects)
+            and 2 * (own.log_likelihood - one.log_likelihood) < THRESHOLD
+        ]
+
+
+def rank(
+    logs: Sequence[Sequence[Block]],
+    prior: Prior,
+    stage_of: Mapping[str, str],
+    unknown: Mapping[str, float],
+) -> Ranking:
+    """Return the probabilities of all single effects and pairs.
+
+    *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
+    evidence, less that of no effect, of an unlisted cause by stage.
+    """
+    owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
+    singles = {effect: _total(logs, frozenset({effect})) for effect in owned}
+    order = sorted(owned, key=lambda effect: -singles[effect][0])
+    leaders = set(order[:_PAIRED])
+    log_prior = _single_priors(owned, stage_of)
+    scored: dict[Effects, tuple[float, float, float]] = {
+        frozenset(): (0.0, 0.0, math.log(prior.effects[0]))
+    }
+    for effect in owned:
+        evidence, likelihood = singles[effect]
+        weight = math.log(prior.effects[1]) + log_prior[effect]
+        scored[frozenset({effect})] = (evidence, likelihood, weight)
+    for first, second in combinations(owned, 2):
+        pair = frozenset({first, second})
+        exact = first in leaders and second in leaders
+        evidence, likelihood = _total(logs, pair) if exact else _quick(logs, pair, singles)
+        weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
+        scored[pair] = (evidence, likelihood, weight)
+    logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
+    guesses = {
+        stage: evidence + math.log(prior.unknown / max(len(unknown), 1))
+        for stage, evidence in unknown.items()
+    }
+    top = max([*logs_of.values(), *guesses.values()])
+    total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
+    sets = [
+        Ranked(effects, one[0], one[1], math.exp(logs_of[effects] - top) / total)
+        for effects, one in scored.items()
+    ]
+    sets.sort(key=lambda one: (-one.probability, sorted(one.effects)))
+    return Ranking(
+        tuple(sets),
+        {stage: math.exp(value - top) / total for stage, value in guesses.items()},
+    )
+
+
+def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
+    evidence = likelihood = 0.0
+    for blocks in logs:
+        for block in blocks:
+            own = effects & block.effects
+            if own:
+                fit = block.fit(own)
+                evidence += fit.log_evidence
+                likelihood += fit.log_likelihood
+    return evidence, likelihood
+
+
+def _quick(
+    logs: Sequence[Sequence[Block]], pair: Effects, singles: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """Return a pair's evidence; a block that owns both is asked only where that costs nothing."""
+    evidence = likelihood = 0.0
+    for blocks in logs:
+        for block in blocks:
+            own = pair & block.effects
+            if len(own) == 2 and block.name != "motion":
+                fits = [block.fit(frozenset({effect})) for effect in own]
+                best = max(fits, key=lambda one: one.log_evidence)
+                evidence += best.log_evidence
+                likelihood += best.log_likelihood
+            elif own:
+                fit = block.fit(own)
+                evidence += fit.log_evidence
+                likelihood += fit.log_likelihood
+    return evidence, likelihood
+
+
+def _single_priors(owned: Sequence[str], stage_of: Mapping[str, str]) -> dict[str, float]:
+    """Return log priors: even over stages, then over the effects of each."""
+    members = Counter(stage_of[effect] for effect in owned)
+    stages = max(len(members), 1)
+    return {effect: -math.log(stages * members[stage_of[effect]]) for effect in owned}
