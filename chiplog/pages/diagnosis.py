@@ -28,7 +28,7 @@ from gap_diagnosis.result_parts import (
 )
 
 _LIKELIEST = 5
-_NEGLIGIBLE = 0.001
+_NEGLIGIBLE = 0.01
 
 
 def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) -> str:

@@ -27,6 +27,7 @@ METRIC_WORDS = {
     "timing_s": "timing",
 }
 _MOST_NAMES = 4
+_ROUNDING = 1e-11
 _PLAIN_UNITS = {"LSB", "K", "V"}
 
 
@@ -176,7 +177,9 @@ def parameter_words(parameter: ParameterEstimate) -> tuple[str, str]:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a value with its unit as a person would say it, three digits."""
+    """Return a value with its unit as a person would say it, three digits; rounding is 0."""
+    if abs(value) < _ROUNDING:
+        value = 0.0
     if unit == "rad":
         return q.angle(value, 3)
     return q.prefixed(value, unit, 3)
