@@ -14,6 +14,7 @@ from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.columns import DISCRETE, LINEAR, SHARED, Variant, is_possible, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
+from gap_diagnosis.drive.linear import Grams, draw_linear
 from gap_diagnosis.drive.noise import (
     STARTS,
     Levels,
@@ -78,15 +79,6 @@ class _Setting:
             return residual
         gains = self.shapes.gain_columns(values, angle)
         return np.concatenate((residual, np.stack([self.variant.freeze(one) for one in gains])))
-
-
-@dataclass(frozen=True)
-class _Grams:
-    """Whitened inner products at points: of linear columns, then nuisances."""
-
-    gram: Floats
-    pull: Floats
-    power: Floats
 
 
 class DriveBlock:
@@ -270,7 +262,7 @@ class DriveBlock:
             white_fixed, _ = whitened(data, fixed, levels)
             used, place = np.unique(chosen, return_inverse=True)
             grams = _grams(setting, levels, white_fixed, grid.point[used])
-            gains = _draw_linear(grams, sd, place, random)
+            gains = draw_linear(grams, sd, place, random)
             found["drive_gain.left"] = _estimate(gains[:, 0])
             found["drive_gain.right"] = _estimate(gains[:, 1])
         return found
@@ -283,7 +275,7 @@ def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int
     return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
 
 
-def _grams(setting: _Setting, levels: Levels, white_fixed: Floats, points: Floats) -> _Grams:
+def _grams(setting: _Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
     data = setting.variant.data
     own = 2 if setting.has_gain else 0
     size = own + len(white_fixed)
@@ -300,27 +292,7 @@ def _grams(setting: _Setting, levels: Levels, white_fixed: Floats, points: Float
         gram[i, own:, own:] = shared
         gram[i, :own, own:] = white[1:] @ white_fixed.T
         gram[i, own:, :own] = gram[i, :own, own:].T
-    return _Grams(gram, pull, power)
-
-
-def _draw_linear(
-    grams: _Grams, sd: Floats, place: NDArray[np.intp], random: np.random.Generator
-) -> Floats:
-    """Draw linear coefficients given each sample's grid point: float64[samples, c]."""
-    draws = np.zeros((len(place), sd.shape[1]))
-    for i in range(len(grams.power)):
-        rows = np.flatnonzero(place == i)
-        logs = marginal(grams.gram[i][None], grams.pull[i][None], grams.power[i][None], sd)
-        weight = np.exp(logs - logs.max())
-        scale = random.choice(len(sd), size=len(rows), p=weight / weight.sum())
-        for number in np.unique(scale):
-            mine = rows[scale == number]
-            precision = grams.gram[i] + np.diag(1 / sd[number] ** 2)
-            factor = np.linalg.cholesky(precision)
-            mean = np.linalg.solve(precision, grams.pull[i])
-            noise = np.linalg.solve(factor.T, random.standard_normal((len(factor), len(mine))))
-            draws[mine] = mean + noise.T
-    return draws
+    return Grams(gram, pull, power)
 
 
 def _estimate(samples: Floats) -> Estimate:

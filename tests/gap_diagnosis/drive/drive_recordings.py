@@ -25,7 +25,7 @@ def drive_scenario(seed: int, duration_s: float = 60.0) -> Scenario:
 def recording_of(commands: np.ndarray, left: np.ndarray, right: np.ndarray) -> Recording:
     """Return a recording of commands float64[n, 2] and running counts."""
     ticks = np.arange(len(left), dtype=np.int64)
-    time_s = ticks * 0.01
+    time_s = np.asarray(ticks * 0.01, dtype=np.float64)
     return Recording(
         name="made",
         tick_period_s=0.01,
