@@ -18,6 +18,7 @@ from chiplog.errors import CommandError, suggestion
 if TYPE_CHECKING:
     from hil_harness.effects import Effect, EffectParameter
 
+_WIDEST = 32
 _NESTED = ("apply", "explain", "parameters", "twins")
 
 
@@ -73,19 +74,16 @@ def _chosen(known: Mapping[str, Effect], name: str | None, stage: Stage | None) 
 def _show_all(effects: Sequence[Effect]) -> None:
     from chiplog.terminal import show_line, show_table
 
-    if not effects:
-        show_line("none yet")
-        return
     rows = []
     stage = ""
     for effect in effects:
         heads = [effect.stage if effect.stage != stage else "", effect.name]
         stage = effect.stage
         for parameter in effect.parameters:
-            rows.append([*heads, parameter.name, *_facts(parameter)])
+            rows.append([*heads, parameter.name, *_facts(parameter, _WIDEST)])
             heads = ["", ""]
         if not effect.parameters:
-            rows.append([*heads, "", "", "", ""])
+            rows.append([*heads, "none", "", "", ""])
     show_table(["stage", "effect", "parameter", "unit", "neutral", "typical"], rows, words=4)
     show_line()
     show_line("A ratio is real over described, minus 1. `chiplog effects NAME` tells more of one.")
@@ -108,9 +106,13 @@ def _show_one(effect: Effect) -> None:
     )
 
 
-def _facts(parameter: EffectParameter) -> list[str]:
-    """Return unit (or choices), neutral value and typical range."""
+def _facts(parameter: EffectParameter, widest: int = 1000) -> list[str]:
+    """Return unit (or choices, or how many if they are too wide), neutral and typical range."""
     unit = "|".join(parameter.choices) if parameter.choices else parameter.unit
+    if len(unit) > widest:
+        unit = f"one of {len(parameter.choices)}"
+    if parameter.kind == "message":
+        unit = "message"
     typical = parameter.typical
     span = "" if typical is None else f"{_text(typical.low)} to {_text(typical.high)}"
     return [unit, _text(parameter.neutral), span]

@@ -28,10 +28,6 @@ def test_effects_of_one_stage_are_those_alone(chiplog: Chiplog) -> None:
     assert "gyro_bias" in {effect["name"] for effect in effects}
 
 
-def test_a_stage_without_effects_says_so(chiplog: Chiplog) -> None:
-    assert chiplog("effects", "--stage", "bus").out == "none yet\n"
-
-
 def test_one_effect_is_shown_with_signature_twins_and_meanings(chiplog: Chiplog) -> None:
     shown = chiplog("effects", "radius_scale").out
     effect = catalogue()["radius_scale"]
