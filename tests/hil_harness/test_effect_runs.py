@@ -9,7 +9,7 @@ import pytest
 from can_bus import read_log
 from hil_harness.assembly import RunConfig, Wire, load_wire
 from hil_harness.effect_runs import EffectRun, run_with_effects
-from hil_harness.effects import combine_effects, parse_effect
+from hil_harness.effects import catalogue, combine_effects, parse_effect
 from hil_harness.effects.model import EffectSetting
 from hil_harness.results import RunResult
 from hil_harness.robot import Robot, load_robot
@@ -130,3 +130,34 @@ def test_the_log_holds_the_stamps_of_the_arrays(
         if arrivals is not None:
             time_us = arrivals.time_us[arrivals.time_us <= last_us]
         np.testing.assert_allclose(logged, np.rint(time_us / rate) * 1e-6, atol=1e-9)
+
+
+def test_an_effect_of_the_reference_changes_the_reference_file_alone(
+    robot: Robot, tmp_path: Path
+) -> None:
+    plain = in_the_loop(robot, (), tmp_path / "plain.log")
+    seen = in_the_loop(
+        robot,
+        ("reference_yaw.angle=0.02", "reference_time_offset.offset=0.05"),
+        tmp_path / "seen.log",
+    )
+    assert (tmp_path / "plain.log").read_bytes() == (tmp_path / "seen.log").read_bytes()
+    np.testing.assert_array_equal(plain.truth, seen.truth)
+    assert plain.reference is None
+    assert seen.reference is not None
+    stamps_s, poses = seen.reference
+    np.testing.assert_allclose(stamps_s, plain.time_s + 0.05)
+    np.testing.assert_allclose(poses[:, 2], plain.truth[:, 2] + 0.02)
+
+
+def test_neutral_effects_of_every_stage_leave_the_log_as_it_is(
+    robot: Robot, tmp_path: Path
+) -> None:
+    neutral = [
+        f"{effect.name}.{parameter.name}={parameter.neutral}"
+        for effect in catalogue().values()
+        for parameter in effect.parameters
+    ]
+    in_the_loop(robot, (), tmp_path / "plain.log")
+    in_the_loop(robot, neutral, tmp_path / "neutral.log")
+    assert (tmp_path / "plain.log").read_bytes() == (tmp_path / "neutral.log").read_bytes()
