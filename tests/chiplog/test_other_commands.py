@@ -95,3 +95,15 @@ def test_importing_chiplog_loads_nothing_heavy() -> None:
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'simulate'"):
         _ = package.simulate
+
+
+def test_effects_of_ones_own_are_listed_beside_chiplogs(chiplog: Chiplog, tmp_path: Path) -> None:
+    library = tmp_path / "my_effects.py"
+    library.write_text(
+        "from hil_harness.effects import Effect\n"
+        "EFFECTS = [Effect('worn_hub', 'wheel', (), 'It wobbles.', lambda s, values: s)]\n"
+    )
+    listed = chiplog("effects", "--effect-library", str(library)).out
+    assert "worn_hub" in listed
+    assert "radius_scale" in listed
+    assert "It wobbles." in chiplog("effects", "worn_hub", "--effect-library", str(library)).out
