@@ -25,6 +25,7 @@ Ints = NDArray[np.int64]
 _US = 1e-6
 _LEAST_FRAMES = 20
 _LARGEST_SKEW = 0.1
+_FASTER = 0.75
 
 
 class LogByTicks:
@@ -82,6 +83,11 @@ class LogByTicks:
         cycle_us = frames.spec.cycle_time_us or self.wire.tick_period_us
         return max(1, round(cycle_us / self.wire.tick_period_us))
 
+    def is_faster(self, frames: MessageFrames) -> bool:
+        """Tell whether a message comes more often than the tick."""
+        cycle_us = frames.spec.cycle_time_us
+        return cycle_us is not None and cycle_us < _FASTER * self.wire.tick_period_us
+
     def _unwrapped(self, frames: MessageFrames) -> Ticks:
         stamps, counter, said = self._seconds(frames), frames.counter, frames.payload
         order = None
@@ -103,10 +109,15 @@ class LogByTicks:
 
     def _aligned(self, frames: MessageFrames) -> Ticks:
         """Unwrap another message's ticks, and count them as the left wheel's message does."""
-        own = self._unwrapped(frames)
         stamps = self._seconds(frames)
         starts = self.clock.time_s(self._segment_starts(), np.arange(len(self.clock.start_s)))
         segment = np.maximum(np.searchsorted(starts, stamps, side="right") - 1, 0)
+        if self.is_faster(frames):
+            # A frame up to half its cycle behind the wheels' is still of the same tick.
+            late = 0.5 * (frames.spec.cycle_time_us or 0) / self.wire.tick_period_us
+            within = np.ceil(self.clock.tick(stamps, segment) - late)
+            return Ticks(within.astype(np.int64), segment.astype(np.int64))
+        own = self._unwrapped(frames)
         away = self.clock.tick(stamps, segment) - own.tick
         tick = own.tick.copy()
         shared = _is_shared(frames) and _is_shared(self.anchor)
@@ -136,13 +147,18 @@ class LogByTicks:
         return self.clock.time_s(ticks.tick, ticks.segment) + self.start_us * _US
 
     def on_rows(self, role: Role) -> tuple[MappedSignal, Floats] | None:
-        """Return a role's raw values on the rows: the first frame of each tick, else NaN."""
+        """Return a role's raw values on the rows: the first frame of each tick, else NaN.
+
+        Of a gyro that is faster than the tick it is the mean of those since the tick before.
+        """
         mapped = self.wire.signal_map.get(role)
         if mapped is None or mapped.message.name not in self.frames:
             return None
         name = mapped.message.name
-        raw = self.frames[name].raw[mapped.signal.name]
-        return mapped, self.rows.place(self.ticks[name].tick, raw)
+        raw, tick = self.frames[name].raw[mapped.signal.name], self.ticks[name].tick
+        if role == "gyro" and self.is_faster(self.frames[name]):
+            return mapped, self.rows.place_mean(tick, raw)
+        return mapped, self.rows.place(tick, raw)
 
     def held(self, role: Role) -> tuple[MappedSignal, Floats] | None:
         """Return a role's raw values held from frame to frame; NaN before the first."""

@@ -42,6 +42,15 @@ class Rows:
         result[row[there][::-1]] = value[there][::-1]
         return result
 
+    def place_mean(self, tick: Ints, value: Floats) -> Floats:
+        """Return float64[n]: the mean of the values of each tick, NaN where none is."""
+        row = np.searchsorted(self.tick, tick)
+        row[row == len(self.tick)] = 0
+        good = (self.tick[row] == tick) & np.isfinite(value)
+        count = np.bincount(row[good], minlength=len(self.tick))
+        total = np.bincount(row[good], value[good], len(self.tick))
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
 
 def rows_of_ticks(tick: Ints, segment: Ints, period_s: float) -> Rows:
     """Return a row for every tick that has a frame, and for those lost between them.

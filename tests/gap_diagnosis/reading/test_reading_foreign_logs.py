@@ -1,0 +1,101 @@
+"""Logs of foreign buses: no counters, other kinds of wheels, an IMU with a rate of its own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import ROBOT
+
+from gap_diagnosis.reading import read_recording
+from gap_diagnosis.recording import Recording
+
+HEAD = 'VERSION ""\nBU_: A B\n'
+CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
+COUNTS = (
+    "BO_ 256 WHEELS: 8 A\n"
+    ' SG_ left : 0|32@1+ (1,0) [0|4294967295] "pulses" B\n'
+    ' SG_ right : 32|32@1+ (1,0) [0|4294967295] "pulses" B\n'
+)
+SPEEDS = (
+    "BO_ 256 WHEELS: 8 A\n"
+    ' SG_ left : 0|32@1- (0.000001,0) [-2000|2000] "m/s" B\n'
+    ' SG_ right : 32|32@1- (0.000001,0) [-2000|2000] "m/s" B\n'
+)
+YAW = 'BO_ 257 YAW: 4 A\n SG_ rate : 0|32@1- (0.0001,0) [-200000|200000] "deg/s" B\n'
+
+
+def read(
+    folder: Path, wheels: str, cycles_ms: tuple[int, int], lines: list[tuple[float, str]]
+) -> Recording:
+    dbc = HEAD + wheels + YAW + CYCLES
+    dbc += f'BA_ "GenMsgCycleTime" BO_ 256 {cycles_ms[0]};\n'
+    dbc += f'BA_ "GenMsgCycleTime" BO_ 257 {cycles_ms[1]};\n'
+    (folder / "mine.dbc").write_text(dbc)
+    (folder / "map.toml").write_text(
+        '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\ngyro = "YAW.rate"\n'
+    )
+    text = "".join(f"({stamp:.6f}) can0 {rest}\n" for stamp, rest in sorted(lines))
+    (folder / "bus.log").write_text(text)
+    return read_recording(
+        folder / "bus.log", robot=ROBOT, dbc=folder / "mine.dbc", signals=folder / "map.toml"
+    )
+
+
+def wheels(left: int, right: int) -> str:
+    data = left.to_bytes(4, "little", signed=left < 0) + right.to_bytes(
+        4, "little", signed=right < 0
+    )
+    return f"100#{data.hex()}"
+
+
+def yaw(rate: int) -> str:
+    return f"101#{rate.to_bytes(4, 'little', signed=True).hex()}"
+
+
+def test_a_faster_imu_is_averaged_over_the_tick_and_a_slower_one_covers_its_ticks(
+    tmp_path: Path,
+) -> None:
+    random = np.random.default_rng(0)
+    ticks = [
+        (1 + k * 0.02, wheels(4_294_967_000 + 40 * k & 0xFFFFFFFF, 30 * k)) for k in range(400)
+    ]
+    fine = [(1 + j * 0.005 + random.uniform(0, 0.001), yaw(1000 * j)) for j in range(1600)]
+    found = read(tmp_path, COUNTS, (20, 5), ticks + fine)
+    assert np.array_equal(found.left_ticks, 40.0 * np.arange(400))
+    # Row k covers samples 4k - 3 to 4k.
+    want = np.radians((4 * np.arange(1, 400) - 1.5) * 0.1)
+    assert found.gyro_rate_rad_s[1:] == pytest.approx(want, rel=1e-12)
+
+    slow = [(1 + j * 0.04 + random.uniform(0, 0.001), yaw(1000 * j)) for j in range(200)]
+    found = read(tmp_path, COUNTS, (20, 40), ticks + slow)
+    want = np.radians(np.repeat(np.arange(200), 2)[1:] * 0.1)
+    assert found.gyro_rate_rad_s[: len(want)] == pytest.approx(np.append(want, np.nan)[: len(want)])
+
+
+def test_frames_without_counters_are_placed_by_their_stamps(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    lost = {50, 51, 200}
+    lines = [
+        (1 + k * 0.02 * 1.001 + random.uniform(0, 0.008), wheels(40 * k, 30 * k))
+        for k in range(400)
+        if k not in lost
+    ]
+    found = read(tmp_path, COUNTS, (20, 20), lines)
+    assert set(np.flatnonzero(np.isnan(found.left_ticks)).tolist()) == lost
+    there = np.isfinite(found.left_ticks)
+    assert np.array_equal(found.left_ticks[there], 40.0 * np.arange(400)[there])
+    assert found.clock_skew == pytest.approx(1 / 1.001 - 1, abs=6 * found.clock_skew_sd)
+    assert found.gyro_code is None
+
+
+def test_wheel_speeds_of_a_log_add_up(tmp_path: Path) -> None:
+    seconds = np.arange(0, 8, 0.02)
+    speed = 0.4 * np.sin(seconds)
+    lines = [
+        (1 + t, wheels(round(v * 1e6), round(v * 1e6)))
+        for t, v in zip(seconds, speed.tolist(), strict=True)
+    ]
+    found = read(tmp_path, SPEEDS, (20, 20), lines)
+    plant = ROBOT.plant
+    metres = found.left_ticks / plant.encoder.ticks_per_rev * 2 * np.pi * plant.wheels.radius_m
+    assert metres == pytest.approx(0.4 * (1 - np.cos(seconds)), abs=1e-4)
