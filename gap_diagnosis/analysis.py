@@ -9,7 +9,7 @@ import numpy as np
 
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.codes import codes_block
-from gap_diagnosis.drive import drive_block
+from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.motion.block import MotionBlock
@@ -90,7 +90,7 @@ def analyse(
         motion,
         tuple(_without(one, without) for one in blocks),
         tuple(others),
-        _unknown(motion, others, firmware),
+        _unknown(others, drive, firmware),
     )
 
 
@@ -132,7 +132,7 @@ def _alternatives(motion: MotionBlock) -> list[Alternative]:
 
 
 def _unknown(
-    motion: MotionBlock | None, others: list[Alternative], firmware: FirmwareBlock | None
+    others: list[Alternative], drive: DriveBlock | None, firmware: FirmwareBlock | None
 ) -> dict[str, float]:
     stages: dict[str, list[float]] = {}
     for one in others:
@@ -141,6 +141,8 @@ def _unknown(
         stage: float(np.logaddexp.reduce(values)) - float(np.log(len(values)))
         for stage, values in stages.items()
     }
+    if drive is not None:
+        found["actuation"] = drive.unexplained().log_evidence
     if firmware is not None:
         found["firmware"] = -1e4 if firmware.is_equal else firmware.leftover().log_evidence
     return found

@@ -32,7 +32,7 @@ _LEAST_SHARE: Final = 0.02
 
 def candidates(ranking: Ranking, analyses: Sequence[Analysis]) -> tuple[list[Candidate], float]:
     """Return the entries of ``which`` and the probability of all that is not listed."""
-    listed = [one for one in ranking.sets if one.effects][:_LISTED]
+    listed = [one for one in ranking.sets if one.effects and one.probability > 0][:_LISTED]
     nothing = ranking.of(frozenset())
     lost = sum(ranking.unknown.values())
     entries = [_candidate(one, ranking, analyses, place) for place, one in enumerate(listed)]

@@ -18,8 +18,11 @@ THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
 
 _STAGES: Final = 8
-_PAIRED: Final = 12
-"""Single effects that are tried in pairs with every other one, outside the motion block."""
+_PAIRED: Final = 10
+_WORTH_PAIRING: Final = 2.0
+"""Effects that do better than this alone [nat] are fitted in pairs in every block."""
+_WORTH_SETUP: Final = 3.0
+"""A mistake of the set-up is gross: what gains less than this is not one."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +87,13 @@ def rank(
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: _total(logs, frozenset({effect})) for effect in owned}
-    order = sorted(owned, key=lambda effect: -singles[effect][0])
-    leaders = set(order[:_PAIRED])
+    owned = [
+        effect
+        for effect in owned
+        if not effect.startswith("setup_") or singles[effect][0] > _WORTH_SETUP
+    ]
+    order = sorted(owned, key=lambda effect: -singles[effect][0])[:_PAIRED]
+    leaders = {effect for effect in order if singles[effect][0] > _WORTH_PAIRING}
     log_prior = _single_priors(owned, stage_of)
     scored: dict[Effects, tuple[float, float, float]] = {
         frozenset(): (0.0, 0.0, math.log(prior.effects[0]))
@@ -124,10 +132,21 @@ def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, fl
         for block in blocks:
             own = effects & block.effects
             if own:
-                fit = block.fit(own)
-                evidence += fit.log_evidence
-                likelihood += fit.log_likelihood
+                gained, likelier = _of_block(block, own)
+                evidence += gained
+                likelihood += likelier
     return evidence, likelihood
+
+
+def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
+    """Return what a block says; a mistake of the set-up may lie where it cannot see."""
+    fit = block.fit(effects)
+    if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
+        return fit.log_evidence, fit.log_likelihood
+    rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
+    blind = block.fit(rest)
+    evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
+    return evidence, max(fit.log_likelihood, blind.log_likelihood)
 
 
 def _quick(
@@ -139,14 +158,13 @@ def _quick(
         for block in blocks:
             own = pair & block.effects
             if len(own) == 2 and block.name != "motion":
-                fits = [block.fit(frozenset({effect})) for effect in own]
-                best = max(fits, key=lambda one: one.log_evidence)
-                evidence += best.log_evidence
-                likelihood += best.log_likelihood
+                gained, likelier = max(_of_block(block, frozenset({effect})) for effect in own)
+                evidence += gained
+                likelihood += likelier
             elif own:
-                fit = block.fit(own)
-                evidence += fit.log_evidence
-                likelihood += fit.log_likelihood
+                gained, likelier = _of_block(block, own)
+                evidence += gained
+                likelihood += likelier
     return evidence, likelihood
 
 

@@ -18,6 +18,16 @@ from gap_diagnosis.motion.scan import Found, Scan
 from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
+_IMPOSSIBLE: Final = -1e9
+ALIASED: Final = "radius_scale"
+ALIASES: Final = {"ticks_per_rev": ALIASED}
+"""Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
+1/(1 + t) - 1. Commands may tell them apart."""
+
+
+def aliased(effects: frozenset[str]) -> frozenset[str]:
+    """Return the effects under the names that the motion knows them by."""
+    return frozenset(ALIASES.get(effect, effect) for effect in effects)
 
 
 class MotionBlock:
@@ -36,7 +46,7 @@ class MotionBlock:
     @property
     def effects(self) -> frozenset[str]:
         """The effects that this log's motion can tell of."""
-        return self.scan.effects
+        return self.scan.effects | (ALIASES.keys() if ALIASED in self.scan.effects else set())
 
     @property
     def levels(self) -> Floats:
@@ -50,7 +60,9 @@ class MotionBlock:
 
     def fit(self, effects: frozenset[str]) -> Fit:
         """Return what the search found of a set of at most two effects, without parameters."""
-        found = self.scan.found[effects]
+        if any(alias in effects and other in effects for alias, other in ALIASES.items()):
+            return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
+        found = self.scan.found[aliased(effects)]
         return Fit(
             tuple(sorted(effects)),
             found.log_evidence - self._nothing.log_evidence,
@@ -59,17 +71,21 @@ class MotionBlock:
 
     def detail(self, effects: frozenset[str]) -> Fit:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
-        found = self.scan.found[effects]
         if not effects:
             return self.fit(effects)
+        found = self.scan.found[aliased(effects)]
         again = found.refitted or self.model.refit(found.terms, found.levels)
         parameters, windows = self._estimates(found, again)
+        for alias in effects & ALIASES.keys():
+            known = parameters.pop(f"{ALIASES[alias]}.scale")
+            samples = 1 / (1 + np.asarray(known.samples)) - 1
+            parameters[f"{alias}.scale"] = _estimate("scale", samples)
         fit = self.fit(effects)
         return replace(fit, parameters=parameters, windows=tuple(windows))
 
     def settings(self, effects: frozenset[str]) -> list[tuple[Any, tuple[float, ...]]]:
         """Return variants and best coefficients, as `predict` takes them."""
-        found = self.scan.found[effects]
+        found = self.scan.found[aliased(effects)]
         again = found.refitted or self.model.refit(found.terms, found.levels)
         return [(t.variant, c) for t, c in zip(found.terms, again.coefficients, strict=True)]
 

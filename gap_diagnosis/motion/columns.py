@@ -83,8 +83,8 @@ def build_columns(
     set-up too. *without*: effects to leave out.
     """
     motion = nodes.motion
-    nominal = residuals(nodes, predict(motion))
-    base: list[Floats] = [nominal]
+    base: list[Floats] = [residuals(nodes, predict(motion))]
+    nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
     for effect, explanation in EXPLAINED.items():
@@ -106,7 +106,7 @@ def build_columns(
             weights = []
             limits = []
             if not variant.coefficients:
-                change = nominal - residuals(nodes, predict(motion, [(variant, ())]))
+                change = nominal - residuals(nodes, predict(nodes.smooth, [(variant, ())]))
                 if not _says_something(change):
                     continue
                 base.append(change)
@@ -118,7 +118,7 @@ def build_columns(
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
                 step = math.sqrt(limit * max(known.high, limit))
                 steps[index] = step
-                moved = residuals(nodes, predict(motion, [(variant, steps)]))
+                moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
                 change = (nominal - moved) / step
                 if not _says_something(change * step):
                     break
@@ -137,17 +137,17 @@ def with_variant(
     columns: Columns, nodes: Nodes, variant: Variant, like: Term
 ) -> tuple[Term, Columns]:
     """Return a term for one more variant of *like*'s effect, and columns that hold it."""
-    nominal = columns.values[..., 0]
+    nominal = residuals(nodes, predict(nodes.smooth))
     base: list[Floats] = []
     weights = []
     count = columns.values.shape[-1] - 1
     if not variant.coefficients:
-        base.append(nominal - residuals(nodes, predict(nodes.motion, [(variant, ())])))
+        base.append(nominal - residuals(nodes, predict(nodes.smooth, [(variant, ())])))
         weights.append(((count, 1.0),))
     for index, limit in enumerate(like.tolerances):
         steps = [0.0] * len(variant.coefficients)
         steps[index] = 3 * limit
-        moved = residuals(nodes, predict(nodes.motion, [(variant, steps)]))
+        moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
         base.append((nominal - moved) / steps[index])
         weights.append(((count + index, 1.0),))
     term = Term(variant, tuple(weights), like.tolerances)
@@ -194,7 +194,7 @@ def _windows(
                 variant.coefficients,
                 {"start_s": begin, "stop_s": edge},
             )
-            moved = residuals(nodes, predict(nodes.motion, [(window, (limit,))]))
+            moved = residuals(nodes, predict(nodes.smooth, [(window, (limit,))]))
             base.append((nominal - moved) / limit)
             starts[side, edge] = len(base) - 2
         assert len(edges) == SLIP_WINDOWS

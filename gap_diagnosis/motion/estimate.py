@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -97,6 +98,27 @@ def estimate_motion(
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
+    )
+
+
+def smoothed(motion: Motion) -> Motion:
+    """Return the motion with smooth wheel turns: what effects are computed from.
+
+    A column made of raw counts would carry the same quantisation noise as the data that it is
+    compared with (errors in variables), and large amplitudes could cancel that noise.
+    """
+    width = max(_RATE_SMOOTHING_S / float(np.median(motion.dt_s[1:])), 0.5)
+    left, right = (
+        gaussian_filter1d(step, width, mode="nearest")
+        for step in (motion.left_step_rad, motion.right_step_rad)
+    )
+    left[0] = right[0] = 0.0
+    return replace(
+        motion,
+        left_step_rad=left,
+        right_step_rad=right,
+        left_angle_rad=np.cumsum(left),
+        right_angle_rad=np.cumsum(right),
     )
 
 

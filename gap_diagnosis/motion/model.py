@@ -182,9 +182,10 @@ class MotionModel:
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
     ) -> tuple[Floats, list[tuple[int, float]], list[Term]]:
         """Return columns about these coefficients: data, free tolerances, tangents of the terms."""
-        motion = self.nodes.motion
+        smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
-        here = residuals(self.nodes, predict(motion, settings))
+        there = residuals(self.nodes, predict(smooth, settings))
+        here = self.columns.values[..., 0] + there - residuals(self.nodes, predict(smooth))
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [here, *(self.columns.values[..., i + 1] for i, _ in free)]
@@ -199,7 +200,7 @@ class MotionModel:
                 near = list(coefficients[place])
                 near[index] = value + step
                 moved[place] = (term.variant, tuple(near))
-                column = (here - residuals(self.nodes, predict(motion, moved))) / step
+                column = (there - residuals(self.nodes, predict(smooth, moved))) / step
                 data = data + value * column
                 columns.append(column)
                 weights.append(((len(columns) - 2, 1.0),))

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.motion.estimate import smoothed
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Reference
 
@@ -29,6 +30,7 @@ class Nodes:
 
     Attributes:
         motion: at tick level.
+        smooth: the same with smooth wheel turns, for the effects' columns.
         starts: int64[m], first tick of each block.
         ticks: float64[m], ticks in each block.
         sample_tick: int64[s], the tick at each reference sample that is used, ascending.
@@ -41,6 +43,7 @@ class Nodes:
     """
 
     motion: Motion
+    smooth: Motion
     starts: Ints
     ticks: Floats
     sample_tick: Ints
@@ -95,6 +98,7 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
     samples = np.diff(np.append(sample_starts, len(tick))).astype(np.float64)
     return Nodes(
         motion=motion,
+        smooth=smoothed(motion),
         starts=starts,
         ticks=ticks,
         sample_tick=tick,

@@ -140,9 +140,10 @@ def alternatives(
 ) -> list[Alternative]:
     """Return every stage and variable with its evidence beside *settings*, best first."""
     nodes = model.nodes
-    base = predict(nodes.motion, settings)
-    nominal = residuals(nodes, base)
-    columns = [nominal, *(model.columns.values[..., index + 1] for index, _ in
+    smooth = nodes.smooth
+    nominal = residuals(nodes, predict(smooth, settings))
+    data = model.columns.values[..., 0] + nominal - residuals(nodes, predict(smooth))
+    columns = [data, *(model.columns.values[..., index + 1] for index, _ in
                           model.columns.nuisances)]  # fmt: skip
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     plans: list[tuple[str, str, list[tuple[int, Way]]]] = []
@@ -154,12 +155,12 @@ def alternatives(
             and (nodes.has_gyro or not way.needs_gyro)
         ]
         for variable in _VARIABLES[stage]:
-            functions = basis(nodes.motion, variable)
+            functions = basis(smooth, variable)
             placed: list[tuple[int, Way]] = []
             for way in usable:
                 for function in functions:
                     step = math.sqrt(way.low * way.high)
-                    prediction = predict(nodes.motion, settings)
+                    prediction = predict(smooth, settings)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
                     placed.append((len(columns) - 2, way))
