@@ -1,7 +1,8 @@
 #!/bin/sh
-# The main job: set up, then run the lesson's robot over a CAN bus with no hardware in it.
+# The main job: set up, then drive a robot over a CAN bus with no hardware in it, and a second one
+# with a sealed effect, diagnose that, and open the seal.
 set -eu
 cd "$(dirname "$0")/.."
 scripts/setup.sh
 echo "installed into .venv; for commands of your own:  . .venv/bin/activate"
-exec .venv/bin/chiplog run --scenario lesson --out out/lesson "$@"
+exec .venv/bin/chiplog demo --out out/demo "$@"

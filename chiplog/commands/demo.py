@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,12 +38,12 @@ def command(
     The first line on standard output is the verdict; the seal is on standard error before it.
     """
     from chiplog.sealed import draw
-    from chiplog.terminal import show_error
 
     if out.exists() and not out.is_dir():
         raise CommandError(f"{out}: is a file: --out expects a folder")
     sealed = draw(seed)
-    show_error(f"an effect is drawn; the SHA-256 of what it is: {sealed.seal}")
+    # On standard error: the first line of the answer is the verdict.
+    print(f"an effect is drawn and sealed: SHA-256 {sealed.seal}", file=sys.stderr, flush=True)
     simulated = _drive_simulated(out / "simulated")
     log, reference = _drive_real(out / "real", sealed)
     report = diagnose_shown([log], references=[reference])
