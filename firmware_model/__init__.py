@@ -4,7 +4,7 @@ Counts and codes with a validity go in; pose, velocity and a status word come ou
 knows no CAN and no plant.
 """
 
-from firmware_model.batch import BatchRuns, pose_m_rad, run_batch
+from firmware_model.batch import BatchRuns, pose_m_rad, run_batch, run_batch_c99
 from firmware_model.build import build_config
 from firmware_model.changes import FirmwareChanges
 from firmware_model.config import KernelConfig
@@ -43,4 +43,5 @@ __all__ = [
     "build_config",
     "pose_m_rad",
     "run_batch",
+    "run_batch_c99",
 ]

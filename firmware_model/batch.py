@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from firmware_model.c99_kernel import c99_batch
 from firmware_model.compiled import compiled_batch
 from firmware_model.config import CONFIG_DTYPE, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.kernel import config_record, initial_state
-from firmware_model.state import FRESH, STATE_DTYPE
+from firmware_model.state import FRESH, STATE_DTYPE, STATE_FIELDS
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
 Int64Array = npt.NDArray[np.int64]
@@ -109,38 +110,15 @@ def run_batch(
     Raises:
         FirmwareError: arrays that are not of integers, not 2-D, or of different shapes.
     """
-    inputs = {
-        "left_count": _counts("left_count", left_count),
-        "right_count": _counts("right_count", right_count),
-        "gyro_code": _counts("gyro_code", gyro_code),
-    }
-    configs = (config,) if isinstance(config, KernelConfig) else tuple(config)
-    ticks = inputs["left_count"].shape[1]
-    sizes = {one.shape[0] for one in inputs.values()} - {1} or {1}
-    runs = max(sizes) if sizes != {1} else len(configs)
-    if len(configs) == 1:
-        configs = configs * runs
-    if len(configs) != runs:
-        raise FirmwareError(
-            f"config: {len(configs)} configurations for {runs} runs: expected one per run"
-        )
-    arrays = {name: _spread(name, one, runs, ticks) for name, one in inputs.items()}
-    validities = {
-        name: _validity(name, one, runs, ticks)
-        for name, one in (
-            ("encoder_validity", encoder_validity),
-            ("gyro_validity", gyro_validity),
-        )
-    }
+    given = _Inputs.of(config, left_count, right_count, gyro_code, encoder_validity, gyro_validity)
+    configs, runs, ticks = given.configs, given.runs, given.ticks
 
     config_records, table = _records(configs)
     states = _initial_states(configs)
     twin_configs = _twin_records(configs if twin else ())
     twins = np.zeros(runs if twin else 0, TWIN_DTYPE)
     kept = runs if history else 0
-    pose_q = np.empty((kept, ticks, 3), dtype=np.int64)
-    status = np.empty((kept, ticks), dtype=np.int32)
-    source = np.empty((kept, ticks), dtype=np.int8)
+    pose_q, status, source = _history(kept, ticks)
     twin_pose = np.empty((kept if twin else 0, ticks, 3), dtype=np.float64)
 
     batch = compiled_batch()
@@ -150,11 +128,11 @@ def run_batch(
             states[part],
             config_records[part],
             table,
-            arrays["left_count"][part],
-            arrays["right_count"][part],
-            validities["encoder_validity"][part],
-            arrays["gyro_code"][part],
-            validities["gyro_validity"][part],
+            given.left[part],
+            given.right[part],
+            given.encoder[part],
+            given.gyro[part],
+            given.gyro_valid[part],
             twins[part],
             twin_configs[part],
             pose_q[part],
@@ -172,6 +150,69 @@ def run_batch(
         status=status if history else None,
         heading_source=source if history else None,
         twin_pose=twin_pose if history and twin else None,
+    )
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """What `run_batch` is given, checked: one configuration per run, arrays of [runs, ticks]."""
+
+    configs: tuple[KernelConfig, ...]
+    runs: int
+    ticks: int
+    left: Int64Array
+    right: Int64Array
+    encoder: npt.NDArray[np.int8]
+    gyro: Int64Array
+    gyro_valid: npt.NDArray[np.int8]
+
+    @classmethod
+    def of(
+        cls,
+        config: KernelConfig | Sequence[KernelConfig],
+        left_count: npt.ArrayLike,
+        right_count: npt.ArrayLike,
+        gyro_code: npt.ArrayLike,
+        encoder_validity: npt.ArrayLike | None,
+        gyro_validity: npt.ArrayLike | None,
+    ) -> _Inputs:
+        """Check what belongs together."""
+        inputs = {
+            "left_count": _counts("left_count", left_count),
+            "right_count": _counts("right_count", right_count),
+            "gyro_code": _counts("gyro_code", gyro_code),
+        }
+        configs = (config,) if isinstance(config, KernelConfig) else tuple(config)
+        ticks = inputs["left_count"].shape[1]
+        sizes = {one.shape[0] for one in inputs.values()} - {1} or {1}
+        runs = max(sizes) if sizes != {1} else len(configs)
+        if len(configs) == 1:
+            configs = configs * runs
+        if len(configs) != runs:
+            raise FirmwareError(
+                f"config: {len(configs)} configurations for {runs} runs: expected one per run"
+            )
+        arrays = {name: _spread(name, one, runs, ticks) for name, one in inputs.items()}
+        return cls(
+            configs=configs,
+            runs=runs,
+            ticks=ticks,
+            left=arrays["left_count"],
+            right=arrays["right_count"],
+            encoder=_validity("encoder_validity", encoder_validity, runs, ticks),
+            gyro=arrays["gyro_code"],
+            gyro_valid=_validity("gyro_validity", gyro_validity, runs, ticks),
+        )
+
+
+def _history(
+    runs: int, ticks: int
+) -> tuple[Int64Array, npt.NDArray[np.int32], npt.NDArray[np.int8]]:
+    """Return room for pose_q, status and heading_source of so many runs."""
+    return (
+        np.empty((runs, ticks, 3), dtype=np.int64),
+        np.empty((runs, ticks), dtype=np.int32),
+        np.empty((runs, ticks), dtype=np.int8),
     )
 
 
@@ -267,3 +308,38 @@ def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) ->
 def _without_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the array, or a copy, with the ticks of a run beside each other in memory."""
     return array if array.strides[1] == array.itemsize else np.ascontiguousarray(array)
+
+
+def run_batch_c99(
+    config: KernelConfig | Sequence[KernelConfig],
+    left_count: npt.ArrayLike,
+    right_count: npt.ArrayLike,
+    gyro_code: npt.ArrayLike,
+    encoder_validity: npt.ArrayLike | None = None,
+    gyro_validity: npt.ArrayLike | None = None,
+    *,
+    history: bool = True,
+    workers: int | None = None,
+) -> BatchRuns:
+    """Do as `run_batch` does, by the C99 kernel and without the float twin.
+
+    Raises:
+        FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources.
+    """
+    given = _Inputs.of(config, left_count, right_count, gyro_code, encoder_validity, gyro_validity)
+    batch, c_states = c99_batch(given.configs)
+    pose_q, status, source = _history(given.runs if history else 0, given.ticks)
+    inputs = (given.left, given.right, given.encoder, given.gyro, given.gyro_valid)
+    _in_threads(lambda part: batch(part, inputs, (pose_q, status, source)), given.runs, workers)
+    states = np.zeros(given.runs, STATE_DTYPE)
+    for name in STATE_FIELDS:
+        states[name] = c_states[name]
+    return BatchRuns(
+        configs=given.configs,
+        final_states=states,
+        final_twins=None,
+        pose_q=pose_q if history else None,
+        status=status if history else None,
+        heading_source=source if history else None,
+        twin_pose=None,
+    )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from firmware_model.c99_kernel import C99Kernel
 from firmware_model.compiled import compiled_step
 from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig
 from firmware_model.errors import FirmwareError
@@ -17,7 +18,8 @@ from firmware_model.step import step_kernel
 from firmware_model.twin import Twin, TwinConfig, build_twin_config, step_twin
 from firmware_model.velocity import speed_m_s, turn_rate_rad_s
 
-Implementation = Literal["compiled", "python"]
+Implementation = Literal["compiled", "python", "c99"]
+IMPLEMENTATIONS: Final[tuple[Implementation, ...]] = get_args(Implementation)
 
 _OFFSET_LOG2 = 14
 _POSE_FIELDS = ("x_m_q", "y_m_q", "heading_turn_q")
@@ -43,11 +45,12 @@ class Kernel:
 
     Args:
         config: from `build_config`.
-        implementation: ``"compiled"`` (about a microsecond a step) or ``"python"`` (the readable
-            oracle, some tens); both give the same integers.
+        implementation: ``"compiled"`` (about a microsecond a step), ``"python"`` (the readable
+            oracle, some tens) or ``"c99"`` (what a microcontroller runs, built here by the C
+            compiler); all give the same integers.
 
     Raises:
-        FirmwareError: an implementation of another name.
+        FirmwareError: an implementation of another name, or c99 without a C compiler.
     """
 
     def __init__(self, config: KernelConfig, implementation: Implementation = "compiled") -> None:
@@ -63,9 +66,12 @@ class Kernel:
             self._table = np.array(config.table, dtype=np.int64)
             self._step = compiled_step()
             self.load_state(_state_dict(initial_state(config)))
+        elif implementation == "c99":
+            self._c99 = C99Kernel(config)
+            self._record = self._c99.record
         else:
             raise FirmwareError(
-                f"implementation = {implementation!r}: expected 'compiled' or 'python'"
+                f"implementation = {implementation!r}: expected one of {', '.join(IMPLEMENTATIONS)}"
             )
 
     def step(
@@ -89,12 +95,7 @@ class Kernel:
         Raises:
             OverflowError: an input outside int64; the state stays as it was.
         """
-        if self.implementation == "python":
-            given = (left_count, right_count, encoder_validity, gyro_code, gyro_validity)
-            if not _fits_int64(min(given)) or not _fits_int64(max(given)):
-                raise OverflowError(f"inputs {given}: expected integers of 64 bits")
-            step_kernel(self._state, self.config, self.config.table, *given)
-        else:
+        if self.implementation == "compiled":
             self._step(
                 self._states,
                 self._configs,
@@ -105,6 +106,14 @@ class Kernel:
                 gyro_code,
                 gyro_validity,
             )
+            return
+        given = (left_count, right_count, encoder_validity, gyro_code, gyro_validity)
+        if not _fits_int64(min(given)) or not _fits_int64(max(given)):
+            raise OverflowError(f"inputs {given}: expected integers of 64 bits")
+        if self.implementation == "python":
+            step_kernel(self._state, self.config, self.config.table, *given)
+        else:
+            self._c99.step(*given)
 
     def reconfigure(self, config: KernelConfig) -> None:
         """Go on under another configuration from the present state, as after a reflash.
@@ -131,6 +140,8 @@ class Kernel:
         if self.implementation == "compiled":
             self._configs = config_record(config)
             self._table = np.array(config.table, dtype=np.int64)
+        elif self.implementation == "c99":
+            self._c99.configure(config)
         self.load_state(state)
 
     def set_gyro_offset(self, code: float) -> None:
@@ -160,6 +171,8 @@ class Kernel:
         if self.implementation == "python":
             state = self._state
             return state.x_m_q, state.y_m_q, state.heading_turn_q
+        if self.implementation == "c99":
+            return self._get("x_m_q"), self._get("y_m_q"), self._get("heading_turn_q")
         x_m_q, y_m_q, heading_turn_q = self._pose.tolist()
         return x_m_q, y_m_q, heading_turn_q
 
@@ -186,11 +199,15 @@ class Kernel:
     @property
     def v_m_s_q(self) -> int:
         """Low-passed forward speed, in 2^−velocity.frac_bits m/s; the last one while invalid."""
+        if self.implementation == "c99":
+            return self._c99.v_m_s_q
         return speed_m_s(self._plain_state(), self.config)
 
     @property
     def w_rad_s_q(self) -> int:
         """Low-passed turn rate, in 2^−velocity.frac_bits rad/s; the last one while invalid."""
+        if self.implementation == "c99":
+            return self._c99.w_rad_s_q
         return turn_rate_rad_s(self._plain_state(), self.config)
 
     @property
@@ -235,13 +252,16 @@ class Kernel:
         """Return the full state, for `state.json` and for comparison."""
         if self.implementation == "python":
             return _state_dict(self._state)
+        if self.implementation == "c99":
+            return self._c99.state()
         return dict(zip(STATE_FIELDS, self._record.item(), strict=True))
 
     def load_state(self, state: Mapping[str, int]) -> None:
         """Continue from a state that `state` returned.
 
         Raises:
-            FirmwareError: a field is missing, unknown, or not a 64-bit integer.
+            FirmwareError: a field is missing, unknown, or not a 64-bit integer (for c99: an
+                integer that its C field holds).
         """
         if set(state) != set(STATE_FIELDS):
             wrong = sorted(set(state) ^ set(STATE_FIELDS))
@@ -254,6 +274,8 @@ class Kernel:
                 raise FirmwareError(f"state.{name} = {value!r}: expected an integer of 64 bits")
         if self.implementation == "python":
             self._state = State(**state)
+        elif self.implementation == "c99":
+            self._c99.load_state(state)
         else:
             for name, value in state.items():
                 self._record[name] = value
