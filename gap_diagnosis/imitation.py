@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.visibility import Sights, left_over
+from gap_diagnosis.visibility import Sights
 
 Effects = frozenset[str]
 
-_SLIGHT: Final = 1e-9
+_SLIGHT: Final = 1e-3
+"""A wrong sign that would be worth this much of a standard deviation is no objection."""
 
 
 @dataclass(frozen=True)
@@ -24,85 +25,127 @@ class Truth:
 
     Attributes:
         effect: its name.
-        variant: which of its variants.
         rows: its coefficients in the inner products.
         cases: float64[c, k]: their sizes, several where a phase or direction may be any.
         is_positive: whether the opposite sizes make no sense.
     """
 
     effect: str
-    variant: int
     rows: tuple[int, ...]
     cases: Floats
     is_positive: bool
 
 
-def imitators(sights: Sights, truth: Truth) -> list[Effects]:
-    """Return single effects, then pairs, that leave nearly the same data as *truth*.
+@dataclass(frozen=True)
+class Sets:
+    """Sets of coefficients that may imitate, padded to one width.
 
-    A pair counts only where neither of the two does alone.
+    Attributes:
+        rows: int64[s, w] rows in the inner products.
+        used: bool[s, w] which of them are meant.
+        restraint: float64[s, w] inverse squares of sizes that are still believed.
+        positive: bool[s, w] sizes that cannot be negative.
     """
-    inner = sights.beside({truth.effect})
-    alone: list[Effects] = []
-    best: dict[str, tuple[int, ...]] = {}
-    for effect, terms in sights.terms.items():
-        if effect == truth.effect or not terms[0].variant.coefficients:
-            continue
-        left, variant = min(
-            (_separation(sights, inner, truth, ((effect, index),)), index)
-            for index in range(len(terms))
+
+    rows: NDArray[np.int64]
+    used: NDArray[np.bool_]
+    restraint: Floats
+    positive: NDArray[np.bool_]
+
+    def at(self, places: NDArray[np.int64]) -> Sets:
+        """Return some of the sets."""
+        return Sets(
+            self.rows[places], self.used[places], self.restraint[places], self.positive[places]
         )
-        if left < THRESHOLD:
-            alone.append(frozenset({effect}))
-        else:
-            best[effect] = (variant,)
-    pairs = [
-        (left, frozenset({first, second}))
-        for first, second in combinations(best, 2)
-        if (
-            left := _separation(
-                sights, inner, truth, ((first, best[first][0]), (second, best[second][0]))
-            )
+
+    def beside(self, other: Sets) -> Sets:
+        """Return each set together with the other's of the same place."""
+        return Sets(
+            np.hstack([self.rows, other.rows]),
+            np.hstack([self.used, other.used]),
+            np.hstack([self.restraint, other.restraint]),
+            np.hstack([self.positive, other.positive]),
         )
-        < THRESHOLD
-    ]
-    return alone + [pair for _, pair in sorted(pairs, key=lambda one: (one[0], sorted(one[1])))]
+
+    def separations(self, inner: Floats, truth: Truth) -> Floats:
+        """Return float64[s]: how far each set stays from the truth, as a mean over its cases.
+
+        Infinite where sizes would have to be negative that cannot be.
+        """
+        both = self.used[:, :, None] & self.used[:, None, :]
+        stiff = np.where(both, inner[self.rows[:, :, None], self.rows[:, None, :]], 0.0)
+        diagonal = np.arange(self.rows.shape[1])
+        stiff[:, diagonal, diagonal] += self.restraint
+        own = list(truth.rows)
+        pull = np.where(self.used[..., None], (inner[:, own] @ truth.cases.T)[self.rows], 0.0)
+        sizes = np.linalg.solve(stiff, pull)
+        total = np.einsum("ct,tu,cu->c", truth.cases, inner[np.ix_(own, own)], truth.cases)
+        left = np.maximum(total - (pull * sizes).sum(axis=1), 0.0).mean(axis=1)
+        weight = sizes * np.sqrt(np.maximum(np.diag(inner), 0.0))[self.rows][..., None]
+        weight = np.where(self.positive[..., None], weight, 0.0)
+        agrees = np.all(weight >= -_SLIGHT, axis=1)
+        if not truth.is_positive:
+            agrees |= np.all(weight <= _SLIGHT, axis=1)
+        return np.where(agrees.all(axis=1), left, np.inf)
 
 
-def _separation(
-    sights: Sights, inner: Floats, truth: Truth, others: Sequence[tuple[str, int]]
-) -> float:
-    """Return the mean separation over the truth's cases; infinite where signs cannot agree."""
-    rows: list[int] = []
-    restraint: list[float] = []
-    positive: list[bool] = []
-    for effect, variant in others:
-        own = sights.rows(effect, variant)
-        rows += own
-        restraint += list(sights.restraint(effect, variant))[: len(own)]
-        positive += [sights.terms[effect][variant].variant.is_positive] * len(own)
-    if not rows:
-        return float("inf")
-    total = 0.0
-    for amounts in truth.cases:
-        left, sizes = left_over(inner, truth.rows, amounts, rows, np.array(restraint))
-        sized = sizes[np.array(positive)] * np.sqrt(np.diag(inner)[rows])[np.array(positive)]
-        if sized.size and not _agree(sized, truth.is_positive):
-            return float("inf")
-        total += left
-    return total / len(truth.cases)
+class Imitators:
+    """The search for what leaves nearly the same data as an effect."""
+
+    def __init__(self, sights: Sights) -> None:
+        """Lay out every variant of every effect that has a size."""
+        self._sights = sights
+        variants = [
+            (effect, variant)
+            for effect, terms in sights.terms.items()
+            if terms[0].variant.coefficients
+            for variant in range(len(terms))
+        ]
+        self._owners = np.array([effect for effect, _ in variants], dtype=str)
+        self._singles = _sets(sights, variants)
+
+    def of(self, truth: Truth) -> list[Effects]:
+        """Return single effects that imitate *truth*, or else pairs, the best first."""
+        others = np.flatnonzero(self._owners != truth.effect)
+        if len(others) == 0:
+            return []
+        inner = self._sights.beside(truth.effect)
+        left = self._singles.at(others).separations(inner, truth)
+        order = others[np.argsort(left, kind="stable")]
+        names, first = np.unique(self._owners[order], return_index=True)
+        best = dict(zip(order[first].tolist(), names.tolist(), strict=True))
+        alone = [name for place, name in best.items() if left[others == place][0] < THRESHOLD]
+        if alone or len(best) < 2:
+            return [frozenset({name}) for name in alone]
+        places = np.array(list(best))
+        one, two = (places[side] for side in np.triu_indices(len(places), 1))
+        pairs = self._singles.at(one).beside(self._singles.at(two))
+        left = pairs.separations(inner, truth)
+        return [
+            frozenset({best[int(one[place])], best[int(two[place])]})
+            for place in np.argsort(left, kind="stable")
+            if left[place] < THRESHOLD
+        ]
 
 
-def _agree(sizes: Floats, is_positive: bool) -> bool:
-    """Tell whether sizes that cannot be negative are none, for one sign of the truth at least."""
-    upward = bool(np.all(sizes > -_SLIGHT))
-    return upward or (not is_positive and bool(np.all(sizes < _SLIGHT)))
+def _sets(sights: Sights, variants: Sequence[tuple[str, int]]) -> Sets:
+    rows = [sights.rows(*one) for one in variants]
+    shape = (len(variants), max(map(len, rows), default=1))
+    place, used = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.bool_)
+    restraint, positive = np.ones(shape), np.zeros(shape, dtype=np.bool_)
+    for index, (effect, variant) in enumerate(variants):
+        count = len(rows[index])
+        place[index, :count] = rows[index]
+        used[index, :count] = True
+        restraint[index, :count] = sights.restraint(effect, variant)
+        positive[index, :count] = sights.terms[effect][variant].variant.is_positive
+    return Sets(place, used, restraint, positive)
 
 
 def merged(found: Mapping[str, Sequence[Effects]], always: Iterable[Effects]) -> list[Effects]:
-    """Return groups: an effect with all that imitate it alone, and with its best pair of helpers.
+    """Return groups: an effect with all that imitate it alone, or with the best pair that does.
 
-    What imitates one another belongs together; *always* are effects that no log tells apart.
+    *always* are effects that no log like this tells apart; a group that has one has the other.
     """
     groups: list[Effects] = []
     for effect, others in found.items():
@@ -110,10 +153,7 @@ def merged(found: Mapping[str, Sequence[Effects]], always: Iterable[Effects]) ->
         if singles:
             groups.append(frozenset({effect}).union(*singles))
         groups += [one | {effect} for one in others if len(one) == 2][:1]
-    twins = [set(one) for one in always]
-    widened = [
-        group.union(*(twin for twin in twins if group & twin)) if twins else group
-        for group in groups
-    ]
-    every = {frozenset(one) for one in [*widened, *twins]}
+    twins = list(always)
+    groups = [group.union(*(twin for twin in twins if group & twin)) for group in [*groups, *twins]]
+    every = set(groups)
     return sorted((one for one in every if not any(one < other for other in every)), key=sorted)

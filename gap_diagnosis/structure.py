@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.explanations import EXPLAINED
-from gap_diagnosis.imitation import Effects, Truth, imitators, merged
-from gap_diagnosis.limits_elsewhere import limits_elsewhere
-from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.imitation import Effects, Imitators, Truth, merged
+from gap_diagnosis.limits_elsewhere import limits_elsewhere, limits_of_twins
 from gap_diagnosis.motion.columns import GROSS
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Structure
-from gap_diagnosis.visibility import Sight, Sights, sight_of
+from gap_diagnosis.visibility import Sights, sight_of
 from hil_harness.effects import catalogue
+
+_TIMES: Final = 2.0
+"""Effects are compared at so many times their detection limit."""
+
+
+@dataclass(frozen=True)
+class Visible:
+    """An effect that shows.
+
+    Attributes:
+        limit: its detection limit, in its parameter's unit.
+        truths: the effect at twice the limit, by parameter where it has several.
+    """
+
+    limit: float
+    truths: tuple[Truth, ...]
 
 
 def structure_of(analyses: Sequence[Analysis]) -> Structure:
@@ -27,52 +45,63 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
     being free within their tolerances; never below the effect's own tolerance. For a phase or
     direction that may be any, separations are averaged; for a window, the median one counts.
     """
+    recordings = [one.recording for one in analyses]
     motions = [one.motion for one in analyses if one.motion is not None]
-    limits: dict[str, float | None] = limits_elsewhere(analyses)
-    groups: list[Effects] = []
-    always = _always(analyses)
-    if motions:
-        sights = Sights(tuple(sight_of_block(one) for one in motions))
-        seen = visible(sights)
-        limits |= {effect: None if one is None else one[0] for effect, one in seen.items()}
-        found = {}
-        for effect, one in seen.items():
-            if one is not None:
-                found[effect] = list(dict.fromkeys(_imitated(sights, one[1])))
-        groups = merged(found, [one for one in always if any(limits.get(each) for each in one)])
-    else:
-        groups = merged({}, [])
+    limits = limits_elsewhere(recordings, [block for one in analyses for block in one.blocks])
+    if not motions:
+        return Structure(detectable=dict(sorted(limits.items())))
+    sights = sights_of([(one.model, one.levels) for one in motions])
+    seen = visible(sights)
+    for effect, one in seen.items():
+        if one is not None or limits.get(effect) is None:
+            limits[effect] = None if one is None else one.limit
+    limits |= limits_of_twins(limits, motions[0].model.robot)
+    shown = frozenset(effect for effect, limit in limits.items() if limit is not None)
+    twins = [twin & shown for twin in twins_on(recordings)]
     return Structure(
         detectable=dict(sorted(limits.items())),
-        groups=tuple(tuple(sorted(group)) for group in groups),
+        groups=tuple(
+            tuple(sorted(group)) for group in alike(sights, seen, [t for t in twins if len(t) > 1])
+        ),
     )
 
 
-def sight_of_block(block: MotionBlock) -> Sight:
-    """Return what a log's motion can see at the noise levels of its best account."""
-    model = block.model
-    return sight_of(model.columns, model.gram(block.levels), model.prior)
+def sights_of(models: Sequence[tuple[MotionModel, Floats]]) -> Sights:
+    """Return what the motion of logs can see, each at its noise levels float64[8]."""
+    return Sights(
+        tuple(sight_of(one.columns, one.gram(levels), one.prior) for one, levels in models)
+    )
 
 
-def visible(sights: Sights) -> dict[str, tuple[float, list[Truth]] | None]:
-    """Return by effect its detection limit and its truths at twice that; None: cannot be seen."""
-    found: dict[str, tuple[float, list[Truth]] | None] = {}
-    for effect in EXPLAINED:
-        if effect in GROSS:
-            continue
-        terms = sights.terms.get(effect)
-        found[effect] = None if terms is None else _visible(sights, effect)
-    return found
+def alike(
+    sights: Sights, seen: Mapping[str, Visible | None], twins: Sequence[Effects]
+) -> list[Effects]:
+    """Return the groups of effects that cannot be told apart."""
+    search = Imitators(sights)
+    found = {
+        effect: list(dict.fromkeys(each for truth in one.truths for each in search.of(truth)))
+        for effect, one in seen.items()
+        if one is not None
+    }
+    return merged(found, twins)
 
 
-def _visible(sights: Sights, effect: str) -> tuple[float, list[Truth]] | None:
-    inner = sights.beside({effect})
+def visible(sights: Sights) -> dict[str, Visible | None]:
+    """Return every effect of the motion; None: it cannot be seen."""
+    return {
+        effect: _visible(sights, effect) if effect in sights.terms else None
+        for effect in EXPLAINED
+        if effect not in GROSS
+    }
+
+
+def _visible(sights: Sights, effect: str) -> Visible | None:
+    inner = sights.beside(effect)
     terms = sights.terms[effect]
     if not terms[0].variant.coefficients:
         return _there_or_not(sights, effect, inner)
     limits = [_limits(sights, effect, variant, inner) for variant in range(len(terms))]
-    smallest = np.array([float(one.min()) for one in limits])
-    order = np.argsort(smallest, kind="stable")
+    order = np.argsort([float(one.min()) for one in limits], kind="stable")
     has_window = "start_s" in terms[0].variant.fixed
     chosen = int(order[len(order) // 2] if has_window else order[0])
     term, own = terms[chosen], limits[chosen]
@@ -80,72 +109,52 @@ def _visible(sights: Sights, effect: str) -> tuple[float, list[Truth]] | None:
     if not np.any(own <= high):
         return None
     rows = tuple(sights.rows(effect, chosen))
-    positive = term.variant.is_positive
-    truths = []
-    if term.variant.polar is not None:
-        cases = max(2 * own[0], term.tolerances[0]) * np.eye(len(rows))
-        truths.append(Truth(effect, chosen, rows, cases, positive))
-    else:
-        for index in np.flatnonzero(own <= high):
-            case = np.zeros((1, len(rows)))
-            case[0, index] = max(2 * own[index], term.tolerances[index])
-            truths.append(Truth(effect, chosen, rows, case, positive))
-    return float(own[np.argmin(own / high)]), truths
+    sizes = np.diag(_TIMES * own)
+    cases = [sizes] if term.variant.polar else [sizes[[i]] for i in np.flatnonzero(own <= high)]
+    truths = tuple(Truth(effect, rows, case, term.variant.is_positive) for case in cases)
+    return Visible(float(own[np.argmin(own / high)]), truths)
 
 
 def _limits(sights: Sights, effect: str, variant: int, inner: Floats) -> Floats:
     """Return the detection limit of each coefficient; infinite where nothing shows."""
     term = sights.terms[effect][variant]
-    rows = sights.rows(effect, variant)
-    power = np.maximum(np.diag(inner)[rows], 0.0)
+    power = np.maximum(np.diag(inner)[sights.rows(effect, variant)], 0.0)
     if term.variant.polar is not None:
-        power = np.full(len(rows), float(power.mean()))
+        power = np.full(len(power), float(power.mean()))
     with np.errstate(divide="ignore"):
-        limits = np.sqrt(THRESHOLD / power)
-    return np.asarray(np.maximum(limits, term.tolerances[: len(rows)]))
+        return np.asarray(np.maximum(np.sqrt(THRESHOLD / power), term.tolerances))
 
 
-def _there_or_not(
-    sights: Sights, effect: str, inner: Floats
-) -> tuple[float, list[Truth]] | None:
+def _there_or_not(sights: Sights, effect: str, inner: Floats) -> Visible | None:
     """Return the mildest variant that shows: of a limit, the highest."""
     shown: list[tuple[float, int]] = []
     for variant, term in enumerate(sights.terms[effect]):
-        rows = sights.rows(effect, variant)
-        if float(inner[np.ix_(rows, rows)].sum()) >= THRESHOLD:
-            shown.append((float(term.variant.fixed.get("limit", 0.0)), variant))
+        (row,) = sights.rows(effect, variant)
+        if inner[row, row] >= THRESHOLD:
+            shown.append((float(term.variant.fixed.get("limit", 0.0)), row))
     if not shown:
         return None
-    limit, variant = max(shown)
-    rows = sights.rows(effect, variant)
-    truth = Truth(effect, variant, tuple(rows), np.ones((1, len(rows))), True)
-    return limit, [truth]
+    limit, row = max(shown)
+    return Visible(limit, (Truth(effect, (row,), np.ones((1, 1)), True),))
 
 
-def _imitated(sights: Sights, truths: Iterable[Truth]) -> Iterable[Effects]:
-    for truth in truths:
-        yield from imitators(sights, truth)
-
-
-def _always(analyses: Sequence[Analysis]) -> list[Effects]:
-    """Return effects that leave the same data in logs like these."""
-    recordings = [one.recording for one in analyses]
+def twins_on(recordings: Sequence[Recording]) -> list[Effects]:
+    """Return pairs of effects that leave the same data in logs like these."""
     held = {
         "": True,
+        "scale < 0": True,
         "there is no reference": all(one.reference is None for one in recordings),
+        "there is no gyro and no reference": all(_is_bare(one) for one in recordings),
         "the temperature is constant": all(_is_constant(one.temperature_k) for one in recordings),
         "the supply is constant": all(_is_constant(one.supply_v) for one in recordings),
-        "there is no gyro and no reference": all(_is_bare(one) for one in recordings),
-        "scale < 0": True,
     }
-    found = []
-    for name, effect in catalogue().items():
-        for twins in effect.twins:
-            # A sentence may go on: "there is no reference (opposite sign)".
-            condition = twins.condition.partition(" (")[0]
-            if held.get(condition, False) and len(twins.effects) == 1:
-                found.append(frozenset({name, *twins.effects}))
-    return found
+    # A condition may go on: "there is no reference (opposite sign)".
+    return [
+        frozenset({name, *twins.effects})
+        for name, effect in catalogue().items()
+        for twins in effect.twins
+        if len(twins.effects) == 1 and held.get(twins.condition.partition(" (")[0], False)
+    ]
 
 
 def _is_bare(recording: Recording) -> bool:

@@ -6,12 +6,11 @@ hypotheses is twice the expected difference of their best log likelihoods.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from gap_diagnosis.motion.columns import Columns, Term
 from gap_diagnosis.motion.evidence import Gram
@@ -51,20 +50,27 @@ class Sight:
         """The effects that have a column."""
         return frozenset(self.terms)
 
-    def beside(self, effects: Iterable[str]) -> Floats:
-        """Return inner products float64[k, k] with the tolerances of all but *effects* free.
+    @cached_property
+    def _posterior(self) -> tuple[Floats, Floats, Floats]:
+        """Return the tolerances' posterior covariance, their slopes, and what is left of inner."""
+        covariance = np.linalg.inv(self.free + np.diag(self.free_sd**-2.0))
+        slopes = covariance @ self.across
+        return covariance, slopes, self.inner - self.across.T @ slopes
+
+    def beside(self, effect: str) -> Floats:
+        """Return inner products float64[k, k] with the tolerances of all but *effect* free.
 
         What of an effect lies within its own tolerance is still the effect.
         """
-        known = set(effects)
-        rows = [row for row, owner in enumerate(self.owners) if owner not in known]
-        if not rows:
+        if not self.owners:
             return self.inner
-        scale = self.free_sd[rows]
-        small = scale[:, None] * self.free[np.ix_(rows, rows)] * scale
-        factor = cho_factor(np.eye(len(rows)) + small, lower=True)
-        across = scale[:, None] * self.across[rows]
-        return np.asarray(self.inner - across.T @ cho_solve(factor, across))
+        covariance, slopes, left = self._posterior
+        own = [row for row, owner in enumerate(self.owners) if owner == effect]
+        if not own:
+            return left
+        # Holding some tolerances at zero again: the inverse of marginalising them.
+        back = np.linalg.solve(covariance[np.ix_(own, own)], slopes[own])
+        return np.asarray(left + slopes[own].T @ back)
 
 
 def sight_of(columns: Columns, gram: Gram, prior: Prior) -> Sight:
@@ -130,13 +136,14 @@ class Sights:
         """Of the first log."""
         return self.logs[0].prior
 
-    def beside(self, effects: Iterable[str]) -> Floats:
+    def beside(self, effect: str) -> Floats:
         """Return inner products float64[k, k], added up; see `Sight.beside`."""
-        known = frozenset(effects)
+        if len(self.logs) == 1:
+            return self.logs[0].beside(effect)
         total = np.zeros((len(self.keys), len(self.keys)))
         for log in self.logs:
             rows = [self.place[key] for key in log.keys]
-            total[np.ix_(rows, rows)] += log.beside(known)
+            total[np.ix_(rows, rows)] += log.beside(effect)
         return total
 
     def rows(self, effect: str, variant: int) -> list[int]:
@@ -146,30 +153,6 @@ class Sights:
         return [self.place[key] for key in keys if key in self.place]
 
     def restraint(self, effect: str, variant: int) -> Floats:
-        """Return float64[k]: coefficients far beyond the prior's high end are not believed.
-
-        Without a coefficient an effect acts as a whole: its amplitude is held at 1 by nothing but
-        its definition, and is free here only to find the direction.
-        """
+        """Return float64[k]: coefficients far beyond the prior's high end are not believed."""
         names = self.terms[effect][variant].variant.coefficients
-        if not names:
-            return np.ones(1)
         return np.array([self.prior.of(effect, name).high ** -2.0 for name in names])
-
-
-def left_over(
-    inner: Floats, truth: Sequence[int], amounts: Floats, others: Sequence[int], restraint: Floats
-) -> tuple[float, Floats]:
-    """Return the separation of a truth from its best imitation, and the imitation's sizes.
-
-    Args:
-        inner: float64[k, k].
-        truth, amounts: rows of the true coefficients and their sizes, float64[t].
-        others, restraint: rows of what imitates it, float64[o] inverse squares of usual sizes.
-    """
-    own = inner[np.ix_(truth, truth)]
-    total = float(amounts @ own @ amounts)
-    pull = inner[np.ix_(others, truth)] @ amounts
-    stiff = inner[np.ix_(others, others)] + np.diag(restraint)
-    sizes = np.linalg.solve(stiff, pull)
-    return max(total - float(pull @ sizes), 0.0), sizes

@@ -161,15 +161,21 @@ def _compare_reference(
 ) -> None:
     motion, tick = nodes.motion, nodes.sample_tick
     true_t_s = nodes.sample_t_s - _at(p.reference_delay_s, tick)
-    x_m = np.interp(true_t_s, motion.t_s, motion.x_m) + d_x[tick]
-    y_m = np.interp(true_t_s, motion.t_s, motion.y_m) + d_y[tick]
-    heading = np.interp(true_t_s, motion.t_s, motion.heading_rad) + d_heading[tick]
+    x_m = np.interp(true_t_s, motion.t_s, motion.x_m)
+    y_m = np.interp(true_t_s, motion.t_s, motion.y_m)
+    heading = np.interp(true_t_s, motion.t_s, motion.heading_rad)
+    # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
     cosine, sine = np.cos(heading), np.sin(heading)
     forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
-    x_m = x_m + forward * cosine - left * sine
-    y_m = y_m + forward * sine + left * cosine
-    x_m = x_m + p.reference_scale * (x_m - motion.x_m[0])
-    y_m = y_m + p.reference_scale * (y_m - motion.y_m[0])
+    point_x = forward * cosine - left * sine
+    point_y = forward * sine + left * cosine
+    point_x = point_x + p.reference_scale * (x_m + point_x - motion.x_m[0])
+    point_y = point_y + p.reference_scale * (y_m + point_y - motion.y_m[0])
+    x_m, y_m, heading = (
+        x_m + d_x[tick] + point_x,
+        y_m + d_y[tick] + point_y,
+        heading + d_heading[tick],
+    )
 
     def mean(values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, nodes.sample_starts) / nodes.samples)
