@@ -53,19 +53,21 @@ class Sight:
     @cached_property
     def _posterior(self) -> tuple[Floats, Floats, Floats]:
         """Return the tolerances' posterior covariance, their slopes, and what is left of inner."""
-        covariance = np.linalg.inv(self.free + np.diag(self.free_sd**-2.0))
+        covariance: Floats = np.asarray(
+            np.linalg.inv(self.free + np.diag(self.free_sd**-2.0)), dtype=np.float64
+        )
         slopes = covariance @ self.across
         return covariance, slopes, self.inner - self.across.T @ slopes
 
-    def beside(self, effect: str) -> Floats:
-        """Return inner products float64[k, k] with the tolerances of all but *effect* free.
+    def beside(self, *effects: str) -> Floats:
+        """Return inner products float64[k, k] with the tolerances of all but *effects* free.
 
         What of an effect lies within its own tolerance is still the effect.
         """
         if not self.owners:
             return self.inner
         covariance, slopes, left = self._posterior
-        own = [row for row, owner in enumerate(self.owners) if owner == effect]
+        own = [row for row, owner in enumerate(self.owners) if owner in effects]
         if not own:
             return left
         # Holding some tolerances at zero again: the inverse of marginalising them.
@@ -99,7 +101,7 @@ def sight_of(columns: Columns, gram: Gram, prior: Prior) -> Sight:
         inner=weights.T @ gram.full_inner @ weights,
         across=gram.full_inner[rows] @ weights,
         free=gram.full_inner[np.ix_(rows, rows)],
-        owners=tuple(owner_of[index] for index in rows),
+        owners=tuple(owner_of.get(index, "") for index in rows),
         free_sd=np.array([sd for _, sd in columns.nuisances]),
         prior=prior,
     )
@@ -136,14 +138,14 @@ class Sights:
         """Of the first log."""
         return self.logs[0].prior
 
-    def beside(self, effect: str) -> Floats:
+    def beside(self, *effects: str) -> Floats:
         """Return inner products float64[k, k], added up; see `Sight.beside`."""
         if len(self.logs) == 1:
-            return self.logs[0].beside(effect)
+            return self.logs[0].beside(*effects)
         total = np.zeros((len(self.keys), len(self.keys)))
         for log in self.logs:
             rows = [self.place[key] for key in log.keys]
-            total[np.ix_(rows, rows)] += log.beside(effect)
+            total[np.ix_(rows, rows)] += log.beside(*effects)
         return total
 
     def rows(self, effect: str, variant: int) -> list[int]:
