@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from gap_diagnosis.motion.unknown import Alternative, alternatives
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
+from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
 Progress = Callable[[str, float], None]
@@ -56,14 +58,16 @@ def analyse(
     *,
     progress: Progress = lambda step, share: None,
     without: frozenset[str] = frozenset(),
+    library: Mapping[str, Effect] = MappingProxyType({}),
 ) -> Analysis:
-    """Prepare and search all blocks of a log; *without* are effects that are not to be tried."""
+    """Prepare and search all blocks of a log; *without* are effects that are not to be tried,
+    *library* a user's own."""
     motion = None
     blocks: list[Block] = []
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
         gross = looks_gross(recording, robot)
-        model = MotionModel(recording, robot, prior, gross=gross, without=without)
+        model = MotionModel(recording, robot, prior, gross=gross, without=without, library=library)
         motion = MotionBlock(
             model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
         )

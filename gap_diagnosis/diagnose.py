@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 
 from gap_diagnosis.advising import advice_for
 from gap_diagnosis.analysis import Analysis, Progress, analyse
@@ -15,7 +16,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
 from gap_diagnosis.how_far import Shrink, shrink
 from gap_diagnosis.pictures import Report
-from gap_diagnosis.priors import Prior, default_prior
+from gap_diagnosis.priors import Prior, default_prior, with_library
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
@@ -24,6 +25,7 @@ from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
 from gap_diagnosis.structure import structure_of
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects.library import load_effect_library
+from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot, load_robot
 
 
@@ -45,7 +47,7 @@ def diagnose(
     """
     started = time.monotonic()
     described = load_robot(robot)
-    known = None if effect_library is None else load_effect_library(effect_library)
+    known = {} if effect_library is None else load_effect_library(effect_library)
     progress("reading", 0.0)
     recordings = read_recordings(
         logs, robot=described, references=references, dbc=dbc, signals=signals
@@ -78,17 +80,17 @@ def diagnose_recordings(
     wire: Wire,
     *,
     held: Recording | None = None,
-    library: Mapping[str, object] | None = None,
+    library: Mapping[str, Effect] = MappingProxyType({}),
     inputs: Sequence[InputFile] = (),
     prior: Prior | None = None,
     started: float | None = None,
     progress: Progress = lambda step, share: None,
     without: frozenset[str] = frozenset(),
 ) -> Report:
-    """Diagnose recordings that are read already; *without* withholds effects from the library."""
+    """Diagnose recordings that are read already; *without* withholds effects from the library,
+    *library* adds a user's own."""
     started = time.monotonic() if started is None else started
-    del library
-    prior = prior or default_prior()
+    prior = with_library(prior or default_prior(), library)
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):
@@ -96,13 +98,15 @@ def diagnose_recordings(
         def part(step: str, share: float, at: int = place) -> None:
             progress(step, 0.02 + 0.75 * (at + share) / parts)
 
-        analyses.append(analyse(recording, robot, wire, prior, progress=part, without=without))
+        analyses.append(
+            analyse(recording, robot, wire, prior, progress=part, without=without, library=library)
+        )
     if not any(one.blocks for one in analyses):
         raise DiagnosisError(
             f"{recordings[0].name}: nothing to compare the wheels with: expected a gyro, a "
             "reference, commands, odometry frames or stamped bus frames"
         )
-    stage_of = stages_of(analyses)
+    stage_of = stages_of(analyses, library)
     ranking = rank([one.blocks for one in analyses], prior, stage_of, _unknown(analyses))
     progress("how far the gap shrinks", 0.8)
     which, other = candidates(ranking, analyses)

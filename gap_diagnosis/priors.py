@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gap_diagnosis.recording import Floats
+from hil_harness.effects.model import Effect, EffectParameter
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,31 @@ class Prior:
         """Return the prior of one coefficient."""
         known = self.parameters[effect]
         return known.get(coefficient) or known["all"]
+
+
+def with_library(prior: Prior, library: Mapping[str, Effect]) -> Prior:
+    """Return the prior with the tolerances and typical sizes of a user's effects."""
+    parameters = dict(prior.parameters)
+    for name, effect in library.items():
+        if effect.explain is None:
+            continue
+        parameters[name] = {
+            one.name: _user_prior(effect.tolerance.get(one.name), one)
+            for one in effect.parameters
+            if one.kind == "real"
+        }
+    return replace(prior, parameters=parameters)
+
+
+def _user_prior(tolerance: float | None, parameter: EffectParameter) -> ParameterPrior:
+    high = None
+    if parameter.typical is not None:
+        high = 2 * parameter.typical.high
+    elif math.isfinite(parameter.maximum):
+        high = parameter.maximum
+    if tolerance is None:
+        tolerance = 1e-3 if high is None else 0.01 * high
+    return ParameterPrior(tolerance, 100 * tolerance if high is None else high)
 
 
 @cache

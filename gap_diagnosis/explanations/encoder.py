@@ -51,6 +51,34 @@ def extra_ticks_right(p: Prediction, *, rate: float) -> None:
     p.right_rad = p.right_rad - rate * p.motion.dt_s * p.motion.rad_per_count
 
 
+def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:
+    """Count nothing on the left: the gyro and the right wheel tell what it did."""
+    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    p.left_rad = np.where(inside, p.right_rad - _turn_by_gyro(p), p.left_rad)
+
+
+def encoder_dead_right(p: Prediction, *, start_s: float, stop_s: float) -> None:
+    """Count nothing on the right: the gyro and the left wheel tell what it did."""
+    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    p.right_rad = np.where(inside, p.left_rad + _turn_by_gyro(p), p.right_rad)
+
+
+def _turn_by_gyro(p: Prediction) -> Floats:
+    """Return right - left wheel turn of each tick as the gyro tells it; zeros without one."""
+    motion = p.motion
+    if motion.gyro_turn_rad is None:
+        return np.zeros(len(motion.t_s))
+    turn = np.diff(motion.gyro_turn_rad, prepend=motion.gyro_turn_rad[0])
+    return np.asarray(turn * motion.wheelbase_m / motion.radius_m)
+
+
+def encoder_wrap(p: Prediction, *, bits: int) -> None:
+    """Undo jumps by 2^bits counts: the counter is narrower than described."""
+    span = 2.0**bits * p.motion.rad_per_count
+    p.left_rad = p.left_rad - span * np.rint(p.left_rad / span)
+    p.right_rad = p.right_rad - span * np.rint(p.right_rad / span)
+
+
 def wheels_swapped(p: Prediction) -> None:
     """Exchange left and right."""
     p.left_rad, p.right_rad = p.right_rad, p.left_rad

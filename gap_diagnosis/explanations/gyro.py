@@ -92,6 +92,17 @@ def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
     p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
 
 
+def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:
+    """Repeat one code in a window."""
+    m = p.motion
+    inside = (m.t_s > start_s) & (m.t_s <= stop_s)
+    if m.gyro_code is None or not inside.any():
+        return
+    code = float(m.gyro_code[np.flatnonzero(inside)[0]])
+    held = (code - m.gyro_zero_rate_code) / m.gyro_sensitivity_lsb_per_rad_s
+    p.gyro_rad_s = np.where(inside, held, p.gyro_rad_s)
+
+
 def gyro_factor(p: Prediction, *, factor: float) -> None:
     """Read the rate wrong by a factor."""
     p.gyro_rad_s = p.gyro_rad_s * factor

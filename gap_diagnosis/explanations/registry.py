@@ -13,9 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.prediction import Motion, Prediction
+from hil_harness.effects.model import Effect
 
 Value = float | int | str
 Action = Callable[..., None]
@@ -34,6 +36,7 @@ class Variant:
         polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
+        stage_rank: order of acting, for effects of a user's library.
     """
 
     effect: str
@@ -44,6 +47,7 @@ class Variant:
     polar: tuple[str, str] | None = None
     polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
     is_positive: bool = False
+    stage_rank: int = 3
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""
@@ -144,6 +148,70 @@ def _adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
             yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), choice, choice)
 
 
+_FROZEN_TICKS: Final = 20
+_DEAD_S: Final = 1.0
+_DEAD_TICKS: Final = 50
+
+
+def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+    """Return [first, last] of runs of at least *least* true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2) if b - a >= least]
+
+
+def _gyro_frozen(motion: Motion) -> Iterable[Variant]:
+    """Return the longest stretches in which the code repeats while the wheels' turning varies."""
+    if motion.gyro_code is None:
+        return
+    same = np.diff(motion.gyro_code, prepend=np.nan) == 0
+    turning = motion.right_rate_rad_s - motion.left_rate_rad_s
+    found = [
+        (first, last)
+        for first, last in _runs(same, _FROZEN_TICKS)
+        if np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > _FROZEN_RATE
+    ]
+    for first, last in sorted(found, key=lambda run: run[0] - run[1])[:4]:
+        window = {
+            "start_s": float(motion.t_s[first - 1]) - 1e-6,
+            "stop_s": float(motion.t_s[last]) + 1e-6,
+        }
+        yield Variant("gyro_frozen", gyro.gyro_frozen, (), window, window)
+
+
+_FROZEN_RATE: Final = 0.02
+
+
+def _encoder_dead(motion: Motion) -> Iterable[Variant]:
+    """Return the longest stretch on each side in which only the other wheel counts."""
+    steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
+    acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
+    least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
+    for side, step in steps.items():
+        other = steps["right" if side == "left" else "left"]
+        runs = [
+            (first, last)
+            for first, last in _runs(step == 0, least)
+            if np.abs(other[first : last + 1]).sum() > _DEAD_TICKS * motion.rad_per_count
+        ]
+        if runs:
+            first, last = max(runs, key=lambda run: run[1] - run[0])
+            window = {
+                "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
+                "stop_s": float(motion.t_s[last]) + 1e-6,
+            }
+            report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
+            yield Variant("encoder_dead", acts[side], (), window, report)
+
+
+def _encoder_wrap(motion: Motion) -> Iterable[Variant]:
+    jumps = np.abs(np.concatenate([motion.left_step_rad, motion.right_step_rad]))
+    largest = float(jumps.max()) / motion.rad_per_count
+    for bits in range(8, 16):
+        if largest > 2.0 ** (bits - 1):
+            choice: dict[str, Value] = {"bits": bits}
+            yield Variant("encoder_wrap", encoder.encoder_wrap, (), {"bits": bits}, choice)
+
+
 def _setup_sign(motion: Motion) -> Iterable[Variant]:
     actions = (
         ("left_ticks", encoder.left_factor),
@@ -201,6 +269,8 @@ _ALL: Final = (
     ),
     Explanation("missed_ticks", 0, _missed_ticks),
     _sided("extra_ticks", "encoder", encoder.extra_ticks_left, encoder.extra_ticks_right, "rate"),
+    Explanation("encoder_dead", 0, _encoder_dead),
+    Explanation("encoder_wrap", 0, _encoder_wrap),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
@@ -247,6 +317,7 @@ _ALL: Final = (
     _plain("gyro_temperature_bias", "gyro", gyro.gyro_temperature_bias, "slope"),
     _plain("gyro_vibration", "gyro", gyro.gyro_vibration, "coefficient"),
     _plain("gyro_g_sensitivity", "gyro", gyro.gyro_g_sensitivity, "x", "y"),
+    Explanation("gyro_frozen", 2, _gyro_frozen),
     Explanation("gyro_saturation", 2, _gyro_saturation),
     _plain("adc_inl", "gyro", gyro.adc_inl, "peak"),
     Explanation("adc_stuck_bit", 2, _adc_stuck_bit),
@@ -287,7 +358,22 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
 
 def _rank(variant: Variant) -> int:
     known = EXPLAINED.get(variant.effect)
-    return 3 if known is None else known.stage_rank
+    return variant.stage_rank if known is None else known.stage_rank
+
+
+def explanation_of(effect: Effect) -> Explanation | None:
+    """Return how an effect of a user's library acts; None where the library does not say."""
+    if effect.explain is None:
+        return None
+    rank = _RANK.get(effect.stage, _RANK["reference"])
+    variant = Variant(
+        effect.name,
+        effect.explain,
+        tuple(parameter.name for parameter in effect.parameters if parameter.kind == "real"),
+        is_positive=all(parameter.minimum >= 0 for parameter in effect.parameters),
+        stage_rank=rank,
+    )
+    return Explanation(effect.name, rank, lambda motion: (variant,))
 
 
 def twins_of(effect: str) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.scan import Found, Scan
 from gap_diagnosis.recording import Floats
 
@@ -42,11 +44,19 @@ class MotionBlock:
         self.model = model
         self.scan = Scan(model, progress)
         self._nothing = self.scan.found[frozenset()]
+        self._noise_fits: dict[frozenset[str], Fit] = {}
 
     @property
     def effects(self) -> frozenset[str]:
         """The effects that this log's motion can tell of."""
-        return self.scan.effects | (ALIASES.keys() if ALIASED in self.scan.effects else set())
+        aliases = ALIASES.keys() if ALIASED in self.scan.effects else set()
+        nodes = self.model.nodes
+        noises = {
+            name
+            for name, noise in NOISES.items()
+            if (nodes.has_gyro if noise.stage == "gyro" else nodes.has_reference)
+        }
+        return frozenset(self.scan.effects | aliases | noises)
 
     @property
     def levels(self) -> Floats:
@@ -62,6 +72,8 @@ class MotionBlock:
         """Return what the search found of a set of at most two effects, without parameters."""
         if any(alias in effects and other in effects for alias, other in ALIASES.items()):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
+        if effects & NOISES.keys():
+            return self._noisy(effects)
         found = self.scan.found[aliased(effects)]
         return Fit(
             tuple(sorted(effects)),
@@ -69,10 +81,51 @@ class MotionBlock:
             found.log_likelihood - self._nothing.log_likelihood,
         )
 
+    def _noisy(self, effects: frozenset[str]) -> Fit:
+        """Fit a set with one level of noise set free; a level within twice the described is none.
+
+        Beside an effect that does not lead, the noise is taken to gain what it gains alone.
+        """
+        noises = frozenset(effects & NOISES.keys())
+        quiet = effects - noises
+        names = tuple(sorted(effects))
+        if len(noises) > 1:
+            return Fit(names, _IMPOSSIBLE, _IMPOSSIBLE)
+        (name,) = noises
+        if quiet and quiet != self._leader:
+            alone, beside = self._noisy(noises), self.fit(quiet)
+            return Fit(
+                names,
+                alone.log_evidence + beside.log_evidence,
+                alone.log_likelihood + beside.log_likelihood,
+                alone.parameters,
+            )
+        if effects not in self._noise_fits:
+            self._noise_fits[effects] = fit_noise(
+                self.model, self.scan.found[aliased(quiet)], self._nothing, name, names
+            )
+        return self._noise_fits[effects]
+
+    @cached_property
+    def _leader(self) -> frozenset[str]:
+        """The single effect with the best evidence."""
+        singles = [one for one in self.scan.found.values() if len(one.effects) == 1]
+        if not singles:
+            return frozenset()
+        return max(singles, key=lambda one: one.log_evidence).effects
+
     def detail(self, effects: frozenset[str]) -> Fit:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
         if not effects:
             return self.fit(effects)
+        if effects & NOISES.keys():
+            quiet = self.detail(frozenset(effects - NOISES.keys()))
+            noisy = self.fit(effects)
+            return replace(
+                noisy,
+                parameters={**quiet.parameters, **noisy.parameters},
+                windows=quiet.windows,
+            )
         found = self.scan.found[aliased(effects)]
         again = found.refitted or self.model.refit(found.terms, found.levels)
         parameters, windows = self._estimates(found, again)
@@ -85,7 +138,7 @@ class MotionBlock:
 
     def settings(self, effects: frozenset[str]) -> list[tuple[Any, tuple[float, ...]]]:
         """Return variants and best coefficients, as `predict` takes them."""
-        found = self.scan.found[aliased(effects)]
+        found = self.scan.found[aliased(frozenset(effects - NOISES.keys()))]
         again = found.refitted or self.model.refit(found.terms, found.levels)
         return [(t.variant, c) for t, c in zip(found.terms, again.coefficients, strict=True)]
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
-from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Variant
+from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Variant, explanation_of
 from gap_diagnosis.motion.nodes import CHANNELS, Nodes, residuals
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
+from hil_harness.effects.model import Effect
 
 NEVER_NUISANCE: Final = frozenset({"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio"})
 """Effects whose small amounts another nuisance already stands for, or that come not in bits."""
@@ -76,18 +78,22 @@ def build_columns(
     *,
     gross: bool,
     without: frozenset[str] = frozenset(),
+    library: Mapping[str, Effect] = MappingProxyType({}),
 ) -> Columns:
     """Return the columns of all effects that this log can speak of.
 
     *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
-    set-up too. *without*: effects to leave out.
+    set-up too. *without*: effects to leave out. *library*: effects of a
+    user's own that say how they act.
     """
     motion = nodes.motion
     base: list[Floats] = [residuals(nodes, predict(motion))]
     nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
-    for effect, explanation in EXPLAINED.items():
+    own = {name: explanation_of(effect) for name, effect in library.items()}
+    known = {**EXPLAINED, **{name: one for name, one in own.items() if one is not None}}
+    for effect, explanation in known.items():
         if effect in without or (effect in GROSS and not gross):
             continue
         if not nodes.has_reference and effect in NEEDS_REFERENCE:
@@ -112,11 +118,11 @@ def build_columns(
                 base.append(change)
                 weights.append(((len(base) - 2, 1.0),))
             for index, name in enumerate(variant.coefficients):
-                known = prior.of(effect, name)
-                limit = tolerances.get(f"{effect}.{name}", known.tolerance)
+                size = prior.of(effect, name)
+                limit = tolerances.get(f"{effect}.{name}", size.tolerance)
                 steps = [0.0] * len(variant.coefficients)
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
-                step = math.sqrt(limit * max(known.high, limit))
+                step = math.sqrt(limit * max(size.high, limit))
                 steps[index] = step
                 moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
                 change = (nominal - moved) / step
@@ -125,7 +131,7 @@ def build_columns(
                 base.append(change)
                 weights.append(((len(base) - 2, 1.0),))
                 limits.append(limit)
-                if len(variants) == 1 and effect not in NEVER_NUISANCE:
+                if len(variants) == 1 and effect not in NEVER_NUISANCE and effect in EXPLAINED:
                     nuisances.append((len(base) - 2, 0.5 * limit))
             if len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))

@@ -51,12 +51,17 @@ def level_prior(robot: Robot) -> LevelPrior:
 
 
 def best_levels(
-    log_evidence: Callable[[Floats], float], prior: LevelPrior, start: Floats, *, rounds: int = 25
+    log_evidence: Callable[[Floats], float],
+    prior: LevelPrior,
+    start: Floats,
+    *,
+    rounds: int = 25,
+    free: Sequence[int] = (),
 ) -> Floats:
     """Return the levels that maximise evidence times prior, from *start* (float64[8])."""
 
     def cost(log_levels: Floats) -> float:
-        return -log_evidence(np.exp(log_levels)) - prior.log_density(log_levels)
+        return -log_evidence(np.exp(log_levels)) - prior.log_density(log_levels, free)
 
     bounds = [(math.log(1e-7), math.log(10.0))] * len(start)
     found = minimize(

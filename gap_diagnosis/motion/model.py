@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.motion.whitening import Course, course_of, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
+from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
 _NEWTON_STEPS: Final = 3
@@ -64,9 +66,10 @@ class MotionModel:
         keep: NDArray[np.bool_] | None = None,
         gross: bool = False,
         without: frozenset[str] = frozenset(),
+        library: Mapping[str, Effect] = MappingProxyType({}),
     ) -> None:
         """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used;
-        *without* names effects that are not to be tried."""
+        *without* names effects that are not to be tried, *library* are a user's own."""
         self.recording, self.robot, self.prior = recording, robot, prior
         delay_s = coarse_delay_s(recording, robot)
         motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
@@ -76,7 +79,12 @@ class MotionModel:
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot, float(np.median(motion.dt_s[1:])))
         self.columns: Columns = build_columns(
-            self.nodes, prior, self.tolerances, gross=gross, without=without
+            self.nodes,
+            prior,
+            self.tolerances,
+            gross=gross,
+            without=without,
+            library=library,
         )
         self.level_prior: LevelPrior = level_prior(robot)
 
@@ -96,8 +104,14 @@ class MotionModel:
         """Return all inner products at these noise levels."""
         return make_gram(self.columns, self.course, levels, self.nodes.ticks)
 
-    def levels_for(self, terms: Sequence[Term], start: Floats, rounds: int = 15) -> Floats:
-        """Return the noise levels that suit these effects best."""
+    def levels_for(
+        self,
+        terms: Sequence[Term],
+        start: Floats,
+        rounds: int = 15,
+        free: Sequence[int] = (),
+    ) -> Floats:
+        """Return the noise levels that suit these effects best; *free* ones may be anything."""
         used = {index for term in terms for weight in term.weights for index, _ in weight}
         used |= {index for index, _ in self.columns.nuisances}
         order = sorted(used)
@@ -119,7 +133,15 @@ class MotionModel:
             self.level_prior,
             start,
             rounds=rounds,
+            free=free,
         )
+
+    def evidence_at(self, terms: Sequence[Term], levels: Floats) -> float:
+        """Return the log evidence of terms at these levels, without the levels' density."""
+        gram = self.gram(levels)
+        if not terms:
+            return gram.log_nothing
+        return gram.log_nothing + score(gram, terms, self.prior).log_evidence
 
     def _evidence(
         self,

@@ -1,0 +1,81 @@
+"""Effects that are levels of noise: present when the level is more than twice the described one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Found
+from gap_diagnosis.motion.whitening import LEVELS
+
+_DRAWS: Final = 4000
+_ABSENT: Final = -6.0
+"""Log evidence of a noise that turns out to be as described."""
+_STEP: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A noise effect: its stage, and the level behind each of its parameters."""
+
+    stage: str
+    parameters: tuple[tuple[str, str], ...]
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Where the levels stand in the vector of levels."""
+        return tuple(LEVELS.index(level) for _, level in self.parameters)
+
+
+NOISES: Final[Mapping[str, Noise]] = {
+    "gyro_noise": Noise("gyro", (("density", "gyro_noise_rad_per_sqrt_s"),)),
+    "gyro_bias_walk": Noise("gyro", (("density", "gyro_bias_walk_rad_s_per_sqrt_s"),)),
+    "reference_noise": Noise(
+        "reference", (("position", "reference_position_m"), ("heading", "reference_heading_rad"))
+    ),
+}
+
+
+def fit_noise(
+    model: MotionModel, quiet: Found, nothing: Found, name: str, names: Sequence[str]
+) -> Fit:
+    """Fit a set of effects with the levels of one noise free."""
+    places = NOISES[name].places
+    start = quiet.levels.copy()
+    levels = model.levels_for(quiet.terms, start, rounds=10, free=places)
+    described = model.level_prior.median
+    if not any(levels[place] > 2 * described[place] for place in places):
+        gain = quiet.log_evidence - nothing.log_evidence
+        likelihood = quiet.log_likelihood - nothing.log_likelihood
+        return Fit(tuple(names), gain + _ABSENT, likelihood)
+
+    def value(at: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
+        density = model.level_prior.log_density(np.log(at), places)
+        return model.evidence_at(quiet.terms, at) + density
+
+    best = value(levels)
+    parameters = {}
+    rng = np.random.default_rng(0)
+    for parameter, level in NOISES[name].parameters:
+        place = LEVELS.index(level)
+        moved = [levels.copy(), levels.copy()]
+        moved[0][place] *= math.exp(-_STEP)
+        moved[1][place] *= math.exp(_STEP)
+        bend = (2 * best - value(moved[0]) - value(moved[1])) / _STEP**2
+        sd = 1 / math.sqrt(max(bend, 1.0))
+        samples = levels[place] * np.exp(sd * rng.standard_normal(_DRAWS))
+        parameters[f"{name}.{parameter}"] = Estimate(
+            float(samples.mean()), float(samples.std()), samples
+        )
+    return Fit(
+        tuple(names),
+        best - nothing.log_evidence,
+        best - nothing.log_likelihood,
+        parameters,
+    )
