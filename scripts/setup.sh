@@ -29,8 +29,12 @@ find_python || {
     exit 2
 }
 "$python" -c 'import ensurepip, venv' 2>/dev/null || install "$python-venv"
-if [ "${1:-}" = test ] && ! command -v gcc >/dev/null; then
-    install gcc libc6-dev  # examples/ holds a node in C
+if [ "${1:-}" = test ]; then
+    # examples/ holds a node in C; the kernel in C is checked, and run on an emulated Cortex-M3
+    command -v gcc >/dev/null || install gcc libc6-dev
+    command -v cppcheck >/dev/null || install cppcheck
+    command -v arm-none-eabi-gcc >/dev/null || install gcc-arm-none-eabi
+    command -v qemu-system-arm >/dev/null || install qemu-system-arm
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
