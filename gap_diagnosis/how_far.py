@@ -18,10 +18,9 @@ from gap_diagnosis.gap.on_recording import Replayed, levels_of, measure, odometr
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
 from gap_diagnosis.gap.windows import Window
-from gap_diagnosis.motion.block import MotionBlock, aliased, draw
+from gap_diagnosis.motion.block import MotionBlock, draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
@@ -70,7 +69,7 @@ def shrink(
     """
     if analysis.motion is None:
         return Shrink(notes=("Neither gyro nor reference: the gap of the pose is not measured.",))
-    own = aliased((effects & analysis.motion.effects) - NOISES.keys())
+    own = analysis.motion.moving(effects)
     model, where = analysis.motion.model, analysis.recording
     if held is None:
         kinds = kinds_of(where, robot)

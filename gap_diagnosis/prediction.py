@@ -25,7 +25,10 @@ class Motion:
     Attributes:
         t_s, dt_s: end and length of each tick on the log's clock.
         left_step_rad, right_step_rad: wheel turns as the description reads the counts.
-        left_angle_rad, right_angle_rad: their sums.
+        left_jump_rad, right_jump_rad: what a counter narrower than described adds where it wraps;
+            taken off the turns above, zeros where nothing jumps.
+        wrap_bits: at which width it wraps; 0 where nothing jumps.
+        left_angle_rad, right_angle_rad: sums of the turns.
         left_rate_rad_s, right_rate_rad_s, left_acceleration_rad_s2, right_acceleration_rad_s2:
             smoothed.
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
@@ -43,6 +46,9 @@ class Motion:
     dt_s: Floats
     left_step_rad: Floats
     right_step_rad: Floats
+    left_jump_rad: Floats
+    right_jump_rad: Floats
+    wrap_bits: int
     left_angle_rad: Floats
     right_angle_rad: Floats
     left_rate_rad_s: Floats
@@ -110,8 +116,8 @@ class Prediction:
 
     def __post_init__(self) -> None:
         """Start from the description."""
-        self.left_rad = self.motion.left_step_rad
-        self.right_rad = self.motion.right_step_rad
+        self.left_rad = self.motion.left_step_rad + self.motion.left_jump_rad
+        self.right_rad = self.motion.right_step_rad + self.motion.right_jump_rad
         self.gyro_rad_s = self.motion.turn_rate_rad_s
         self.roll()
 

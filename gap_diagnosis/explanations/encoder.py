@@ -42,13 +42,24 @@ def missed_ticks_right(p: Prediction, *, probability: float, threshold: float) -
 
 
 def extra_ticks_left(p: Prediction, *, rate: float) -> None:
-    """Count upwards without motion on the left."""
-    p.left_rad = p.left_rad - rate * p.motion.dt_s * p.motion.rad_per_count
+    """Count without motion on the left."""
+    p.left_rad = _without_extra(p, p.left_rad, p.motion.left_rate_rad_s, rate)
 
 
 def extra_ticks_right(p: Prediction, *, rate: float) -> None:
-    """Count upwards without motion on the right."""
-    p.right_rad = p.right_rad - rate * p.motion.dt_s * p.motion.rad_per_count
+    """Count without motion on the right."""
+    p.right_rad = _without_extra(p, p.right_rad, p.motion.right_rate_rad_s, rate)
+
+
+def _without_extra(p: Prediction, step_rad: Floats, wheel_rad_s: Floats, rate: float) -> Floats:
+    """Take spurious counts off: each one where the other wheel rests, their mean in motion."""
+    motion = p.motion
+    others = np.minimum(np.abs(motion.left_rate_rad_s), np.abs(motion.right_rate_rad_s))
+    slow = 3 * abs(rate) * motion.rad_per_count + 5 * motion.rad_per_count
+    rests = (others <= motion.rad_per_count) & (np.abs(wheel_rad_s) < slow)
+    if rate == 0.0:
+        return step_rad
+    return np.where(rests, 0.0, step_rad - rate * motion.dt_s * motion.rad_per_count)
 
 
 def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:
@@ -73,10 +84,10 @@ def _turn_by_gyro(p: Prediction) -> Floats:
 
 
 def encoder_wrap(p: Prediction, *, bits: int) -> None:
-    """Undo jumps by 2^bits counts: the counter is narrower than described."""
-    span = 2.0**bits * p.motion.rad_per_count
-    p.left_rad = p.left_rad - span * np.rint(p.left_rad / span)
-    p.right_rad = p.right_rad - span * np.rint(p.right_rad / span)
+    """Undo the jumps of a counter that is narrower than described."""
+    if bits == p.motion.wrap_bits:
+        p.left_rad = p.left_rad - p.motion.left_jump_rad
+        p.right_rad = p.right_rad - p.motion.right_jump_rad
 
 
 def wheels_swapped(p: Prediction) -> None:

@@ -181,11 +181,11 @@ def _gyro_frozen(motion: Motion) -> Iterable[Variant]:
 _FROZEN_RATE: Final = 0.02
 
 
-def _encoder_dead(motion: Motion) -> Iterable[Variant]:
-    """Return the longest stretch on each side in which only the other wheel counts."""
+def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
+    """Return for each side the longest stretch [first, last] in which only the other counts."""
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
-    acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
     least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
+    found = {}
     for side, step in steps.items():
         other = steps["right" if side == "left" else "left"]
         runs = [
@@ -194,22 +194,34 @@ def _encoder_dead(motion: Motion) -> Iterable[Variant]:
             if np.abs(other[first : last + 1]).sum() > _DEAD_TICKS * motion.rad_per_count
         ]
         if runs:
-            first, last = max(runs, key=lambda run: run[1] - run[0])
-            window = {
-                "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
-                "stop_s": float(motion.t_s[last]) + 1e-6,
-            }
-            report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
-            yield Variant("encoder_dead", acts[side], (), window, report)
+            found[side] = max(runs, key=lambda run: run[1] - run[0])
+    return found
+
+
+def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
+    """Return, bool[n], the ticks in which only one wheel counts for long."""
+    dead = np.zeros(len(motion.t_s), dtype=np.bool_)
+    for first, last in _dead_windows(motion).values():
+        dead[first : last + 1] = True
+    return dead
+
+
+def _encoder_dead(motion: Motion) -> Iterable[Variant]:
+    acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
+    for side, (first, last) in _dead_windows(motion).items():
+        window = {
+            "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
+            "stop_s": float(motion.t_s[last]) + 1e-6,
+        }
+        report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
+        yield Variant("encoder_dead", acts[side], (), window, report)
 
 
 def _encoder_wrap(motion: Motion) -> Iterable[Variant]:
-    jumps = np.abs(np.concatenate([motion.left_step_rad, motion.right_step_rad]))
-    largest = float(jumps.max()) / motion.rad_per_count
-    for bits in range(8, 16):
-        if largest > 2.0 ** (bits - 1):
-            choice: dict[str, Value] = {"bits": bits}
-            yield Variant("encoder_wrap", encoder.encoder_wrap, (), {"bits": bits}, choice)
+    if motion.wrap_bits:
+        choice: dict[str, Value] = {"bits": motion.wrap_bits}
+        fixed = {"bits": motion.wrap_bits}
+        yield Variant("encoder_wrap", encoder.encoder_wrap, (), fixed, choice)
 
 
 def _setup_sign(motion: Motion) -> Iterable[Variant]:
@@ -273,6 +285,14 @@ _ALL: Final = (
     Explanation("encoder_wrap", 0, _encoder_wrap),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),
+    _plain(
+        "payload",
+        "wheel",
+        wheel.payload,
+        "compression_left",
+        "compression_right",
+        positive=True,
+    ),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
     _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
     _plain("longitudinal_slip", "wheel", wheel.longitudinal_slip, "compliance", positive=True),

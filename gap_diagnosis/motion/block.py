@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import EDGES
@@ -25,6 +27,10 @@ ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
 1/(1 + t) - 1. Commands may tell them apart."""
+
+
+LATENCY: Final = "frame_latency"
+OFFSET: Final = "reference_time_offset"
 
 
 def aliased(effects: frozenset[str]) -> frozenset[str]:
@@ -56,7 +62,8 @@ class MotionBlock:
             for name, noise in NOISES.items()
             if (nodes.has_gyro if noise.stage == "gyro" else nodes.has_reference)
         }
-        return frozenset(self.scan.effects | aliases | noises)
+        late = {LATENCY} if OFFSET in self.scan.effects else set()
+        return frozenset(self.scan.effects | aliases | noises | late)
 
     @property
     def levels(self) -> Floats:
@@ -72,6 +79,8 @@ class MotionBlock:
         """Return what the search found of a set of at most two effects, without parameters."""
         if any(alias in effects and other in effects for alias, other in ALIASES.items()):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
+        if LATENCY in effects:
+            return self._late(effects)
         if effects & NOISES.keys():
             return self._noisy(effects)
         found = self.scan.found[aliased(effects)]
@@ -80,6 +89,30 @@ class MotionBlock:
             found.log_evidence - self._nothing.log_evidence,
             found.log_likelihood - self._nothing.log_likelihood,
         )
+
+    def _late(self, effects: frozenset[str]) -> Fit:
+        """Fit a latency: of all sensors it is a reference that is early; of one, unseen here."""
+        rest = effects - {LATENCY}
+        names = tuple(sorted(effects))
+        unseen = self.fit(rest)
+        if OFFSET in rest or len(rest) > 1 or rest & NOISES.keys():
+            return replace(unseen, effects=names)
+        found = self.scan.found[aliased(rest) | {OFFSET}]
+        late = self.fit(rest | {OFFSET})
+        place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
+        offset = found.refitted.coefficients[place][0] if found.refitted else self._offset(found)
+        if offset > 0:
+            return replace(unseen, effects=names, log_evidence=unseen.log_evidence - math.log(2))
+        return replace(
+            late,
+            effects=names,
+            log_evidence=float(np.logaddexp(late.log_evidence, unseen.log_evidence)) - math.log(2),
+        )
+
+    def _offset(self, found: Found) -> float:
+        again = self.model.refit(found.terms, found.levels, free_levels=False, steps=1)
+        place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
+        return again.coefficients[place][0]
 
     def _noisy(self, effects: frozenset[str]) -> Fit:
         """Fit a set with one level of noise set free; a level within twice the described is none.
@@ -118,6 +151,16 @@ class MotionBlock:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
         if not effects:
             return self.fit(effects)
+        if LATENCY in effects:
+            rest = effects - {LATENCY}
+            seen = self.fit(effects).log_evidence > self.fit(rest).log_evidence + 1
+            if not seen or OFFSET in rest:
+                return replace(self.detail(rest), effects=tuple(sorted(effects)))
+            inner = self.detail(rest | {OFFSET})
+            parameters = dict(inner.parameters)
+            early = parameters.pop(f"{OFFSET}.offset")
+            parameters[f"{LATENCY}.delay"] = _estimate("delay", -np.asarray(early.samples))
+            return replace(inner, effects=tuple(sorted(effects)), parameters=parameters)
         if effects & NOISES.keys():
             quiet = self.detail(frozenset(effects - NOISES.keys()))
             noisy = self.fit(effects)
@@ -136,11 +179,19 @@ class MotionBlock:
         fit = self.fit(effects)
         return replace(fit, parameters=parameters, windows=tuple(windows))
 
-    def settings(self, effects: frozenset[str]) -> list[tuple[Any, tuple[float, ...]]]:
-        """Return variants and best coefficients, as `predict` takes them."""
-        found = self.scan.found[aliased(frozenset(effects - NOISES.keys()))]
+    def settings(self, effects: frozenset[str]) -> list[Setting]:
+        """Return variants and best coefficients of what moves, as `predict` takes them."""
+        found = self.scan.found[self.moving(effects)]
         again = found.refitted or self.model.refit(found.terms, found.levels)
         return [(t.variant, c) for t, c in zip(found.terms, again.coefficients, strict=True)]
+
+    def moving(self, effects: frozenset[str]) -> frozenset[str]:
+        """Return the effects that change what is predicted, under the search's own names."""
+        own = effects & self.effects
+        if LATENCY in own:
+            seen = self.fit(own).log_evidence > self.fit(own - {LATENCY}).log_evidence + 1
+            own = own - {LATENCY} | ({OFFSET} if seen else frozenset())
+        return aliased(frozenset(own - NOISES.keys()))
 
     def _estimates(
         self, found: Found, again: Refitted

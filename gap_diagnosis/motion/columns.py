@@ -17,7 +17,9 @@ from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect
 
-NEVER_NUISANCE: Final = frozenset({"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio"})
+NEVER_NUISANCE: Final = frozenset(
+    {"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio", "payload"}
+)
 """Effects whose small amounts another nuisance already stands for, or that come not in bits."""
 
 GROSS: Final = frozenset({"setup_wheels_swapped", "setup_sign", "setup_unit"})

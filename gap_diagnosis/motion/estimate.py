@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -40,9 +41,17 @@ def estimate_motion(
     rad_per_count = math.tau / plant.encoder.ticks_per_rev
     dt_s = np.diff(t_s, prepend=t_s[0])
     step_s = float(np.median(dt_s[1:]))
-    left = _filled(recording.left_ticks, t_s) * rad_per_count
-    right = _filled(recording.right_ticks, t_s) * rad_per_count
-    left, right = left - left[0], right - right[0]
+    fastest = plant.drive.max_wheel_rate_rad_s * step_s / rad_per_count
+    counts = [
+        np.diff(_filled(ticks, t_s), prepend=np.nan)
+        for ticks in (recording.left_ticks, recording.right_ticks)
+    ]
+    for one in counts:
+        one[0] = 0.0
+    bits, jumps = wraps(counts, fastest)
+    left, right = (
+        np.cumsum(step - jump) * rad_per_count for step, jump in zip(counts, jumps, strict=True)
+    )
     width = max(_RATE_SMOOTHING_S / step_s, 0.5)
     rates = [gaussian_filter1d(np.gradient(angle, t_s), width) for angle in (left, right)]
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
@@ -69,6 +78,9 @@ def estimate_motion(
         dt_s=dt_s,
         left_step_rad=left_step,
         right_step_rad=right_step,
+        left_jump_rad=jumps[0] * rad_per_count,
+        right_jump_rad=jumps[1] * rad_per_count,
+        wrap_bits=bits,
         left_angle_rad=left,
         right_angle_rad=right,
         left_rate_rad_s=rates[0],
@@ -99,6 +111,23 @@ def estimate_motion(
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
     )
+
+
+def wraps(counts: Sequence[Floats], fastest: float) -> tuple[int, list[Floats]]:
+    """Return the width at which narrow counters wrap (0: none does), and their jumps in counts.
+
+    A step that no wheel can make, of nearly one power of two every time, is a wrap.
+    """
+    none = [np.zeros(len(steps)) for steps in counts]
+    together = np.concatenate(list(counts))
+    large = np.abs(together[np.abs(together) > 2 * fastest + 64])
+    if len(large) == 0:
+        return 0, none
+    bits = round(math.log2(float(np.median(large))))
+    span = 2.0**bits
+    if bits < 8 or np.any(np.abs(large - span) > fastest + 2):
+        return 0, none
+    return bits, [span * np.rint(steps / span) for steps in counts]
 
 
 def smoothed(motion: Motion) -> Motion:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
@@ -28,6 +29,11 @@ class LevelPrior:
         for index in free:
             terms[index] = -math.log(math.log(50.0))
         return float(terms.sum())
+
+
+FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-4, 1e-4, 1e-5, 1e-5)
+"""No floor is smoother than 0.1 mm per root metre and no room measures better than 0.1 mm: without
+these, data without noise would make any small misfit a certainty."""
 
 
 def level_prior(robot: Robot) -> LevelPrior:
@@ -63,10 +69,10 @@ def best_levels(
     def cost(log_levels: Floats) -> float:
         return -log_evidence(np.exp(log_levels)) - prior.log_density(log_levels, free)
 
-    bounds = [(math.log(1e-7), math.log(10.0))] * len(start)
+    bounds = [(math.log(low), math.log(10.0)) for low in FLOORS]
     found = minimize(
         cost,
-        np.log(start),
+        np.log(np.maximum(start, FLOORS)),
         method="L-BFGS-B",
         bounds=bounds,
         options={"maxiter": rounds, "eps": 1e-3, "ftol": 1e-7},

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.explanations.registry import dead_ticks
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.recording import Floats
 
@@ -64,10 +65,11 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     x_m, y_m = nodes.mean(motion.x_m), nodes.mean(motion.y_m)
     t_s = nodes.mean(motion.t_s)
     radius = motion.radius_m
-    paths = [
-        nodes.mean(np.cumsum(np.abs(step)) * radius)
-        for step in (motion.left_step_rad, motion.right_step_rad)
-    ]
+    # A wheel that is not counted slips as much as the other one.
+    steps = np.abs([motion.left_step_rad, motion.right_step_rad])
+    dead = dead_ticks(motion)
+    steps[:, dead] = steps[:, dead].max(axis=0)
+    paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
     samples = np.zeros(nodes.count)
     samples[nodes.sample_node] = nodes.samples
     per_count_m = radius * motion.rad_per_count
