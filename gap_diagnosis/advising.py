@@ -10,8 +10,8 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.contest import Hypothesis, View, bits, restraint_of, view
-from gap_diagnosis.manoeuvres import Equipment, Manoeuvre, equipment_of, sights
-from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.manoeuvres import Described, Equipment, Manoeuvre, equipment_of, sights
+from gap_diagnosis.motion.block import MotionBlock, aliased
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
@@ -24,6 +24,8 @@ _MOST_RIVALS: Final = 8
 _MOST_ADVICE: Final = 3
 _WORTH_BITS: Final = 0.1
 """A manoeuvre that is expected to tell less is not worth the drive."""
+_PER_S: Final = 1e-4
+"""Of two manoeuvres that tell the same, the shorter one [bit/s]."""
 _REFERENCE: Final = Equipment(reference_hz=100.0, has_heading=True, has_gyro=True)
 _CAMERA_LEVELS: Final = (5e-4, 1e-3, 5e-4, 5e-4)
 """Noise of a reference that was not there: of a motion capture room."""
@@ -98,18 +100,21 @@ class Plan:
             return [], []
         drives: list[Manoeuvre] = []
         gains: list[list[float]] = []
-        for manoeuvre, sight in sights(equipment, levels, self.robot, self.wire, self.prior):
+        needed = frozenset(self.truth.effects).union(*(one.hypothesis.effects for one in rivals))
+        described = Described(self.robot, self.wire, self.prior)
+        for manoeuvre, sight in sights(described, equipment, levels, needed):
             drives.append(manoeuvre)
             gains.append(
                 [_gain(rival, view(sight, self.truth, rival.hypothesis)) for rival in rivals]
             )
         table = np.array(gains)
         weights = 1.0 / (1.0 + np.arange(len(rivals)))
+        lengths = np.array([one.scenario.duration_s for one in drives])
         still = table.max(axis=0) >= _WORTH_BITS
         beyond = [rival for rival, told in zip(rivals, still, strict=True) if not told]
         advice: list[Advice] = []
         while np.any(still) and len(advice) < _MOST_ADVICE:
-            best = int(np.argmax((table * weights * still).sum(axis=1)))
+            best = int(np.argmax((table * weights * still).sum(axis=1) - _PER_S * lengths))
             told = np.flatnonzero(still & (table[best] >= _WORTH_BITS))
             advice.append(
                 Advice(
@@ -131,13 +136,12 @@ def _gain(rival: Rival, new: View) -> float:
 
 def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:
     """Return the winner's effects on the motion as they were found; None without any."""
-    own = frozenset(effects) & motion.effects
+    own = aliased(frozenset(effects)) & motion.scan.effects
     if not own or own not in motion.scan.found:
         return None
-    settings = motion.settings(own)
-    return Hypothesis(
-        tuple(variant for variant, _ in settings), tuple(tuple(sizes) for _, sizes in settings)
-    )
+    found = motion.scan.found[own]
+    fitted = found.refitted or motion.model.refit(found.terms, found.levels, free_levels=False)
+    return Hypothesis(tuple(term.variant for term in found.terms), fitted.coefficients)
 
 
 def _rivals(
@@ -148,7 +152,7 @@ def _rivals(
     scan = motions[0].scan
     found: list[Rival] = []
     for effects in named:
-        own = frozenset() if effects == (NO_GAP,) else frozenset(effects)
+        own = frozenset() if effects == (NO_GAP,) else aliased(frozenset(effects))
         if own not in scan.found or len(found) == _MOST_RIVALS:
             continue
         hypothesis = Hypothesis(tuple(term.variant for term in scan.found[own].terms))

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -22,6 +23,17 @@ from hil_harness.scenarios import Scenario, load_scenario
 _FOLDER: Final = "data/manoeuvres"
 _SEED: Final = 1
 _KEPT: Final = 64
+_MANY: Final = frozenset(
+    {
+        "adc_stuck_bit",
+        "encoder_eccentricity",
+        "gyro_saturation",
+        "missed_ticks",
+        "one_sided_slip",
+        "wheel_eccentricity",
+    }
+)
+"""Effects with many variants: left out where they are not in question."""
 
 
 @dataclass(frozen=True)
@@ -76,27 +88,39 @@ def equipment_of(recording: Recording) -> Equipment:
     return Equipment(float(f"{rate_hz:.2g}"), reference.heading_rad is not None, has_gyro)
 
 
+@dataclass(frozen=True)
+class Described:
+    """What is known of the robot before any log."""
+
+    robot: Robot
+    wire: Wire
+    prior: Prior
+
+
 def sights(
-    equipment: Equipment, levels: Floats, robot: Robot, wire: Wire, prior: Prior
+    described: Described, equipment: Equipment, levels: Floats, effects: frozenset[str]
 ) -> Iterator[tuple[Manoeuvre, Sight]]:
-    """Yield each manoeuvre with what its log would see at these noise levels."""
+    """Yield each manoeuvre with what its log would see of *effects* at these noise levels."""
+    without = _MANY & frozenset(EXPLAINED) - effects
     for manoeuvre in manoeuvres():
-        model = _model(manoeuvre, equipment, robot, wire, prior)
-        yield manoeuvre, sight_of(model.columns, model.gram(levels), prior)
+        model = _model(manoeuvre, described, equipment, without)
+        yield manoeuvre, sight_of(model.columns, model.gram(levels), described.prior)
 
 
-_MODELS: Final[dict[tuple[str, Equipment, str, int], MotionModel]] = {}
+_MODELS: Final[dict[tuple[str, Equipment, frozenset[str], str, int], MotionModel]] = {}
 """Models of manoeuvres: they depend on the robot and its equipment, not on a log."""
 
 
 def _model(
-    manoeuvre: Manoeuvre, equipment: Equipment, robot: Robot, wire: Wire, prior: Prior
+    manoeuvre: Manoeuvre, described: Described, equipment: Equipment, without: frozenset[str]
 ) -> MotionModel:
-    key = (manoeuvre.file, equipment, repr(robot), id(prior))
+    robot, prior = described.robot, described.prior
+    key = (manoeuvre.file, equipment, without, repr(robot), id(prior))
     if key not in _MODELS:
         if len(_MODELS) >= _KEPT:
             _MODELS.clear()
-        _MODELS[key] = MotionModel(_driven(manoeuvre, equipment, robot, wire), robot, prior)
+        driven = _driven(manoeuvre, equipment, robot, described.wire)
+        _MODELS[key] = MotionModel(driven, robot, prior, without=without)
     return _MODELS[key]
 
 

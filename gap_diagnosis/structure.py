@@ -15,6 +15,7 @@ from gap_diagnosis.imitation import Effects, Imitators, Truth, merged
 from gap_diagnosis.limits_elsewhere import limits_elsewhere, limits_of_twins
 from gap_diagnosis.motion.columns import GROSS
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Structure
@@ -23,6 +24,9 @@ from hil_harness.effects import catalogue
 
 _TIMES: Final = 2.0
 """Effects are compared at so many times their detection limit."""
+
+_OCCURRING: Final = frozenset({"encoder_dead", "encoder_wrap"})
+"""Effects that have a column only where they occur: they show whenever they do."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,9 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
     for effect, one in seen.items():
         if one is not None or limits.get(effect) is None:
             limits[effect] = None if one is None else one.limit
+    can = frozenset[str]().union(*(one.effects for one in motions))
+    limits |= {effect: 0.0 for effect in _OCCURRING if limits.get(effect) is None}
+    limits |= _limits_of_noise(motions[0].model, can)
     limits |= limits_of_twins(limits, motions[0].model.robot)
     shown = frozenset(effect for effect, limit in limits.items() if limit is not None)
     twins = [twin & shown for twin in twins_on(recordings)]
@@ -64,6 +71,14 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
             tuple(sorted(group)) for group in alike(sights, seen, [t for t in twins if len(t) > 1])
         ),
     )
+
+
+def _limits_of_noise(model: MotionModel, can: frozenset[str]) -> dict[str, float | None]:
+    """Return twice the described level of each noise: more is an effect."""
+    return {
+        effect: 2 * float(model.level_prior.median[noise.places[0]]) if effect in can else None
+        for effect, noise in NOISES.items()
+    }
 
 
 def sights_of(models: Sequence[tuple[MotionModel, Floats]]) -> Sights:
