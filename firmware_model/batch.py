@@ -8,20 +8,19 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from firmware_model.batch_inputs import BatchInputs, Int64Array
 from firmware_model.c99_kernel import c99_batch
 from firmware_model.compiled import compiled_batch
 from firmware_model.config import CONFIG_DTYPE, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.kernel import config_record, initial_state
-from firmware_model.state import FRESH, STATE_DTYPE, STATE_FIELDS
+from firmware_model.state import STATE_DTYPE, STATE_FIELDS
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
-Int64Array = npt.NDArray[np.int64]
 Float64Array = npt.NDArray[np.float64]
 
 
@@ -110,7 +109,9 @@ def run_batch(
     Raises:
         FirmwareError: arrays that are not of integers, not 2-D, or of different shapes.
     """
-    given = _Inputs.of(config, left_count, right_count, gyro_code, encoder_validity, gyro_validity)
+    given = BatchInputs.of(
+        config, left_count, right_count, gyro_code, encoder_validity, gyro_validity
+    )
     configs, runs, ticks = given.configs, given.runs, given.ticks
 
     config_records, table = _records(configs)
@@ -153,56 +154,41 @@ def run_batch(
     )
 
 
-@dataclass(frozen=True)
-class _Inputs:
-    """What `run_batch` is given, checked: one configuration per run, arrays of [runs, ticks]."""
+def run_batch_c99(
+    config: KernelConfig | Sequence[KernelConfig],
+    left_count: npt.ArrayLike,
+    right_count: npt.ArrayLike,
+    gyro_code: npt.ArrayLike,
+    encoder_validity: npt.ArrayLike | None = None,
+    gyro_validity: npt.ArrayLike | None = None,
+    *,
+    history: bool = True,
+    workers: int | None = None,
+) -> BatchRuns:
+    """Do as `run_batch` does, by the C99 kernel and without the float twin.
 
-    configs: tuple[KernelConfig, ...]
-    runs: int
-    ticks: int
-    left: Int64Array
-    right: Int64Array
-    encoder: npt.NDArray[np.int8]
-    gyro: Int64Array
-    gyro_valid: npt.NDArray[np.int8]
-
-    @classmethod
-    def of(
-        cls,
-        config: KernelConfig | Sequence[KernelConfig],
-        left_count: npt.ArrayLike,
-        right_count: npt.ArrayLike,
-        gyro_code: npt.ArrayLike,
-        encoder_validity: npt.ArrayLike | None,
-        gyro_validity: npt.ArrayLike | None,
-    ) -> _Inputs:
-        """Check what belongs together."""
-        inputs = {
-            "left_count": _counts("left_count", left_count),
-            "right_count": _counts("right_count", right_count),
-            "gyro_code": _counts("gyro_code", gyro_code),
-        }
-        configs = (config,) if isinstance(config, KernelConfig) else tuple(config)
-        ticks = inputs["left_count"].shape[1]
-        sizes = {one.shape[0] for one in inputs.values()} - {1} or {1}
-        runs = max(sizes) if sizes != {1} else len(configs)
-        if len(configs) == 1:
-            configs = configs * runs
-        if len(configs) != runs:
-            raise FirmwareError(
-                f"config: {len(configs)} configurations for {runs} runs: expected one per run"
-            )
-        arrays = {name: _spread(name, one, runs, ticks) for name, one in inputs.items()}
-        return cls(
-            configs=configs,
-            runs=runs,
-            ticks=ticks,
-            left=arrays["left_count"],
-            right=arrays["right_count"],
-            encoder=_validity("encoder_validity", encoder_validity, runs, ticks),
-            gyro=arrays["gyro_code"],
-            gyro_valid=_validity("gyro_validity", gyro_validity, runs, ticks),
-        )
+    Raises:
+        FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources.
+    """
+    given = BatchInputs.of(
+        config, left_count, right_count, gyro_code, encoder_validity, gyro_validity
+    )
+    batch, c_states = c99_batch(given.configs)
+    pose_q, status, source = _history(given.runs if history else 0, given.ticks)
+    inputs = (given.left, given.right, given.encoder, given.gyro, given.gyro_valid)
+    _in_threads(lambda part: batch(part, inputs, (pose_q, status, source)), given.runs, workers)
+    states = np.zeros(given.runs, STATE_DTYPE)
+    for name in STATE_FIELDS:
+        states[name] = c_states[name]
+    return BatchRuns(
+        configs=given.configs,
+        final_states=states,
+        final_twins=None,
+        pose_q=pose_q if history else None,
+        status=status if history else None,
+        heading_source=source if history else None,
+        twin_pose=None,
+    )
 
 
 def _history(
@@ -273,73 +259,3 @@ def _same_configs(configs: tuple[KernelConfig, ...]) -> Iterator[slice]:
         stop = start + len(list(group))
         yield slice(start, stop)
         start = stop
-
-
-def _counts(name: str, values: npt.ArrayLike) -> Int64Array:
-    array = np.asarray(values)
-    if array.dtype.kind not in "iu" or array.ndim != 2:
-        raise FirmwareError(
-            f"{name}: {array.dtype} array of shape {array.shape}: "
-            "expected integers of shape [runs, ticks]"
-        )
-    return _without_gaps(array.astype(np.int64, copy=False))
-
-
-def _spread(name: str, array: Any, runs: int, ticks: int) -> Any:
-    if array.shape[1] != ticks or array.shape[0] not in (1, runs):
-        raise FirmwareError(f"{name}: shape {array.shape}: expected ({runs}, {ticks})")
-    return np.broadcast_to(array, (runs, ticks))
-
-
-def _validity(name: str, values: npt.ArrayLike | None, runs: int, ticks: int) -> Any:
-    if values is None:
-        return _spread(name, np.full((1, ticks), FRESH, np.int8), runs, ticks)
-    array = np.asarray(values)
-    if array.dtype.kind not in "iu" or array.ndim != 2:
-        raise FirmwareError(
-            f"{name}: {array.dtype} array of shape {array.shape}: "
-            "expected integers of shape [runs, ticks]"
-        )
-    if array.size and (array.min() < 0 or array.max() > 127):
-        raise FirmwareError(f"{name}: values {array.min()} to {array.max()}: expected 0, 1 or 2")
-    return _spread(name, _without_gaps(array.astype(np.int8, copy=False)), runs, ticks)
-
-
-def _without_gaps(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the array, or a copy, with the ticks of a run beside each other in memory."""
-    return array if array.strides[1] == array.itemsize else np.ascontiguousarray(array)
-
-
-def run_batch_c99(
-    config: KernelConfig | Sequence[KernelConfig],
-    left_count: npt.ArrayLike,
-    right_count: npt.ArrayLike,
-    gyro_code: npt.ArrayLike,
-    encoder_validity: npt.ArrayLike | None = None,
-    gyro_validity: npt.ArrayLike | None = None,
-    *,
-    history: bool = True,
-    workers: int | None = None,
-) -> BatchRuns:
-    """Do as `run_batch` does, by the C99 kernel and without the float twin.
-
-    Raises:
-        FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources.
-    """
-    given = _Inputs.of(config, left_count, right_count, gyro_code, encoder_validity, gyro_validity)
-    batch, c_states = c99_batch(given.configs)
-    pose_q, status, source = _history(given.runs if history else 0, given.ticks)
-    inputs = (given.left, given.right, given.encoder, given.gyro, given.gyro_valid)
-    _in_threads(lambda part: batch(part, inputs, (pose_q, status, source)), given.runs, workers)
-    states = np.zeros(given.runs, STATE_DTYPE)
-    for name in STATE_FIELDS:
-        states[name] = c_states[name]
-    return BatchRuns(
-        configs=given.configs,
-        final_states=states,
-        final_twins=None,
-        pose_q=pose_q if history else None,
-        status=status if history else None,
-        heading_source=source if history else None,
-        twin_pose=None,
-    )

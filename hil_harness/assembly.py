@@ -12,6 +12,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from numpy.typing import NDArray
 
 from can_bus import CanBusError, Database, check_interface, load_database
+from firmware_model.kernel import Implementation
 from hil_harness.effects import Effect, EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import LOCKSTEP_INTERFACES, unique_channel
@@ -42,6 +43,7 @@ class RunConfig:
         log: file for what the firmware received and sent (.log, .asc or .blf by its name).
         send_reference: also send the truth as REFERENCE_POSE.
         known: the catalogue with a user's effects in it; None is Chiplog's.
+        kernel: which of the equal kernels Chiplog's own firmware runs.
     """
 
     scenario: Scenario
@@ -60,6 +62,7 @@ class RunConfig:
     log: Path | None = None
     send_reference: bool = False
     known: Mapping[str, Effect] | None = None
+    kernel: Implementation = "compiled"
 
     def __post_init__(self) -> None:
         """Check what belongs together."""

@@ -132,6 +132,7 @@ def _program(config: RunConfig, settings: Settings, wire: Wire) -> FirmwareProgr
         wire.tick_period_us,
         schedule=schedule,
         seed=config.seed_in_use,
+        implementation=config.kernel,
     )
 
 

@@ -64,6 +64,7 @@ def run_firmware_alone(config: RunConfig, *, ticks: int | None = None) -> NodeOu
         database=wire.database,
         signal_map=wire.signal_map,
         tick_period_us=wire.tick_period_us,
+        implementation=config.kernel,
         keep_inputs=False,
     )
     starved = 0

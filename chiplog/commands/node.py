@@ -16,6 +16,8 @@ from chiplog.commands.options import (
     DbcOption,
     EffectOption,
     EffectsFileOption,
+    KernelName,
+    KernelOption,
     RobotOption,
     SeedOption,
     SignalsOption,
@@ -73,6 +75,7 @@ def command(
             help="Real time, s; default: the plant's scenario, the firmware until Ctrl-C.",
         ),
     ] = None,
+    kernel: KernelOption = KernelName.COMPILED,
     log: Annotated[
         Path | None,
         typer.Option("--log", help="Record what the node receives and sends (.log, .asc, .blf)."),
@@ -111,6 +114,7 @@ def command(
         dbc=dbc,
         signals=signals,
         log=log,
+        kernel=kernel.value,
     )
     with stoppable():
         outcome = run_node(role, config)

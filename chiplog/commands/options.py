@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,14 @@ IN_PROCESS_INTERFACES = ("virtual", "chiplog")
 
 HIGHEST_BITRATE = 1_000_000
 """Of classic CAN (ISO 11898-1), bit/s."""
+
+
+class KernelName(StrEnum):
+    """The firmware's kernels, equal to the bit."""
+
+    COMPILED = "compiled"
+    PYTHON = "python"
+    C99 = "c99"
 
 
 def _check_bitrate(bitrate: int | None) -> int | None:
@@ -101,6 +110,14 @@ ReferenceFramesOption = Annotated[
     bool,
     typer.Option(
         "--reference-frames", help="Put the truth on the bus too, as REFERENCE_POSE frames."
+    ),
+]
+KernelOption = Annotated[
+    KernelName,
+    typer.Option(
+        "--kernel",
+        help="Which kernel Chiplog's firmware runs: machine code, the readable Python, or the C99 "
+        "twin (needs a C compiler); all give the same bytes.",
     ),
 ]
 JsonFileOption = Annotated[

@@ -19,6 +19,8 @@ from chiplog.commands.options import (
     EffectOption,
     EffectsFileOption,
     InterfaceOption,
+    KernelName,
+    KernelOption,
     ReferenceFramesOption,
     RobotOption,
     SeedOption,
@@ -77,6 +79,7 @@ def command(
     dbc: DbcOption = None,
     signals: SignalsOption = None,
     device: DeviceOption = None,
+    kernel: KernelOption = KernelName.COMPILED,
     reference_frames: ReferenceFramesOption = False,
 ) -> None:
     """Run a scenario: simulated robot, CAN bus and fixed-point firmware in one loop.
@@ -116,6 +119,7 @@ def command(
         dbc=dbc,
         signals=signals,
         device=device,
+        kernel=kernel.value,
         send_reference=reference_frames,
         log=folder.file(BUS_LOG),
     )

@@ -41,6 +41,18 @@ USAGE: tuple[Row, ...] = (
         "unexpected argument (lesson) (see chiplog run --help)",
     ),
     Row(
+        "a kernel that there is not",
+        "chiplog run --kernel fast",
+        "--kernel 'fast': expected one of compiled, python, c99 (see chiplog run --help)",
+    ),
+    Row(
+        "exported C that would replace a file of yours",
+        "chiplog export-c --out .",
+        "chiplog_firmware.h: exists already and differs from what would be written; "
+        "choose another folder or move it away",
+        {"chiplog_firmware.h": "/* mine */\n"},
+    ),
+    Row(
         "an empty folder name",
         "chiplog run --out ''",
         "empty word '' after --out: expected a name or a value",

@@ -1,0 +1,178 @@
+"""`chiplog export-c` and `--kernel`: the same firmware as C99, and as any of its kernels."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from command_line import Chiplog
+
+from firmware_model import Kernel, c99
+from firmware_model.c99_export import CONFIG_HEADER, export_files
+from firmware_model.c99_layout import c_types
+from firmware_model.c99_library import library
+from firmware_model.tables import quarter_sine_table
+from hil_harness.assembly import load_wire
+from hil_harness.nodes.firmware import firmware_config
+from hil_harness.robot import load_robot
+
+STRICT = [
+    "-std=c99",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wsign-conversion",
+    "-pedantic",
+    "-Werror",
+]
+MAIN = """#include <inttypes.h>
+#include <stdio.h>
+#include "chiplog_config.h"
+
+int main(void)
+{
+    chiplog_state state;
+    chiplog_inputs inputs = {0, 0, 0, CHIPLOG_FRESH, CHIPLOG_FRESH};
+
+    chiplog_kernel_start(&state, &chiplog_robot);
+    while (scanf("%" SCNu32 " %" SCNu32 " %" SCNd32, &inputs.left_count, &inputs.right_count,
+                 &inputs.gyro_code) == 3) {
+        chiplog_kernel_step(&state, &chiplog_robot, &inputs);
+        printf("%" PRId64 " %" PRId64 " %" PRId32 "\\n", state.x_m_q, state.y_m_q,
+               state.heading_turn_q);
+    }
+    return 0;
+}
+"""
+ROBOTS = {
+    "default": "",
+    "cordic": '[firmware.trig]\nmethod = "cordic"\n',
+    "narrow": "[firmware]\nmode = 'blend'\n[firmware.position]\nword_bits = 32\nfrac_bits = 16\n"
+    "[firmware.trig]\nentries = 64\nfrac_bits = 15\ninterpolated = false\n",
+}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_program_built_from_the_exported_files_computes_the_firmwares_pose(
+    chiplog: Chiplog, tmp_path: Path, robot: str
+) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOTS[robot])
+    said = chiplog("export-c", "--robot", "robot.toml", "--out", "c")
+    assert (said.status, said.err) == (0, "")
+    assert said.out == "wrote chiplog_config.h, chiplog_firmware.h, chiplog_firmware.c to c\n"
+    (tmp_path / "c" / "main.c").write_text(MAIN)
+    units = ["main.c", "chiplog_firmware.c"]
+    subprocess.run(["cc", *STRICT, "-o", "main", *units], cwd=tmp_path / "c", check=True)
+
+    wire = load_wire()
+    described = load_robot(tmp_path / "robot.toml")
+    kernel = Kernel(firmware_config(described, wire.signal_map, wire.tick_period_us))
+    ticks = [(40 * k % 65536, 55 * k % 65536, 32768 + 7 * k % 3000) for k in range(2_000)]
+    expected = []
+    for left, right, code in ticks:
+        kernel.step(left, right, 0, code, 0)
+        expected.append(" ".join(map(str, kernel.pose_q)))
+    given = "\n".join(" ".join(map(str, one)) for one in ticks)
+    ran = subprocess.run(
+        [str(tmp_path / "c" / "main")], input=given, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.splitlines() == expected
+
+
+def test_the_table_is_the_kernels_own_and_every_field_is_set() -> None:
+    wire = load_wire()
+    config = firmware_config(load_robot(None), wire.signal_map, wire.tick_period_us)
+    header = export_files(config, "lesson")[CONFIG_HEADER]
+    table = re.search(r"chiplog_sine_table\[1025\] = \{(.*?)\}", header, re.S)
+    assert table is not None
+    numbers = tuple(int(number) for number in re.findall(r"\d+", table[1]))
+    assert numbers == quarter_sine_table(1024, 30) == config.table
+    assert re.findall(r"^    \.(\w+) = ", header, re.M) == list(c_types("chiplog_config"))
+
+
+def test_a_robots_name_cannot_end_the_comment_it_stands_in() -> None:
+    wire = load_wire()
+    config = firmware_config(load_robot(None), wire.signal_map, wire.tick_period_us)
+    header = export_files(config, "evil */ #error \\\n ??/")[CONFIG_HEADER]
+    assert "Robot evil __ #error __ ___:" in header
+
+
+def test_the_robots_formats_stand_in_the_header_and_are_written_again(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    assert chiplog("export-c", "--out", "c").status == 0
+    first = (tmp_path / "c" / CONFIG_HEADER).read_text()
+    assert "x_m_q, y_m_q: 2^-32 m in 64 bits (floor, wrap)" in first
+    (tmp_path / "robot.toml").write_text("[firmware.position]\nword_bits = 32\nfrac_bits = 16\n")
+    assert chiplog("export-c", "--robot", "robot.toml", "--out", "c").status == 0
+    assert "2^-16 m in 32 bits" in (tmp_path / "c" / CONFIG_HEADER).read_text()
+    assert (tmp_path / "c" / c99.SOURCE).read_text() == c99.text(c99.SOURCE)
+
+
+def test_a_file_where_the_folder_would_be_is_left_alone(chiplog: Chiplog, tmp_path: Path) -> None:
+    (tmp_path / "c").write_text("mine")
+    said = chiplog("export-c", "--out", "c")
+    assert said.status == 2
+    assert said.err == "chiplog: c: is a file; expected a folder, which may not exist yet\n"
+    assert (tmp_path / "c").read_text() == "mine"
+
+
+def test_a_file_that_differs_is_refused_and_nothing_is_written(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / c99.SOURCE).write_text("/* mine */\n")
+    assert chiplog("export-c", "--out", "c").status == 2
+    assert [one.name for one in (tmp_path / "c").iterdir()] == [c99.SOURCE]
+
+
+def test_formats_that_overflow_are_refused_before_anything_is_written(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.toml").write_text("[firmware.step]\nfrac_bits = 40\n")
+    said = chiplog("export-c", "--robot", "robot.toml", "--out", "c")
+    assert said.status == 2
+    assert "robot.toml:2: firmware.step.frac_bits = 40: the longest step of a tick" in said.err
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("scenario", ["lesson", "stop_and_go", "spin"])
+def test_every_kernel_puts_the_same_bytes_on_the_bus(
+    chiplog: Chiplog, tmp_path: Path, scenario: str
+) -> None:
+    for kernel in ("compiled", "python", "c99"):
+        words = ("--scenario", scenario, "--duration-s", "6", "--kernel", kernel, "--out", kernel)
+        assert chiplog("run", *words).status == 0
+    for name in ("bus.log", "state.json"):
+        found = {
+            (tmp_path / kernel / name).read_bytes() for kernel in ("compiled", "python", "c99")
+        }
+        assert len(found) == 1
+
+
+def test_a_firmware_effect_runs_in_the_c_kernel_as_well(chiplog: Chiplog, tmp_path: Path) -> None:
+    for kernel in ("compiled", "c99"):
+        words = (
+            "--effect",
+            "firmware_overflow.bits=24",
+            "--effect",
+            "firmware_overflow.variable=position",
+        )
+        given = (*words, "--duration-s", "3", "--kernel", kernel, "--out", kernel)
+        assert chiplog("run", *given).status == 0
+    found = {(tmp_path / kernel / "bus.log").read_bytes() for kernel in ("compiled", "c99")}
+    assert len(found) == 1
+
+
+def test_without_a_compiler_the_run_is_refused_in_one_line(
+    chiplog: Chiplog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library.cache_clear()
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    said = chiplog("run", "--kernel", "c99", "--out", "out")
+    assert said.status == 2
+    assert said.err.startswith("chiplog: kernel c99: no C compiler: none of cc, gcc, clang is on")
+    assert said.err.count("\n") == 1
