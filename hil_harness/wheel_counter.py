@@ -105,8 +105,8 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 def _refuse_speed(mapped: MappedSignal) -> None:
     if mapped.quantity in ("speed", "turn rate"):
         raise HarnessError(
-            f"{mapped.path} is a wheel's speed, which can only be read from a log: expected counts, "
-            "an angle or a distance"
+            f"{mapped.path} is a wheel's speed, which can only be read from a log: expected "
+            "counts, an angle or a distance"
         )
 
 

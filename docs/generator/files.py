@@ -163,8 +163,8 @@ def signal_map() -> str:
             "quantity, say "
             'it here: `gyro = { signal = "IMU.yaw_rate", unit = "deg/s" }`. A signal that '
             "counts the other way, clockwise or backwards, is turned round by `invert = true` in "
-            "the same place. A wheel's speed can be read from a log; a simulated loop needs counts, "
-            "an angle or a distance.",
+            "the same place. A wheel's speed can be read from a log; a simulated loop needs "
+            "counts, an angle or a distance.",
             "## Tables",
             "For a table (`.csv`, `.parquet`) the table `[columns]` has one line a role, "
             '`role = "COLUMN"`. The roles are those above, and two clocks: `time`, the log\'s, and '
