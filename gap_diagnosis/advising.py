@@ -12,6 +12,7 @@ from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.contest import Hypothesis, View, bits, restraint_of, view
 from gap_diagnosis.manoeuvres import Described, Equipment, Manoeuvre, equipment_of, sights
 from gap_diagnosis.motion.block import MotionBlock, aliased
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
@@ -27,7 +28,12 @@ _WORTH_BITS: Final = 0.1
 _PER_S: Final = 1e-4
 """Of two manoeuvres that tell the same, the shorter one [bit/s]."""
 _REFERENCE: Final = Equipment(reference_hz=100.0, has_heading=True, has_gyro=True)
-_CAMERA_LEVELS: Final = (5e-4, 1e-3, 5e-4, 5e-4)
+_CAMERA: Final = {
+    "reference_position_m": 5e-4,
+    "reference_heading_rad": 1e-3,
+    "reference_slow_position_m": 5e-4,
+    "reference_slow_heading_rad": 5e-4,
+}
 """Noise of a reference that was not there: of a motion capture room."""
 
 
@@ -72,7 +78,8 @@ def advice_for(
         left, advice = plan.against(rivals, equipment, levels)
         if left and equipment.reference_hz is None:
             assumed = levels.copy()
-            assumed[4:] = _CAMERA_LEVELS
+            for name, level in _CAMERA.items():
+                assumed[LEVELS.index(name)] = level
             fitted = replace(_REFERENCE, has_gyro=equipment.has_gyro)
             left, more = plan.against(left, fitted, assumed)
             advice += [_with_reference(one) for one in more]

@@ -26,6 +26,7 @@ from gap_diagnosis.recording import Floats
 
 _JITTER: Final = 1e-12
 _SCALES: Final = 5
+_ALMOST: Final = 1 - 1e-16
 
 
 @dataclass(frozen=True)
@@ -180,17 +181,16 @@ def _news(free: Sequence[Term], means: Floats, sds: Floats, scales: Floats) -> F
     total = np.zeros(len(means))
     place = 0
     for term in free:
-        after = np.ones(len(means))
-        before = np.ones(len(means))
+        # Log of the probability that every coefficient is within its tolerance.
+        after, before = np.zeros(len(means)), np.zeros(len(means))
         for tolerance in term.tolerances:
             mean, sd, scale = means[:, place], sds[:, place], scales[:, place]
-            high, low = ndtr((tolerance - mean) / sd), ndtr((-tolerance - mean) / sd)
-            if term.variant.is_positive:
-                after *= high
-                before *= ndtr(tolerance / scale)
-            else:
-                after *= np.maximum(high - low, 0.0)
-                before *= 2 * ndtr(tolerance / scale) - 1
+            beyond, expected = ndtr((mean - tolerance) / sd), ndtr(-tolerance / scale)
+            if not term.variant.is_positive:
+                beyond = beyond + ndtr((-tolerance - mean) / sd)
+                expected = 2 * expected
+            after += np.log1p(-np.minimum(beyond, _ALMOST))
+            before += np.log1p(-expected)
             place += 1
-        total += np.log(np.maximum(1 - after, 1e-300)) - np.log(np.maximum(1 - before, 1e-300))
+        total += np.log(np.maximum(-np.expm1(after), 1e-300)) - np.log(-np.expm1(before))
     return total
