@@ -23,7 +23,7 @@ from hil_harness.robot import Robot
 
 _MOST_RIVALS: Final = 8
 _MOST_ADVICE: Final = 3
-_WORTH_BITS: Final = 0.1
+_WORTH_BITS: Final = 0.25
 """A manoeuvre that is expected to tell less is not worth the drive."""
 _PER_S: Final = 1e-4
 """Of two manoeuvres that tell the same, the shorter one [bit/s]."""
@@ -65,7 +65,7 @@ def advice_for(
     motions = [one.motion for one in analyses if one.motion is not None]
     if not motions or not winner.ambiguous_with or winner.effects[0] in {NO_GAP, UNKNOWN}:
         return ()
-    twins = twins_on([one.recording for one in analyses])
+    twins = twins_on([one.recording for one in analyses], with_reference=True)
     rivals_named = [one for one in winner.ambiguous_with if not _are_twins(winner, one, twins)]
     hopeless = [one for one in winner.ambiguous_with if _are_twins(winner, one, twins)]
     truth = _truth(winner.effects, motions[0])

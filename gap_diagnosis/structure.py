@@ -153,13 +153,18 @@ def _there_or_not(sights: Sights, effect: str, inner: Floats) -> Visible | None:
     return Visible(limit, (Truth(effect, (row,), np.ones((1, 1)), True),))
 
 
-def twins_on(recordings: Sequence[Recording]) -> list[Effects]:
-    """Return pairs of effects that leave the same data in logs like these."""
+def twins_on(recordings: Sequence[Recording], *, with_reference: bool = False) -> list[Effects]:
+    """Return pairs of effects that leave the same data in logs like these.
+
+    *with_reference*: as if there had been a reference.
+    """
+    blind = not with_reference and all(one.reference is None for one in recordings)
+    no_gyro = all(one.gyro_rate_rad_s is None for one in recordings)
     held = {
         "": True,
         "scale < 0": True,
-        "there is no reference": all(one.reference is None for one in recordings),
-        "there is no gyro and no reference": all(_is_bare(one) for one in recordings),
+        "there is no reference": blind,
+        "there is no gyro and no reference": blind and no_gyro,
         "the temperature is constant": all(_is_constant(one.temperature_k) for one in recordings),
         "the supply is constant": all(_is_constant(one.supply_v) for one in recordings),
     }
@@ -170,10 +175,6 @@ def twins_on(recordings: Sequence[Recording]) -> list[Effects]:
         for twins in effect.twins
         if len(twins.effects) == 1 and held.get(twins.condition.partition(" (")[0], False)
     ]
-
-
-def _is_bare(recording: Recording) -> bool:
-    return recording.reference is None and recording.gyro_rate_rad_s is None
 
 
 def _is_constant(values: Floats | None) -> bool:

@@ -1,0 +1,78 @@
+"""Quiet drives with one effect, and the effect as the diagnosis explains it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.explanations.registry import EXPLAINED, Setting, Value, predict
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.levels import level_prior
+from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
+from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.motion.whitening import course_of, whiten
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise
+from hil_harness import load_robot, load_wire
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+ROBOT = load_robot()
+WIRE = load_wire()
+LEVELS = level_prior(ROBOT).median
+EXACT = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
+
+
+def without_noise(robot: Robot) -> Robot:
+    """Return the robot with nothing random in it but the rounding of counts and codes."""
+    plant = robot.plant
+    still = {"noise_density_rad_per_sqrt_s": 0.0, "bias_walk_density_rad_s_per_sqrt_s": 0.0}
+    quiet = {
+        "gyro": plant.gyro.model_copy(update=still),
+        "encoder": plant.encoder.model_copy(update={"noise_ticks": 0.0}),
+        "contact": plant.contact.model_copy(update={"noise_m_per_sqrt_m": 0.0}),
+    }
+    return replace(robot, plant=plant.model_copy(update=quiet))
+
+
+def nodes_of(recording: Recording) -> Nodes:
+    """Return a recording in blocks, about its estimated motion."""
+    delay_s = coarse_delay_s(recording, ROBOT)
+    motion = estimate_motion(recording, ROBOT, reference_delay_s=delay_s)
+    return make_nodes(motion, recording.reference, np.ones(len(motion.t_s), dtype=np.bool_))
+
+
+def misfit(
+    recording: Recording, explain: Callable[[Motion], Sequence[Setting]] = lambda motion: ()
+) -> Floats:
+    """Return the whitened residual of a recording with effects explained."""
+    nodes = nodes_of(recording)
+    left = residuals(nodes, predict(nodes.motion, explain(nodes.motion)))
+    columns = np.ascontiguousarray(left[..., np.newaxis])
+    return whiten(columns, course_of(nodes, 0.0), LEVELS, nodes.ticks)[0][:, 0]
+
+
+def setting_of(motion: Motion, effect: str, values: Mapping[str, Value]) -> list[Setting]:
+    """Return an effect with the catalogue's parameters as a variant with coefficients."""
+    choices = ("side", "bit", "value", "signal", "factor")
+    variant = next(
+        one
+        for one in EXPLAINED[effect].variants(motion)
+        if all(one.report.get(name, values.get(name)) == values.get(name) for name in choices)
+    )
+    fixed = {name: float(values.get(name, known)) for name, known in variant.fixed.items()}
+    if variant.effect == "adc_stuck_bit":
+        fixed = dict(variant.fixed)
+    variant = replace(variant, fixed=fixed)
+    if variant.polar is None:
+        return [(variant, tuple(float(values[name]) for name in variant.coefficients))]
+    size, angle = (float(values[name]) for name in variant.polar)
+    turned = np.array([variant.polar_turn(1.0, 0.0), variant.polar_turn(0.0, 1.0)]).T
+    wanted = size * np.array([math.cos(angle), math.sin(angle)])
+    return [(variant, tuple(float(one) for one in np.linalg.solve(turned, wanted)))]

@@ -1,0 +1,117 @@
+"""Evidence in closed form is the integral it stands for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+
+from gap_diagnosis.explanations.registry import EXPLAINED, Variant
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.evidence import Gram, gram_of, score
+from gap_diagnosis.priors import default_prior
+
+PRIOR = default_prior()
+TOLERANCE = PRIOR.of("radius_scale", "scale").tolerance
+HIGH = PRIOR.of("radius_scale", "scale").high
+
+
+def term_of(effect: str, index: int = 0) -> Term:
+    (variant,) = EXPLAINED[effect].variants(None)  # type: ignore[arg-type]
+    return Term(
+        variant,
+        tuple((((index + place), 1.0),) for place in range(len(variant.coefficients))),
+        tuple(PRIOR.of(effect, name).tolerance for name in variant.coefficients),
+    )
+
+
+def gram_with(inner: float, data: float) -> Gram:
+    one, two = np.array([[inner]]), np.array([data])
+    return Gram(np.ones(8), 0.0, one, two, one, two)
+
+
+def integrated(inner: float, data: float, tolerance: float, high: float, positive: bool) -> float:
+    """Return the log of the mean likelihood over the prior, outside the tolerance, by quadrature.
+
+    The prior is a mixture of five normals, each cut off within the tolerance.
+    """
+    peak = data / inner
+    top = max(0.5 * data * peak, 0.0)
+
+    def likelihood(value: float) -> float:
+        return math.exp(data * value - 0.5 * inner * value**2 - top)
+
+    total = 0.0
+    for sd in np.geomspace(max(tolerance, 1e-3 * high), high, 5):
+        sides = (
+            [(tolerance, 12 * sd)] if positive else [(tolerance, 12 * sd), (-12 * sd, -tolerance)]
+        )
+        outside = norm.sf(tolerance / sd) * len(sides)
+        width = 10 / math.sqrt(inner)
+        for low, up in sides:
+            # Inside the tolerance the likelihood falls off steeply from the edge on.
+            fall = 30 / (inner * tolerance)
+            marks = [peak - width, peak, peak + width, tolerance + fall, -tolerance - fall]
+            marks = [one for one in marks if low < one < up]
+            part, _ = quad(
+                lambda value, sd=sd: likelihood(value) * norm.pdf(value, scale=sd),
+                low,
+                up,
+                points=marks or None,
+                limit=500,
+            )
+            total += part / outside / 5
+    return math.log(total) + top
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 3.0, 30.0])
+@pytest.mark.parametrize("size", [-8.0, -2.0, 0.0, 0.7, 1.5, 5.0])
+def test_one_coefficient_is_integrated_exactly_with_what_is_no_news_cut_off(sharpness, size):
+    inner = (sharpness / TOLERANCE) ** 2
+    data = inner * size * TOLERANCE
+    found = score(gram_with(inner, data), [term_of("radius_scale")], PRIOR)
+    expected = integrated(inner, data, TOLERANCE, HIGH, positive=False)
+    assert found.log_evidence == pytest.approx(expected, abs=0.02, rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0, 6.0])
+def test_a_size_that_cannot_be_negative_is_integrated_over_its_half_line(size):
+    known = PRIOR.of("lateral_slip", "compliance")
+    inner = (2.0 / known.tolerance) ** 2
+    data = inner * size * known.tolerance
+    found = score(gram_with(inner, data), [term_of("lateral_slip")], PRIOR)
+    expected = integrated(inner, data, known.tolerance, known.high, positive=True)
+    assert found.log_evidence == pytest.approx(expected, abs=0.02, rel=1e-4)
+
+
+def test_the_gain_in_likelihood_is_that_of_least_squares():
+    inner, size = 4e6, 0.003
+    found = score(gram_with(inner, inner * size), [term_of("radius_scale")], PRIOR)
+    assert found.log_likelihood == pytest.approx(0.5 * inner * size**2, rel=1e-6)
+
+
+def test_an_effect_without_a_size_has_the_evidence_of_being_there_as_it_is():
+    variant = Variant("setup_wheels_swapped", lambda prediction: None)
+    term = Term(variant, (((0, 1.0),),), ())
+    found = score(gram_with(9.0, 7.0), [term], PRIOR)
+    assert found.log_evidence == pytest.approx(7.0 - 4.5)
+
+
+def test_tolerances_are_marginalised_as_a_dense_normal_has_it():
+    random = np.random.default_rng(3)
+    columns = random.standard_normal((30, 4))
+    data = random.standard_normal(30) + columns[:, 1]
+    whole = np.column_stack([data, columns])
+    nuisances = [(1, 0.7), (3, 0.2)]
+    found = gram_of(whole.T @ whole, 0.0, 30, nuisances, np.ones(8))
+    spread = np.eye(30)
+    for index, sd in nuisances:
+        spread += sd**2 * np.outer(columns[:, index], columns[:, index])
+    dense = multivariate_normal(np.zeros(30), spread)
+    assert found.log_nothing == pytest.approx(dense.logpdf(data))
+    inverse = np.linalg.inv(spread)
+    np.testing.assert_allclose(found.inner, columns.T @ inverse @ columns, atol=1e-9)
+    np.testing.assert_allclose(found.data, columns.T @ inverse @ data, atol=1e-9)

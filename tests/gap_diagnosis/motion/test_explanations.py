@@ -1,0 +1,150 @@
+"""Each explanation undoes what the simulator's mechanism of that name did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE, Floats, misfit, setting_of, without_noise
+
+from gap_diagnosis.explanations.registry import EXPLAINED, Value
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recordings
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+Values = Mapping[str, Value]
+
+WARM = (EffectSetting("warm_up", (("offset", 0.0), ("rise", 20.0), ("time_constant", 40.0))),)
+SAGGING = (EffectSetting("supply_change", (("offset", -0.2), ("rate", -0.002))),)
+
+SIZED: dict[str, Values] = {
+    "radius_scale": {"scale": 0.02},
+    "radius_mismatch": {"mismatch": 0.01},
+    "payload": {"compression_left": 0.01, "compression_right": 0.02},
+    "wheelbase_scale": {"scale": 0.02},
+    "turn_scrub": {"scrub": 0.05},
+    "longitudinal_slip": {"compliance": 0.03},
+    "one_sided_slip": {"side": "left", "ratio": 0.05, "start_s": 40.0, "stop_s": 60.0},
+    "lateral_slip": {"compliance": 0.05},
+    "cross_slope_drift": {"ratio": 0.02, "direction": 0.7},
+    "grade_slip": {"ratio": 0.02, "direction": 0.7},
+    "wheel_eccentricity": {"side": "right", "amplitude": 0.02, "phase": 0.6},
+    "encoder_eccentricity": {"side": "left", "amplitude": 0.03, "phase": 0.6},
+    "missed_ticks": {"side": "right", "probability": 0.02, "threshold": 0.0},
+    "extra_ticks": {"side": "left", "rate": 20.0},
+    "gyro_nonlinearity": {"quadratic": 0.02, "cubic": 0.01},
+    "gyro_scale": {"scale": 0.02},
+    "gyro_bias": {"bias": 0.01},
+    "gyro_g_sensitivity": {"x": 0.005, "y": 0.005},
+    "gyro_vibration": {"coefficient": 1e-4},
+    "gyro_lag": {"time_constant": 0.05},
+    "adc_inl": {"peak": 60.0},
+    "reference_yaw": {"angle": 0.02},
+    "reference_lever_arm": {"x": 0.05, "y": -0.03},
+    "reference_time_offset": {"offset": 0.02},
+    "reference_clock_skew": {"skew": 0.0005},
+    "reference_scale": {"scale": 0.01},
+    "gyro_temperature_bias": {"slope": 2e-4},
+    "gyro_temperature_scale": {"slope": 1e-3},
+    "supply_ratio": {"coefficient": 1.0},
+}
+"""Effects with a size."""
+
+WHOLE: dict[str, Values] = {
+    "gyro_saturation": {"limit": 1.5},
+    "adc_stuck_bit": {"bit": 7, "value": 1},
+    "encoder_dead": {"side": "left", "start_s": 100.0},
+    "encoder_wrap": {"bits": 12},
+    "gyro_frozen": {"start_s": 30.0, "stop_s": 33.0},
+    "setup_wheels_swapped": {},
+    "setup_sign": {"signal": "gyro"},
+    "setup_unit": {"signal": "gyro", "factor": 0.25},
+}
+"""Effects that are there or not."""
+
+NO_COLUMN = {"ticks_per_rev"}
+"""Told by another's name."""
+
+LEFT: dict[str, float] = {"missed_ticks": 0.2, "extra_ticks": 0.2, "adc_stuck_bit": 0.2}
+"""Share of the misfit that may be left where counts come at random, or codes without noise."""
+
+DRIVE = replace(scenario("calibration"), seed=3)
+
+
+def surroundings(effect: str) -> tuple[EffectSetting, ...]:
+    if effect.startswith("gyro_temperature"):
+        return WARM
+    return SAGGING if effect == "supply_ratio" else ()
+
+
+@cache
+def recordings() -> dict[str, tuple[Recording, Recording]]:
+    """Return by effect the recording with it and the same drive without it."""
+    chosen = {**SIZED, **WHOLE}
+    around = ((), WARM, SAGGING)
+    cases = [
+        ((*surroundings(name), EffectSetting(name, tuple(values.items()))), 3)
+        for name, values in chosen.items()
+    ]
+    runs = synthetic_recordings(
+        without_noise(ROBOT),
+        WIRE,
+        DRIVE,
+        [*cases, *((one, 3) for one in around)],
+        reference=EXACT,
+    )
+    plain = dict(zip(around, runs[len(cases) :], strict=True))
+    return {name: (run, plain[surroundings(name)]) for name, run in zip(chosen, runs, strict=False)}
+
+
+def explained(recording: Recording, effect: str, values: Values, sign: float = 1.0) -> Floats:
+    def settings(motion):  # type: ignore[no-untyped-def]
+        return [
+            (variant, tuple(sign * one for one in sizes))
+            for variant, sizes in setting_of(motion, effect, values)
+        ]
+
+    return misfit(recording, settings)
+
+
+def energy(white: Floats) -> float:
+    return float(white @ white)
+
+
+def test_every_effect_that_is_explained_is_tried_here():
+    assert set(EXPLAINED) == SIZED.keys() | WHOLE.keys() | NO_COLUMN
+
+
+@pytest.mark.parametrize("effect", [*SIZED, *WHOLE])
+def test_the_effect_explained_leaves_what_the_drive_without_it_leaves(effect):
+    recording, plain = recordings()[effect]
+    floor = energy(misfit(plain))
+    gap = energy(misfit(recording)) - floor
+    left = energy(explained(recording, effect, {**SIZED, **WHOLE}[effect])) - floor
+    assert gap > 100.0
+    assert left < LEFT.get(effect, 0.08) * gap
+
+
+@pytest.mark.parametrize("effect", [name for name in SIZED if name != "gyro_lag"])
+def test_the_opposite_effect_makes_it_worse_or_at_least_no_better(effect):
+    recording, _ = recordings()[effect]
+    gap = energy(misfit(recording))
+    opposite = energy(explained(recording, effect, SIZED[effect], sign=-1.0))
+    assert opposite > 0.8 * gap
+
+
+@pytest.mark.parametrize("effect", SIZED)
+def test_the_size_that_fits_best_is_the_size_that_was_simulated(effect):
+    """Least squares along the effect: within a fifth of what noise of the usual level would do.
+
+    Two percent more are allowed for rounding, smoothing and chance where counts come at random.
+    """
+    recording, _ = recordings()[effect]
+    nominal = misfit(recording)
+    column = nominal - explained(recording, effect, SIZED[effect])
+    best = float(nominal @ column / (column @ column))
+    assert abs(best - 1.0) < 0.02 + 0.2 / np.sqrt(energy(column))

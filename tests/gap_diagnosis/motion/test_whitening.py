@@ -1,0 +1,141 @@
+"""The filter whitens what its model draws, and knows its covariance to the last factor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE, Floats, nodes_of
+from scipy.stats import chi2, kstest
+
+from gap_diagnosis.motion.nodes import CHANNELS
+from gap_diagnosis.motion.whitening import SLOW_S, course_of, whiten
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.scenarios import scenario
+
+LEVELS = np.array([1e-3, 4e-4, 3e-4, 5e-5, 8e-4, 1.5e-3, 6e-4, 7e-4])
+NOISE_TICKS = 0.2
+NODES = nodes_of(
+    synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=EXACT, duration_s=9.0)
+)
+COURSE = course_of(NODES, NOISE_TICKS)
+SEEN = np.ones((CHANNELS, NODES.count), dtype=np.bool_)
+SEEN[:3, 40:60] = False  # the reference is lost for a second
+SEEN[3, 90:95] = False
+
+
+def dense_covariance() -> Floats:
+    """Return the covariance of all residuals, block after block, written down without a filter.
+
+    Each residual is linear in independent draws; the draws' weights are carried along. A draw is
+    a pair of weights and variance, so that no recursion on covariances is needed.
+    """
+    contact, lateral, gyro_noise, walk, position, heading, slow_position, slow_heading = LEVELS
+    axle = COURSE.wheelbase_m
+    draws: list[float] = []
+
+    def draw(variance: float) -> dict[int, float]:
+        draws.append(variance)
+        return {len(draws) - 1: 1.0}
+
+    def plus(*parts: tuple[float, dict[int, float]]) -> dict[int, float]:
+        total: dict[int, float] = {}
+        for factor, part in parts:
+            for index, value in part.items():
+                total[index] = total.get(index, 0.0) + factor * value
+        return total
+
+    angle, x, y, gyro = (draw(25.0) for _ in range(4))
+    bias = draw(1e-12)
+    slow = [draw(slow_position**2), draw(slow_position**2), draw(slow_heading**2)]
+    quantum: list[dict[int, float]] = [{}, {}]
+    rows = []
+    for k in range(NODES.count):
+        c, s = COURSE.cosine[k], COURSE.sine[k]
+        moved = (COURSE.left_moved[k], COURSE.right_moved[k])
+        if k > 0:
+            dt = COURSE.dt_s[k]
+            x, y, gyro = (
+                plus((1.0, x), (-COURSE.step_y_m[k], angle)),
+                plus((1.0, y), (COURSE.step_x_m[k], angle)),
+                plus((1.0, gyro), (dt, bias)),
+            )
+            left = draw(contact**2 * COURSE.left_path_m[k])
+            right = draw(contact**2 * COURSE.right_path_m[k])
+            side = draw(lateral**2 * 0.5 * (COURSE.left_path_m[k] + COURSE.right_path_m[k]))
+            angle = plus((1.0, angle), (1 / axle, right), (-1 / axle, left))
+            x = plus((1.0, x), (0.5 * c, left), (0.5 * c, right), (-s, side))
+            y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
+            gyro = plus((1.0, gyro), (1.0, draw(gyro_noise**2 * dt)))
+            bias = plus((1.0, bias), (1.0, draw(walk**2 * dt)))
+            decay = math.exp(-dt / SLOW_S)
+            for index, level in enumerate((slow_position, slow_position, slow_heading)):
+                fresh = draw((1 - decay**2) * level**2)
+                slow[index] = plus((decay, slow[index]), (1.0, fresh))
+        for wheel in (0, 1):
+            keep = 0.0 if k == 0 else max(0.0, 1.0 - moved[wheel])
+            averaged = min(max(moved[wheel], 1.0), NODES.ticks[k])
+            fresh = draw((1 - keep**2) * COURSE.quantum_m**2 / averaged)
+            quantum[wheel] = plus((keep, quantum[wheel]), (1.0, fresh))
+        counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
+        midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
+        white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
+        read = heading**2 / max(COURSE.samples[k], 1.0) + 1e-12
+        channels = (
+            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, draw(white))),
+            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, draw(white))),
+            plus((1.0, angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
+            plus(
+                (1.0, angle),
+                (1.0, gyro),
+                (1.0, counted),
+                (1.0, draw(COURSE.gyro_floor_rad**2)),
+            ),
+        )
+        rows += [one for one, seen in zip(channels, SEEN[:, k], strict=True) if seen]
+    weights = np.zeros((len(rows), len(draws)))
+    for row, one in enumerate(rows):
+        for index, value in one.items():
+            weights[row, index] = value
+    return (weights * np.array(draws)) @ weights.T
+
+
+COVARIANCE = dense_covariance()
+
+
+def laid_out(values: Floats) -> Floats:
+    """Return stacked residuals float64[rows, c] as the filter takes them, NaN where unseen."""
+    columns = np.full((NODES.count, CHANNELS, values.shape[1]), np.nan)
+    columns[SEEN.T] = values
+    return np.ascontiguousarray(columns.transpose(1, 0, 2))
+
+
+def drawn(count: int, seed: int) -> Floats:
+    # Start pose and angle vary by metres and radians, what is measured by a thousandth.
+    factor = np.linalg.cholesky(COVARIANCE)
+    return factor @ np.random.default_rng(seed).standard_normal((len(COVARIANCE), count))
+
+
+def test_inner_products_are_those_of_the_dense_inverse_covariance():
+    values = drawn(3, seed=1)
+    white, _, rows = whiten(laid_out(values), COURSE, LEVELS, NODES.ticks)
+    assert rows == len(COVARIANCE)
+    expected = values.T @ np.linalg.solve(COVARIANCE, values)
+    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-4, atol=1e-3)
+
+
+def test_the_log_determinant_is_that_of_the_dense_covariance():
+    _, log_determinant, _ = whiten(laid_out(drawn(1, seed=1)), COURSE, LEVELS, NODES.ticks)
+    assert log_determinant == pytest.approx(np.linalg.slogdet(COVARIANCE)[1], abs=1e-2)
+
+
+def test_noise_of_the_model_comes_out_white_with_unit_variance():
+    count = 40
+    white, _, rows = whiten(laid_out(drawn(count, seed=2)), COURSE, LEVELS, NODES.ticks)
+    sums = (white**2).sum(axis=0)
+    total = chi2(rows * count)
+    assert total.ppf(1e-4) < sums.sum() < total.ppf(1 - 1e-4)
+    assert kstest(white.ravel(), "norm").pvalue > 1e-4
+    neighbours = (white[1:] * white[:-1]).sum() / math.sqrt(count * (rows - 1))
+    assert abs(neighbours) < 4.0

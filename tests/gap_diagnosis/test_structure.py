@@ -1,0 +1,155 @@
+"""Before any fit: what a drive can show, how small, and what looks alike in it."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from structure_cases import PRIOR, ROBOT, analysis_of, drive, groups, model_of, seen, sights
+
+from gap_diagnosis.explanations.registry import predict
+from gap_diagnosis.imitation import merged
+from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.ranking import THRESHOLD
+from gap_diagnosis.structure import structure_of, twins_on
+from hil_harness.effects import EffectSetting, catalogue
+
+
+def together(found, *effects):
+    return any(set(effects) <= group for group in found)
+
+
+def test_a_square_with_pure_spins_cannot_see_lateral_slip():
+    """v·ω is zero all along."""
+    assert seen("square")["lateral_slip"] is None
+    assert seen("calibration")["lateral_slip"] is not None
+
+
+def test_the_lessons_run_cannot_tell_a_forward_lever_arm_from_lateral_slip():
+    """At constant speed v a slip c leaves what a lever arm of -c·v does."""
+    assert together(groups("lesson"), "reference_lever_arm", "lateral_slip")
+
+
+def test_a_heading_from_outside_tells_a_lever_arm_from_a_time_offset_positions_alone_do_not():
+    """A point -v·τ ahead is where the robot was τ earlier; only the heading is late as well."""
+    rows = {}
+    for heading in (True, False):
+        here = sights("lesson", heading=heading).logs[0]
+        place = {key: row for row, key in enumerate(here.keys)}
+        names = ("reference_lever_arm", "reference_time_offset", "lateral_slip")
+        rows[heading] = here.inner[np.ix_(*[[place[name, 0, 0] for name in names]] * 2)]
+    explained = {}
+    for heading, inner in rows.items():
+        pull = np.linalg.solve(inner[1:2, 1:2], inner[1:2, :1])
+        explained[heading] = float((inner[:1, 1:2] @ pull)[0, 0] / inner[0, 0])
+    assert explained[False] > 2 * explained[True]
+
+
+def test_arcs_at_several_speeds_tell_a_lever_arm_from_lateral_slip():
+    assert not together(groups("calibration"), "reference_lever_arm", "lateral_slip")
+
+
+def test_without_a_reference_wheelbase_and_gyro_scale_are_one_group():
+    assert together(groups("calibration", reference=False), "wheelbase_scale", "gyro_scale")
+    assert not together(groups("calibration"), "wheelbase_scale", "gyro_scale")
+
+
+def test_spins_and_straights_do_not_tell_scrub_from_a_wider_axle():
+    assert together(groups("square"), "turn_scrub", "wheelbase_scale")
+    assert not together(groups("calibration"), "turn_scrub", "wheelbase_scale")
+
+
+def test_straight_ahead_the_axle_does_not_show():
+    assert seen("straight")["wheelbase_scale"] is None
+    assert seen("straight")["radius_mismatch"] is not None
+
+
+def test_twins_stand_in_a_group_whatever_is_driven():
+    for names in (
+        ("radius_scale", "ticks_per_rev"),
+        ("gyro_bias", "adc_offset"),
+        (
+            "gyro_scale",
+            "adc_gain",
+        ),
+    ):
+        assert together(groups("calibration"), *names)
+
+
+def test_a_reference_that_is_too_long_is_larger_wheels_on_a_wider_axle():
+    assert together(groups("calibration"), "reference_scale", "radius_scale", "wheelbase_scale")
+
+
+def test_two_logs_see_at_least_what_each_sees():
+    both = seen("square", "lesson")
+    for one in (seen("square"), seen("lesson")):
+        for effect, visible in one.items():
+            if visible is not None:
+                assert both[effect].limit <= visible.limit * 1.3
+
+
+def test_a_second_drive_tells_apart_what_the_first_could_not():
+    assert not together(groups("lesson", "calibration"), "reference_lever_arm", "lateral_slip")
+
+
+@pytest.mark.parametrize("effect", ["turn_scrub", "longitudinal_slip", "adc_inl"])
+def test_at_the_limit_the_separation_is_29(effect):
+    """By least squares on the whitened columns themselves, the other tolerances free."""
+    model = model_of("square")
+    levels = model.no_effect_levels
+    limit = seen("square")[effect].limit
+    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    moved = residuals(model.nodes, predict(model.nodes.motion, [(term.variant, (limit,))]))
+    nominal = model.columns.values[..., 0]
+    own = {index for weight in term.weights for index, _ in weight}
+    free = [(index, sd) for index, sd in model.columns.nuisances if index not in own]
+    stack = [nominal - moved, *(model.columns.values[..., index + 1] for index, _ in free)]
+    columns = np.ascontiguousarray(np.stack(stack, axis=-1))
+    columns[..., 0] = np.where(np.isnan(nominal), np.nan, columns[..., 0])
+    white, _, _ = whiten(columns, model.course, levels, model.nodes.ticks)
+    others = np.vstack([white[:, 1:], np.diag([1 / sd for _, sd in free])])
+    target = np.concatenate([white[:, 0], np.zeros(len(free))])
+    left = target - others @ np.linalg.lstsq(others, target, rcond=None)[0]
+    assert float(left @ left) == pytest.approx(THRESHOLD, rel=0.05)
+
+
+def test_no_limit_lies_below_its_tolerance_or_beyond_what_is_believed():
+    for effect, visible in seen("calibration").items():
+        known = PRIOR.parameters.get(effect, {}).get("all")
+        if visible is not None and known is not None:
+            assert visible.limit <= known.high
+
+
+def test_the_answer_lists_every_effect_once_with_its_limit():
+    analysis = analysis_of(drive("square", EffectSetting("gyro_scale", (("scale", 0.03),))))
+    structure = structure_of([analysis])
+    assert set(structure.detectable) <= set(catalogue())
+    assert structure.detectable["lateral_slip"] is None
+    assert structure.detectable["ticks_per_rev"] == structure.detectable["radius_scale"]
+    assert structure.detectable["firmware_truncation"] is None
+    assert structure.detectable["gyro_noise"] == pytest.approx(
+        2 * ROBOT.plant.gyro.noise_density_rad_per_sqrt_s
+    )
+    assert all(list(group) == sorted(set(group)) for group in structure.groups)
+    assert not any(set(one) < set(other) for one, other in combinations(structure.groups, 2))
+
+
+def test_temperature_and_supply_that_stay_are_twins_of_bias_and_scale():
+    found = twins_on([drive("straight")])
+    assert {"gyro_temperature_bias", "gyro_bias"} in found
+    warm = EffectSetting("warm_up", (("offset", 0.0), ("rise", 20.0), ("time_constant", 5.0)))
+    assert {"gyro_temperature_bias", "gyro_bias"} not in twins_on([drive("straight", warm)])
+
+
+def test_a_group_holds_single_imitators_or_else_the_best_pair():
+    found = {
+        "a": [frozenset({"b"}), frozenset({"c"})],
+        "d": [frozenset({"a", "e"}), frozenset({"b", "e"})],
+        "b": [frozenset({"a"})],
+    }
+    assert merged(found, [frozenset({"c", "t"})]) == [
+        frozenset({"a", "b", "c", "t"}),
+        frozenset({"a", "d", "e"}),
+    ]
