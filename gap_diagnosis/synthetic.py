@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO, MessageSpec
+from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.clock import Clock, fit_clock
 from gap_diagnosis.reading.counts import unwrap_counts
 from gap_diagnosis.reading.wheels import fastest_ticks
@@ -35,6 +36,9 @@ Ints = NDArray[np.int64]
 
 _US: Final = 1e-6
 _PLACE_STREAM: Final = 16
+
+FIRST_SEALED_SEED: Final = 1 << 63
+"""From here on seeds belong to blind trials: nobody who diagnoses can draw their noise again."""
 
 
 @dataclass(frozen=True)
@@ -97,15 +101,18 @@ def synthetic_recordings(
     Args:
         robot, wire: the description and the DBC, as for a real log.
         scenario: what is driven.
-        cases: effects that are switched on, and the seed of all noise.
+        cases: effects that are switched on, and the seed of all noise, below `FIRST_SEALED_SEED`.
         reference: how well the truth is measured; None: there is no reference.
         contact_noise_m_per_sqrt_m: micro-slip of each wheel where it is more than described; real
             floors have 0.0001 to 0.003.
         duration_s: None: the scenario's.
         known: the catalogue, with a user's effects in it; None: Chiplog's.
 
-    Raises HarnessError and its relatives for what does not fit together.
+    Raises HarnessError and its relatives for what does not fit together, DiagnosisError for a seed
+    that is none of ours.
     """
+    if any(seed >= FIRST_SEALED_SEED for _, seed in cases):
+        raise DiagnosisError(f"seed: expected less than {FIRST_SEALED_SEED}: the rest is sealed")
     plant = robot.plant
     if contact_noise_m_per_sqrt_m > plant.contact.noise_m_per_sqrt_m:
         contact = plant.contact.model_copy(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,31 @@ from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
 from hil_harness.sensor_frames import SENSOR_ROLES
-from sim_plant import PlantRuns, simulate
+from sim_plant import Mechanisms, MechanismSchedule, PlantDescription, PlantRuns, simulate
+from sim_plant.plant import NoiseModel
+from sim_plant.records import DriveModel, EncoderModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+
+class Simulator(Protocol):
+    """What moves the robots of many runs, as `sim_plant.simulate` does."""
+
+    def __call__(
+        self,
+        description: PlantDescription,
+        mechanisms: Sequence[Mechanisms | MechanismSchedule],
+        commands: Floats,
+        seeds: Sequence[int],
+        *,
+        tick_period_us: int,
+        encoder_model: EncoderModel = "counter",
+        noise: NoiseModel = "streams",
+        drive: DriveModel = "motor",
+    ) -> PlantRuns:
+        """Run the plant once per seed over the same commands."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +109,9 @@ def run_with_effects(
     *,
     ticks: int | None = None,
     known: Mapping[str, Effect] | None = None,
+    simulator: Simulator = simulate,
 ) -> list[EffectRun]:
-    """Run a scenario once per case, each with its own effects and seed.
+    """Run a scenario once per case, each with its own effects and seed, in the plant *simulator*.
 
     Raises HarnessError, PlantError, FirmwareError or CanBusError for what does not fit together.
     """
@@ -100,7 +122,7 @@ def run_with_effects(
         for effects, _ in cases
     ]
     commands = commands_on_the_wire(scenario, count, wire)
-    plant = simulate(
+    plant = simulator(
         robot.plant,
         [settings.plant_over_time for settings in all_settings],
         commands,
