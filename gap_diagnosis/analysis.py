@@ -14,6 +14,7 @@ from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import Alternative, alternatives
@@ -73,7 +74,7 @@ def analyse(
         )
         blocks.append(motion)
     progress("commands against wheels", 0.55)
-    drive = drive_block(recording, robot)
+    drive = drive_block(unwrapped(recording, robot), robot)
     if drive is not None:
         blocks.append(drive)
     progress("bus and converter", 0.6)

@@ -8,7 +8,7 @@ from typing import Final, cast, get_args
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.explanations import twins_of
+from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.ranking import Effects, Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
@@ -52,7 +52,8 @@ def _candidate(
 ) -> Candidate:
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
-    ambiguous += [twin for twin in _twins(one.effects) if twin not in ambiguous]
+    twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
+    ambiguous += [twin for twin in twins if twin not in ambiguous]
     fits = _details(one.effects, analyses) if place < _DETAILED else []
     parameters = {key: _converted(key, estimates) for key, estimates in _by_parameter(fits).items()}
     windows = tuple(window for fit in fits for window in fit.windows)
@@ -66,16 +67,6 @@ def _candidate(
         separation=2 * one.log_likelihood,
         pareto_k=max((fit.pareto_k for fit in fits), default=0.0) or None,
     )
-
-
-def _twins(effects: Effects) -> list[tuple[str, ...]]:
-    """Return the sets that differ from this one by a twin in place of one effect."""
-    return [
-        tuple(sorted((effects - {effect}) | {twin}))
-        for effect in sorted(effects)
-        for twin in twins_of(effect)
-        if twin not in effects
-    ]
 
 
 def _details(effects: Effects, analyses: Sequence[Analysis]) -> list[Fit]:

@@ -21,6 +21,7 @@ _STAGES: Final = 8
 _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""
+_COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _WORTH_SETUP: Final = 3.0
 """A mistake of the set-up is gross: what gains less than this is not one."""
 
@@ -139,7 +140,12 @@ def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, fl
 
 
 def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
-    """Return what a block says; a mistake of the set-up may lie where it cannot see."""
+    """Return what a block says; a mistake of the set-up may lie where it cannot see.
+
+    Beside a dead encoder the commands tell nothing of other errors of counting.
+    """
+    if block.name == "drive" and "encoder_dead" in effects:
+        effects = effects - _COUNTING
     fit = block.fit(effects)
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
         return fit.log_evidence, fit.log_likelihood

@@ -4,7 +4,8 @@ from gap_diagnosis.explanations.registry import (
     EXPLAINED,
     Explanation,
     predict,
+    twin_sets,
     twins_of,
 )
 
-__all__ = ["EXPLAINED", "Explanation", "predict", "twins_of"]
+__all__ = ["EXPLAINED", "Explanation", "predict", "twin_sets", "twins_of"]

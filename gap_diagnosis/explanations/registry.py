@@ -396,13 +396,37 @@ def explanation_of(effect: Effect) -> Explanation | None:
     return Explanation(effect.name, rank, lambda motion: (variant,))
 
 
-def twins_of(effect: str) -> tuple[str, ...]:
-    """Return effects that leave the same data as this one in every log."""
-    return _TWINS.get(effect, ())
+def twin_sets(effects: frozenset[str]) -> list[frozenset[str]]:
+    """Return the sets of effects that leave the same data as this one in every log."""
+    found = [
+        (effects - {effect}) | {twin}
+        for effect in sorted(effects)
+        for twin in _TWINS.get(effect, ())
+        if twin not in effects
+    ]
+    found += [
+        (effects - given) | other
+        for given, other in _TWIN_PAIRS
+        if given <= effects and not other & (effects - given)
+    ]
+    return found
 
 
 _TWINS: Final[Mapping[str, tuple[str, ...]]] = {
     "radius_scale": ("ticks_per_rev",),
+    "ticks_per_rev": ("radius_scale",),
     "gyro_bias": ("adc_offset",),
     "gyro_scale": ("adc_gain", "gyro_tilt"),
+    "reference_yaw": ("wheel_toe",),
 }
+_TWIN_PAIRS: Final = (
+    (frozenset({"payload"}), frozenset({"radius_mismatch", "radius_scale"})),
+    (frozenset({"radius_mismatch", "radius_scale"}), frozenset({"payload"})),
+    (frozenset({"reference_scale"}), frozenset({"radius_scale", "wheelbase_scale"})),
+    (frozenset({"radius_scale", "wheelbase_scale"}), frozenset({"reference_scale"})),
+)
+
+
+def twins_of(effect: str) -> tuple[str, ...]:
+    """Return effects that leave the same data as this one in every log."""
+    return _TWINS.get(effect, ())

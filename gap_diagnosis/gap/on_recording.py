@@ -29,7 +29,7 @@ from gap_diagnosis.gap.odometry import (
     offset_time_s,
 )
 from gap_diagnosis.gap.windows import Window, windows_of
-from gap_diagnosis.motion.whitening import LEVELS, SLOW_S
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording, Reference
 from gap_diagnosis.result_parts import Metric
@@ -53,9 +53,10 @@ class Replayed:
 
 
 def levels_of(levels: Floats, robot: Robot) -> NoiseLevels:
-    """Return the motion block's levels, float64[8], with the encoder's noise of the description."""
+    """Return the motion block's levels, float64[9], with the encoder's noise of the description."""
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
-    return NoiseLevels(**named, slow_s=SLOW_S, quantum_rad=_quantum_rad(robot))
+    slow_s = named.pop("reference_slow_s")
+    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=_quantum_rad(robot))
 
 
 def _quantum_rad(robot: Robot) -> float:

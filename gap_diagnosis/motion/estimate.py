@@ -17,6 +17,9 @@ from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
 _RATE_SMOOTHING_S: Final = 0.05
+_SLOW_S: Final = 1.0
+_NOISE_COUNTS_PER_S: Final = 25.0
+"""A rate below this is hardly more than the noise of counting."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -113,6 +116,33 @@ def estimate_motion(
     )
 
 
+def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:
+    """Smooth steps a little where they are large, and much where they are hardly more than noise.
+
+    On a straight the difference of two counts is nothing but their noise.
+    """
+
+    def smooth(width_s: float) -> Floats:
+        return np.asarray(gaussian_filter1d(step_rad, max(width_s / tick_s, 0.5), mode="nearest"))
+
+    rate = smooth(3 * _RATE_SMOOTHING_S) / tick_s
+    noise = _NOISE_COUNTS_PER_S * rad_per_count
+    share = -np.expm1(-((rate / noise) ** 2))
+    return np.asarray(share * smooth(_RATE_SMOOTHING_S) + (1 - share) * smooth(_SLOW_S))
+
+
+def unwrapped(recording: Recording, robot: Robot) -> Recording:
+    """Return the recording without the jumps of a counter narrower than described."""
+    motion = estimate_motion(recording, robot)
+    if not motion.wrap_bits:
+        return recording
+    return replace(
+        recording,
+        left_ticks=recording.left_ticks - np.cumsum(motion.left_jump_rad) / motion.rad_per_count,
+        right_ticks=recording.right_ticks - np.cumsum(motion.right_jump_rad) / motion.rad_per_count,
+    )
+
+
 def wraps(counts: Sequence[Floats], fastest: float) -> tuple[int, list[Floats]]:
     """Return the width at which narrow counters wrap (0: none does), and their jumps in counts.
 
@@ -136,14 +166,19 @@ def smoothed(motion: Motion) -> Motion:
     A column made of raw counts would carry the same quantisation noise as the data that it is
     compared with (errors in variables), and large amplitudes could cancel that noise.
     """
-    width = max(_RATE_SMOOTHING_S / float(np.median(motion.dt_s[1:])), 0.5)
-    left, right = (
-        gaussian_filter1d(step, width, mode="nearest")
-        for step in (motion.left_step_rad, motion.right_step_rad)
-    )
+    tick_s = float(np.median(motion.dt_s[1:]))
+    ahead = _denoised(motion.right_step_rad + motion.left_step_rad, tick_s, motion.rad_per_count)
+    turning = _denoised(motion.right_step_rad - motion.left_step_rad, tick_s, motion.rad_per_count)
+    left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
+    x_m, y_m = _reckon(0.5 * motion.radius_m * (left + right), motion.heading_rad)
+    geometry = motion.radius_m / motion.wheelbase_m
+    turn = _denoised(motion.turn_rate_rad_s * tick_s / geometry, tick_s, motion.rad_per_count)
     return replace(
         motion,
+        x_m=x_m,
+        y_m=y_m,
+        turn_rate_rad_s=turn * geometry / tick_s,
         left_step_rad=left,
         right_step_rad=right,
         left_angle_rad=np.cumsum(left),

@@ -31,7 +31,7 @@ class LevelPrior:
         return float(terms.sum())
 
 
-FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-4, 1e-4, 1e-5, 1e-5)
+FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
 """No floor is smoother than 0.1 mm per root metre and no room measures better than 0.1 mm: without
 these, data without noise would make any small misfit a certainty."""
 
@@ -51,6 +51,7 @@ def level_prior(robot: Robot) -> LevelPrior:
         "reference_heading_rad": (1e-3, 2.0),
         "reference_slow_position_m": (3e-4, 2.0),
         "reference_slow_heading_rad": (3e-4, 2.0),
+        "reference_slow_s": (1.0, 1.2),
     }
     rows = np.array([table[name] for name in LEVELS])
     return LevelPrior(rows[:, 0], rows[:, 1])
@@ -64,12 +65,12 @@ def best_levels(
     rounds: int = 25,
     free: Sequence[int] = (),
 ) -> Floats:
-    """Return the levels that maximise evidence times prior, from *start* (float64[8])."""
+    """Return the levels that maximise evidence times prior, from *start* (float64[9])."""
 
     def cost(log_levels: Floats) -> float:
         return -log_evidence(np.exp(log_levels)) - prior.log_density(log_levels, free)
 
-    bounds = [(math.log(low), math.log(10.0)) for low in FLOORS]
+    bounds = [(math.log(low), math.log(100.0)) for low in FLOORS]
     found = minimize(
         cost,
         np.log(np.maximum(start, FLOORS)),

@@ -35,7 +35,7 @@ class Refitted:
 
     Attributes:
         scored: evidence and coefficients (they are the whole deviation: no tolerance beside them).
-        levels: noise levels, float64[8].
+        levels: noise levels, float64[9].
         log_evidence: with the density of the levels; comparable between sets.
         log_likelihood: at the best coefficients and levels, other tolerances marginalised.
         coefficients: per term, the best ones.

@@ -26,6 +26,13 @@ from gap_diagnosis.recording import Floats
 _HATS: Final = 5
 _SCALES: Final = 4
 _HARMONICS: Final = 2
+_LEAST_RANGE: Final = {
+    "speed": 0.05,
+    "acceleration": 0.1,
+    "turn_rate": 0.1,
+    "lateral_acceleration": 0.05,
+}
+"""A variable that varies less [SI] is noise: a function of it would fit the noise."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +219,9 @@ def basis(motion: Motion, variable: str) -> list[Floats]:
     if variable == "place":
         return [*_hats(motion.x_m), *_hats(motion.y_m)]
     value = _variable(motion, variable)
-    return [] if value is None else _hats(value)
+    if value is None or np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE.get(variable, 0):
+        return []
+    return _hats(value)
 
 
 def _variable(motion: Motion, name: str) -> Floats | None:

@@ -29,15 +29,12 @@ LEVELS: Final = (
     "reference_heading_rad",
     "reference_slow_position_m",
     "reference_slow_heading_rad",
+    "reference_slow_s",
 )
 """Levels of noise, in the order of a vector of levels."""
 
-SLOW_S: Final = 1.0
-"""Correlation time of the reference's slow noise."""
-
-_STATES: Final = (
-    10  # heading, x, y, gyro angle, gyro bias, left and right quantum, slow x, y, heading
-)
+QUANTUM_S: Final = 0.5
+"""Correlation time of a count's quantisation error: at steady speed it beats with the samples."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +108,7 @@ def whiten(
         course.wheelbase_m,
         course.samples,
         course.gyro_floor_rad,
+        QUANTUM_S,
         levels,
         ticks,
     )
@@ -132,13 +130,14 @@ def _whiten(
     wheelbase_m: float,
     samples: Floats,
     gyro_floor: float,
+    quantum_s: float,
     levels: Floats,
     ticks: Floats,
 ) -> tuple[Floats, float, int]:
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading.
     n = 10
-    slow_s = 1.0
+    slow_s = levels[8]
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     position, heading, slow_position, slow_heading = levels[4], levels[5], levels[6], levels[7]
     covariance = np.zeros((n, n))
@@ -205,15 +204,14 @@ def _whiten(
         for side_index in range(2):
             q = 5 + side_index
             moved = left_moved[k] if side_index == 0 else right_moved[k]
-            keep = 0.0 if k == 0 else max(0.0, 1.0 - moved)
-            averaged = min(max(moved, 1.0), ticks[k])
+            keep = 0.0 if k == 0 else max(1.0 - moved, np.exp(-dt_s[k] / quantum_s))
             for j in range(width):
                 state[q, j] *= keep
             for j in range(n):
                 covariance[q, j] *= keep
             for j in range(n):
                 covariance[j, q] *= keep
-            covariance[q, q] += (1.0 - keep * keep) * quantum_variance / averaged
+            covariance[q, q] += (1.0 - keep * keep) * quantum_variance
         c, s = cosine[k], sine[k]
         for channel in range(4):
             value = columns[channel, k, 0]
@@ -243,7 +241,9 @@ def _whiten(
                 h[3] = 1.0
                 h[5] = 1.0 / wheelbase_m
                 h[6] = -1.0 / wheelbase_m
-                noise = gyro_floor * gyro_floor
+                averaged = min(max(left_moved[k], right_moved[k], 1.0), ticks[k])
+                fast = 2.0 * quantum_variance / (wheelbase_m * wheelbase_m) / averaged
+                noise = gyro_floor * gyro_floor + fast
             variance = noise
             for i in range(n):
                 total = 0.0
