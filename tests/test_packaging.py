@@ -16,9 +16,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-TOP_LEVEL = {"can_bus", "chiplog", "firmware_model", "hil_harness", "sim_plant"}
+TOP_LEVEL = {"can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant"}
 DATA = {
     "can_bus/dbc/chiplog.dbc",
+    *(f"firmware_model/c99/chiplog_firmware.{kind}" for kind in "ch"),
+    *(f"firmware_model/c99/{name}" for name in ("host.c", "jobs.c", "jobs.h")),
+    *(f"firmware_model/c99/cortex_m/{name}" for name in ("startup.c", "mps2_an385.ld")),
+    "gap_diagnosis/data/prior.toml",
+    "gap_diagnosis/data/manoeuvres/standstill.toml",
     "hil_harness/data/robot.toml",
     "hil_harness/devices/include/chiplog_device.h",
     *(f"{package}/py.typed" for package in TOP_LEVEL),

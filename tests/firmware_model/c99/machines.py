@@ -14,6 +14,7 @@ import numpy as np
 from firmware_model import Kernel, c99
 from firmware_model.cortex_m import Answer, Job, decode_answers, encode_jobs
 
+MAIN = str(Path(__file__).parent / "jobs_main.c")
 SANITIZED = ("-std=c99", "-O1", "-g", "-fsanitize=undefined,address", "-fno-sanitize-recover=all")
 
 
@@ -22,8 +23,8 @@ def _sanitized_program() -> tuple[Path, tempfile.TemporaryDirectory[str]]:
     folder = tempfile.TemporaryDirectory(prefix="chiplog-")
     program = Path(folder.name) / "jobs"
     with as_file(files(c99)) as sources:
-        units = [str(sources / name) for name in ("jobs.c", "host_main.c", c99.SOURCE)]
-        subprocess.run(["cc", *SANITIZED, "-o", str(program), *units], check=True)
+        units = [MAIN, *(str(sources / name) for name in ("jobs.c", c99.SOURCE))]
+        subprocess.run(["cc", *SANITIZED, f"-I{sources}", "-o", str(program), *units], check=True)
     return program, folder
 
 

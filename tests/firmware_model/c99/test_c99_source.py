@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from kernel_cases import config_of, configs
+from machines import MAIN
 
 from firmware_model import STATE_FIELDS, FirmwareError, StatusBit, c99
 from firmware_model.c99_layout import c_types, config_values, put, struct_dtype
@@ -47,8 +48,8 @@ def test_the_kernel_compiles_without_a_warning(
 
 def test_host_runner_and_start_up_code_compile_without_a_warning(tmp_path: Path) -> None:
     with as_file(files(c99)) as folder:
-        for name in (c99.HOST, "host_main.c", "jobs.c"):
-            run("cc", "-std=c99", *WARNINGS, "-c", str(folder / name), folder=tmp_path)
+        for unit in (str(folder / c99.HOST), str(folder / "jobs.c"), MAIN):
+            run("cc", "-std=c99", *WARNINGS, f"-I{folder}", "-c", unit, folder=tmp_path)
         start_up = ["-std=c99", *WARNINGS, "-c", f"-I{folder}", str(folder / "cortex_m/startup.c")]
         run(*CORTEX_M3, *start_up, folder=tmp_path)
 

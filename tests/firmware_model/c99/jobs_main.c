@@ -1,5 +1,5 @@
 /**
- * @file host_main.c
+ * @file jobs_main.c
  * @brief The job runner as a program of a PC: jobs from standard input, answers to its output.
  */
 #include <stdio.h>
