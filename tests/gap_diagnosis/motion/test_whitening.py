@@ -10,11 +10,23 @@ from motion_cases import EXACT, ROBOT, WIRE, Floats, nodes_of
 from scipy.stats import chi2, kstest
 
 from gap_diagnosis.motion.nodes import CHANNELS
-from gap_diagnosis.motion.whitening import SLOW_S, course_of, whiten
+from gap_diagnosis.motion.whitening import LEVELS as NAMES
+from gap_diagnosis.motion.whitening import QUANTUM_S, course_of, whiten
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.scenarios import scenario
 
-LEVELS = np.array([1e-3, 4e-4, 3e-4, 5e-5, 8e-4, 1.5e-3, 6e-4, 7e-4])
+SIZES = {
+    "contact_m_per_sqrt_m": 1e-3,
+    "lateral_m_per_sqrt_m": 4e-4,
+    "gyro_noise_rad_per_sqrt_s": 3e-4,
+    "gyro_bias_walk_rad_s_per_sqrt_s": 5e-5,
+    "reference_position_m": 8e-4,
+    "reference_heading_rad": 1.5e-3,
+    "reference_slow_position_m": 6e-4,
+    "reference_slow_heading_rad": 7e-4,
+    "reference_slow_s": 0.7,
+}
+LEVELS = np.array([SIZES[name] for name in NAMES])
 NOISE_TICKS = 0.2
 NODES = nodes_of(
     synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=EXACT, duration_s=9.0)
@@ -31,7 +43,9 @@ def dense_covariance() -> Floats:
     Each residual is linear in independent draws; the draws' weights are carried along. A draw is
     a pair of weights and variance, so that no recursion on covariances is needed.
     """
-    contact, lateral, gyro_noise, walk, position, heading, slow_position, slow_heading = LEVELS
+    contact, lateral, gyro_noise, walk, position, heading, slow_position, slow_heading, slow_s = (
+        LEVELS
+    )
     axle = COURSE.wheelbase_m
     draws: list[float] = []
 
@@ -69,18 +83,19 @@ def dense_covariance() -> Floats:
             y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
             gyro = plus((1.0, gyro), (1.0, draw(gyro_noise**2 * dt)))
             bias = plus((1.0, bias), (1.0, draw(walk**2 * dt)))
-            decay = math.exp(-dt / SLOW_S)
+            decay = math.exp(-dt / slow_s)
             for index, level in enumerate((slow_position, slow_position, slow_heading)):
                 fresh = draw((1 - decay**2) * level**2)
                 slow[index] = plus((decay, slow[index]), (1.0, fresh))
         for wheel in (0, 1):
-            keep = 0.0 if k == 0 else max(0.0, 1.0 - moved[wheel])
-            averaged = min(max(moved[wheel], 1.0), NODES.ticks[k])
-            fresh = draw((1 - keep**2) * COURSE.quantum_m**2 / averaged)
+            keep = max(1.0 - moved[wheel], math.exp(-COURSE.dt_s[k] / QUANTUM_S)) if k else 0.0
+            fresh = draw((1 - keep**2) * COURSE.quantum_m**2)
             quantum[wheel] = plus((keep, quantum[wheel]), (1.0, fresh))
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
         midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
         white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
+        averaged = min(max(*moved, 1.0), NODES.ticks[k])
+        fast = 2 * (COURSE.quantum_m / axle) ** 2 / averaged
         read = heading**2 / max(COURSE.samples[k], 1.0) + 1e-12
         channels = (
             plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, draw(white))),
@@ -90,7 +105,7 @@ def dense_covariance() -> Floats:
                 (1.0, angle),
                 (1.0, gyro),
                 (1.0, counted),
-                (1.0, draw(COURSE.gyro_floor_rad**2)),
+                (1.0, draw(COURSE.gyro_floor_rad**2 + fast)),
             ),
         )
         rows += [one for one, seen in zip(channels, SEEN[:, k], strict=True) if seen]
