@@ -122,13 +122,15 @@ def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:
     On a straight the difference of two counts is nothing but their noise.
     """
 
-    def smooth(width_s: float) -> Floats:
-        return np.asarray(gaussian_filter1d(step_rad, max(width_s / tick_s, 0.5), mode="nearest"))
+    def smooth(width_s: float, values: Floats = step_rad) -> Floats:
+        return np.asarray(gaussian_filter1d(values, max(width_s / tick_s, 0.5), mode="nearest"))
 
     rate = smooth(3 * _RATE_SMOOTHING_S) / tick_s
     noise = _NOISE_COUNTS_PER_S * rad_per_count
-    share = -np.expm1(-((rate / noise) ** 2))
-    return np.asarray(share * smooth(_RATE_SMOOTHING_S) + (1 - share) * smooth(_SLOW_S))
+    calm = np.exp(-((rate / noise) ** 2))
+    # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
+    slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
+    return np.asarray((1 - calm) * smooth(_RATE_SMOOTHING_S) + calm * slow)
 
 
 def unwrapped(recording: Recording, robot: Robot) -> Recording:
