@@ -48,7 +48,7 @@ class LogByTicks:
             name: ticks if frames is anchor else self._aligned(frames)
             for name, frames in self.frames.items()
         }
-        self.rows = rows_of_ticks(ticks.tick, ticks.segment, self.period_s)
+        self.rows = rows_of_ticks(ticks.tick, ticks.segment, self.period_s, str(path))
 
     def _anchor(self) -> MessageFrames:
         """Return the frames of the left wheel's message, whose cycle is the tick."""

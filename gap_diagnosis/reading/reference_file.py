@@ -117,7 +117,7 @@ def _parse(path: Path, kept: list[tuple[int, str]]) -> Floats:
     for (number, text), row in zip(kept, words, strict=True):
         if len(row) != 8 or not all(map(_is_number, row)):
             raise DiagnosisError(f"{path}:{number}: {text[:60]!r}: expected {_FORM}")
-    raise DiagnosisError(f"{path}: expected rows {_FORM}")
+    return np.array([[float(word) for word in row] for row in words])
 
 
 def _is_number(word: str) -> bool:

@@ -52,19 +52,19 @@ class Rows:
         return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def rows_of_ticks(tick: Ints, segment: Ints, period_s: float) -> Rows:
+def rows_of_ticks(tick: Ints, segment: Ints, period_s: float, name: str) -> Rows:
     """Return a row for every tick that has a frame, and for those lost between them.
 
-    Raises DiagnosisError for more rows than are held in memory.
+    Raises DiagnosisError, with the *name* of the file, for more rows than are held in memory.
     """
     there, first = np.unique(tick, return_index=True)
-    if len(there) > MAX_ROWS:
-        raise DiagnosisError(f"{len(there)} ticks: expected at most {MAX_ROWS}: a shorter log")
     steps = np.diff(there)
     filled = np.where(steps * period_s <= LONGEST_FILLED_S, steps, 1)
     starts = np.concatenate(([0], np.cumsum(filled)))
     if starts[-1] >= MAX_ROWS:
-        raise DiagnosisError(f"{starts[-1]} ticks: expected at most {MAX_ROWS}: a shorter log")
+        raise DiagnosisError(
+            f"{name}: {starts[-1] + 1} ticks: expected at most {MAX_ROWS}: a shorter log"
+        )
     all_ticks = np.repeat(there, np.concatenate((filled, [1])))
     all_ticks += np.arange(len(all_ticks)) - np.repeat(starts, np.concatenate((filled, [1])))
     segments = np.repeat(segment[first], np.concatenate((filled, [1])))

@@ -50,7 +50,10 @@ class _Table:
         anchors = np.flatnonzero(np.diff(self.group, append=self.group[-1] + 1))
         self.clock = self._clock(anchors)
         self.rows: Rows = rows_of_ticks(
-            self.clock.tick, np.zeros(len(self.clock.tick), dtype=np.int64), self.clock.period_s
+            self.clock.tick,
+            np.zeros(len(self.clock.tick), dtype=np.int64),
+            self.clock.period_s,
+            str(path),
         )
 
     def _refuse_empty(self) -> None:

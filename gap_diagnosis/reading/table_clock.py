@@ -69,8 +69,6 @@ def table_clock(
     if len(steps) == 0:
         raise DiagnosisError(f"{name}: {len(leading)} rows at one time: expected a clock that runs")
     period_s = float(np.round(np.median(steps), 6))
-    if period_s <= 0:
-        raise DiagnosisError(f"{name}: rows follow within a microsecond: expected seconds")
     tick = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(steps / period_s))))).astype(
         np.int64
     )

@@ -11,8 +11,15 @@ from error_rows import SECTIONS
 from error_tables import rig
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("can_bus", "chiplog", "firmware_model", "hil_harness", "sim_plant")
-ERRORS = {"CanBusError", "CommandError", "FirmwareError", "HarnessError", "PlantError"}
+ROOMS = ("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant")
+ERRORS = {
+    "CanBusError",
+    "CommandError",
+    "DiagnosisError",
+    "FirmwareError",
+    "HarnessError",
+    "PlantError",
+}
 LISTED = [
     line
     for rows in (*SECTIONS.values(), rig.SETTINGS, rig.STATEMENTS)
@@ -30,6 +37,7 @@ UNLISTED = {
         "can_bus/specs.py:pack",
         "can_bus/specs.py:unpack",
         "can_bus/timing.py:_require_classic",
+        "chiplog/regression.py:assert_gap_below",
         "firmware_model/batch_inputs.py:of",
         "firmware_model/batch_inputs.py:_counts",
         "firmware_model/batch_inputs.py:_spread",
@@ -39,6 +47,7 @@ UNLISTED = {
         "firmware_model/kernel.py:__init__",
         "firmware_model/kernel.py:load_state",
         "firmware_model/kernel.py:set_gyro_offset",
+        "gap_diagnosis/motion/estimate.py:estimate_motion",
         "hil_harness/devices/shared_library.py:odometry",
         "hil_harness/lockstep.py:__init__",
         "hil_harness/rig.py:_last_value",
@@ -51,10 +60,10 @@ UNLISTED = {
         "sim_plant/mechanisms.py:__post_init__",
         "sim_plant/plant.py:step",
     },
-    "a table's map: no command reads one yet": {
-        "hil_harness/signal_map.py:load_table_map",
-        "hil_harness/table_map.py:_clock",
-        "hil_harness/table_map.py:_mapped",
+    "a diagnosis was made, and its answer printed, before this can be said": {
+        "gap_diagnosis/criterion.py:judge",
+        "gap_diagnosis/take_home.py:_changed",
+        "gap_diagnosis/take_home.py:_effect_table",
     },
     "an emulated core: no command starts one": {
         "firmware_model/cortex_m.py:_run",
@@ -66,6 +75,13 @@ UNLISTED = {
         "firmware_model/build.py:_require_v_fits",
         "firmware_model/c99_library.py:compile_library",
         "firmware_model/c99_library.py:find_compiler",
+        "gap_diagnosis/reading/log_columns.py:_bounded",
+        "gap_diagnosis/reading/log_columns.py:_read_mf4",
+        "gap_diagnosis/reading/log_columns.py:load_columns",
+        "gap_diagnosis/reading/reference_file.py:_read",
+        "gap_diagnosis/reading/rows.py:rows_of_ticks",
+        "gap_diagnosis/reading/table_file.py:_read_parquet",
+        "gap_diagnosis/reading/table_file.py:_read_parts",
         "hil_harness/devices/process.py:_exchange",
         "hil_harness/devices/shared_library.py:_put",
         "hil_harness/devices/shared_library.py:step",

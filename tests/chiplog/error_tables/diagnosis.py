@@ -38,6 +38,11 @@ DIAGNOSIS: tuple[Row, ...] = (
         '"position > 5 mm per 10 m"',
     ),
     Row(
+        "a bound without end",
+        "chiplog diagnose run.log --fail-if 'position > 1e999 mm'",
+        '1e999: expected a finite number, for example "position > 5 mm per 10 m"',
+    ),
+    Row(
         "a bound in a unit of something else",
         "chiplog diagnose run.log --fail-if 'position > 5 deg'",
         "'deg': no unit of position: expected m, cm, mm, µm, um",

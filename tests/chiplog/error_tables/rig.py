@@ -119,6 +119,11 @@ STATEMENTS: tuple[Row, ...] = (
         "Rig(plant=False).truth",
         "this rig has no plant (plant=False), so there is no truth",
     ),
+    Row(
+        "an effect of the bus on a real one",
+        'Rig(interface="socketcan", channel="vcan0", effects="frame_loss.probability=0.1")',
+        "an effect of stage bus needs simulated time: expected 'virtual'",
+    ),
 )
 
 SETTINGS: tuple[Row, ...] = (
