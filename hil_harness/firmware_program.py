@@ -65,11 +65,11 @@ class FirmwareProgram:
     ) -> None:
         """Start at power-on."""
         gyro = KernelInputs(signal_map, robot.plant).gyro
-        constants = robot.firmware_constants(tick_period_us, gyro)
         tick_s = tick_period_us / 1e6
         self.described: KernelConfig
         pieces: list[tuple[int, KernelConfig, FirmwareChanges]] = []
         try:
+            constants = robot.firmware_constants(tick_period_us, gyro)
             self.described = FirmwareChanges().config(robot.firmware, constants)
             for start_s, changes in schedule:
                 config = self.described

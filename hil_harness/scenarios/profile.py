@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 J0_FIRST_ZERO: Final = 2.404825557695773
 """First zero of the Bessel function J₀ (Abramowitz and Stegun, table 9.5)."""
 
+_STEP_S: Final = 1e-6
+"""A ramp shorter than this is a step."""
+
 
 class Profile(Protocol):
     """Speed and turn rate over time; times are seconds from the start, shape (n,)."""
@@ -75,7 +78,8 @@ class SegmentProfile:
         self.segments = tuple(segments)
         durations = [segment.duration_s for segment in self.segments]
         self._start_s = np.concatenate([[0.0], np.cumsum(durations)])
-        self._ramp_s = np.array([*(segment.ramp_s for segment in self.segments), final_ramp_s])
+        ramps_s = np.array([*(segment.ramp_s for segment in self.segments), final_ramp_s])
+        self._ramp_s = np.where(ramps_s < _STEP_S, 0.0, ramps_s)
         target = [(segment.v_m_s, segment.w_rad_s) for segment in self.segments]
         self._to = np.array([*target, (0.0, 0.0)])
         self._from = np.concatenate([[(0.0, 0.0)], self._to[:-1]])
@@ -119,9 +123,9 @@ class SegmentProfile:
 
 
 def _ramp_fraction(since_s: FloatArray, ramp_s: FloatArray) -> FloatArray:
-    """Return how much of the ramp is over, 0 to 1; one of under a microsecond is over at once."""
+    """Return how much of the ramp is over, 0 to 1; a step is over at once."""
     whole = np.ones_like(since_s)
-    return np.minimum(np.divide(since_s, ramp_s, out=whole, where=ramp_s >= 1e-6), 1.0)
+    return np.minimum(np.divide(since_s, ramp_s, out=whole, where=ramp_s > 0.0), 1.0)
 
 
 @dataclass(frozen=True)
