@@ -149,13 +149,13 @@ def test_any_effects_combine_in_any_order(chosen: list[EffectSetting], random: o
     together = apply_effects(chosen)
     assert apply_effects(reversed(chosen)) == together
     for part in ("plant", "bus", "firmware", "reference", "setup"):
-        expected = getattr(Settings(), part)
+        neutral = expected = getattr(Settings(), part)
         for setting in chosen:
             alone = getattr(apply_effects([setting]), part)
             moved = {
                 item.name: getattr(alone, item.name)
                 for item in fields(expected)
-                if getattr(alone, item.name) != getattr(getattr(Settings(), part), item.name)
+                if getattr(alone, item.name) != getattr(neutral, item.name)
             }
             expected = replace(expected, **moved)
         assert getattr(together, part) == expected
