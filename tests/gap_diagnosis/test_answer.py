@@ -1,0 +1,135 @@
+"""From probabilities to entries: names, intervals, choices, twins, what is not listed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fake_blocks import STAGE, FakeBlock, analysis, ranked
+
+from gap_diagnosis.answer import candidates, stage_probabilities
+from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.ranking import Ranking
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, NumberEstimate
+
+AT_REST = np.zeros(2)
+LOG = Recording(
+    name="log",
+    tick_period_s=0.01,
+    t_s=np.array([0.0, 0.01]),
+    stamp_s=np.array([0.0, 0.01]),
+    tick=np.arange(2),
+    left_ticks=AT_REST,
+    right_ticks=AT_REST,
+)
+
+
+def normal(mean: float, sd: float) -> Estimate:
+    return Estimate(mean, sd, mean + sd * np.random.default_rng(1).standard_normal(4000))
+
+
+def entries(ranking: Ranking, *blocks: FakeBlock, logs: int = 1) -> list[Candidate]:
+    return candidates(ranking, [analysis(LOG, *blocks)] * logs)[0]
+
+
+def entry(listed: list[Candidate], *effects: str) -> Candidate:
+    return next(one for one in listed if one.effects == effects)
+
+
+def test_listed_entries_and_other_sum_to_one() -> None:
+    block = FakeBlock({effect: 0.1 for effect in STAGE if not effect.startswith("setup_")})
+    listed, other = candidates(ranked(block, unknown={"wheel": 1.0}), [analysis(LOG, block)])
+    assert other > 0.05  # 36 sets and an unlisted cause are too many to list
+    assert math.fsum(one.probability for one in listed) + other == pytest.approx(1)
+
+
+def test_no_gap_and_unknown_are_always_listed() -> None:
+    block = FakeBlock({"gyro_bias": 5000.0})
+    listed = entries(ranked(block), block)
+    assert entry(listed, "no_gap").probability == 0
+    assert entry(listed, "unknown").probability == 0
+
+
+def test_intervals_are_nested_about_the_estimate() -> None:
+    block = FakeBlock({"gyro_bias": 50.0}, parameters={"gyro_bias.bias": normal(0.01, 0.002)})
+    known = entry(entries(ranked(block), block), "gyro_bias").parameters["gyro_bias.bias"]
+    assert isinstance(known, NumberEstimate)
+    assert known.unit == "rad/s"
+    assert known.ci95[0] < known.ci80[0] < known.ci50[0] < known.estimate
+    assert known.estimate < known.ci50[1] < known.ci80[1] < known.ci95[1]
+    assert known.ci95[1] - known.ci95[0] == pytest.approx(2 * 1.96 * 0.002, rel=0.05)
+
+
+def test_two_logs_know_a_value_better_than_one() -> None:
+    block = FakeBlock({"gyro_bias": 50.0}, parameters={"gyro_bias.bias": normal(0.01, 0.002)})
+    known = entry(entries(ranked(block, logs=2), block, logs=2), "gyro_bias")
+    value = known.parameters["gyro_bias.bias"]
+    assert isinstance(value, NumberEstimate)
+    assert value.sd == pytest.approx(0.002 / math.sqrt(2), rel=0.05)
+
+
+def test_the_surer_of_two_blocks_has_more_say() -> None:
+    motion = FakeBlock({"radius_scale": 50.0}, parameters={"radius_scale.scale": normal(0.0, 0.03)})
+    drive = FakeBlock(
+        {"radius_scale": 50.0}, name="drive", parameters={"radius_scale.scale": normal(0.1, 0.01)}
+    )
+    value = entry(entries(ranked(motion, drive), motion, drive), "radius_scale").parameters
+    scale = value["radius_scale.scale"]
+    assert isinstance(scale, NumberEstimate)
+    assert scale.estimate == pytest.approx(0.09, abs=0.001)  # weights 1 to 9
+
+
+def test_a_choice_is_the_most_probable_one_with_all_probabilities() -> None:
+    side = Estimate("left", probabilities={"left": 0.9, "right": 0.1})
+    block = FakeBlock({"missed_ticks": 50.0}, parameters={"missed_ticks.side": side})
+    chosen = entry(entries(ranked(block), block), "missed_ticks").parameters["missed_ticks.side"]
+    assert isinstance(chosen, ChoiceEstimate)
+    assert chosen.estimate == "left"
+    assert chosen.probabilities == pytest.approx({"left": 0.9, "right": 0.1})
+
+
+def test_logs_that_disagree_on_a_choice_are_weighed() -> None:
+    """A log that is sure outweighs one that is not."""
+    blocks = [
+        FakeBlock({"missed_ticks": 50.0}, parameters={"missed_ticks.side": side})
+        for side in (
+            Estimate("left", probabilities={"left": 0.6, "right": 0.4}),
+            Estimate("right", probabilities={"left": 0.1, "right": 0.9}),
+        )
+    ]
+    listed, _ = candidates(ranked(*blocks), [analysis(LOG, one) for one in blocks])
+    chosen = entry(listed, "missed_ticks").parameters["missed_ticks.side"]
+    assert isinstance(chosen, ChoiceEstimate)
+    assert chosen.estimate == "right"
+    assert chosen.probabilities["right"] == pytest.approx(0.36 / 0.42)
+
+
+def test_a_group_has_the_probability_of_its_members() -> None:
+    both = frozenset({"wheelbase_scale", "gyro_scale"})
+    block = FakeBlock({"wheelbase_scale": 60.0, "gyro_scale": 59.0}, {both: 55.0})
+    first = entry(entries(ranked(block), block), "wheelbase_scale")
+    assert ("gyro_scale",) in first.ambiguous_with
+    assert first.probability < 0.8
+    assert first.group_probability > 0.98
+
+
+def test_an_effect_that_leaves_the_same_data_in_every_log_is_named() -> None:
+    block = FakeBlock({"gyro_bias": 60.0})
+    assert ("adc_offset",) in entry(entries(ranked(block), block), "gyro_bias").ambiguous_with
+
+
+def test_stages_share_the_probability_of_a_pair() -> None:
+    block = FakeBlock({"gyro_bias": 500.0, "wheelbase_scale": 500.0})
+    stages = stage_probabilities(ranked(block), STAGE)
+    assert stages["gyro"] == pytest.approx(0.5)
+    assert stages["wheel"] == pytest.approx(0.5)
+
+
+def test_stages_count_an_unlisted_cause_and_no_gap() -> None:
+    block = FakeBlock({"gyro_bias": -20.0})
+    stages = stage_probabilities(ranked(block, unknown={"wheel": 0.0}), STAGE)
+    assert stages["none"] == pytest.approx(0.4 / 0.42, rel=1e-3)
+    assert stages["wheel"] == pytest.approx(0.02 / 0.42, rel=1e-3)
+    assert math.fsum(stages.values()) == pytest.approx(1)

@@ -1,0 +1,128 @@
+"""How evidence and prior become probabilities, and which sets are not told apart."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from fake_blocks import FakeBlock, odds, ranked
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gap_diagnosis.ranking import THRESHOLD
+
+NATS = st.floats(-50, 2000)
+
+
+@given(st.tuples(NATS, NATS, NATS), NATS)
+def test_probabilities_sum_to_one(gains: tuple[float, float, float], unknown: float) -> None:
+    block = FakeBlock(dict(zip(("radius_scale", "gyro_bias", "missed_ticks"), gains, strict=True)))
+    ranking = ranked(block, unknown={"wheel": unknown})
+    total = math.fsum(one.probability for one in ranking.sets) + math.fsum(ranking.unknown.values())
+    assert total == pytest.approx(1, abs=1e-9)
+
+
+def test_without_evidence_the_prior_stands() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0, "radius_scale": 0.0, "wheelbase_scale": 0.0}))
+    assert odds(ranking, ["gyro_bias"], []) == pytest.approx(0.5)  # 0.4/0.4, half of the stages
+    assert odds(ranking, ["radius_scale"], ["gyro_bias"]) == pytest.approx(0.5)  # shares its stage
+
+
+def test_a_pair_is_as_likely_beforehand_as_two_effects_of_their_stages() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0, "radius_scale": 0.0}))
+    expected = 2 * 0.15 * 0.5 * 0.5 / 0.4
+    assert odds(ranking, ["gyro_bias", "radius_scale"], []) == pytest.approx(expected)
+
+
+def test_three_nats_are_odds_of_twenty() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0}))
+    assert odds(ranking, ["gyro_bias"], ["missed_ticks"]) == pytest.approx(math.exp(3))
+
+
+def test_evidence_adds_up_over_blocks_and_logs() -> None:
+    motion = FakeBlock({"radius_scale": 2.0, "gyro_bias": 0.0})
+    drive = FakeBlock({"radius_scale": 1.0}, name="drive")
+    both = ranked(motion, drive, logs=2)
+    assert both.of(frozenset({"radius_scale"})).log_evidence == pytest.approx(6)
+    assert both.of(frozenset({"gyro_bias"})).log_evidence == 0
+
+
+def test_a_pair_across_blocks_has_the_evidence_of_both() -> None:
+    motion = FakeBlock({"gyro_bias": 30.0})
+    drive = FakeBlock({"drive_gain": 40.0}, name="drive")
+    pair = ranked(motion, drive).of(frozenset({"gyro_bias", "drive_gain"}))
+    assert pair.log_evidence == pytest.approx(70)
+    assert pair.probability > 0.99
+
+
+def test_what_a_pair_explains_together_is_asked_of_the_block() -> None:
+    """Two effects that explain the same must not be counted twice."""
+    both = frozenset({"radius_scale", "missed_ticks"})
+    motion = FakeBlock({"radius_scale": 30.0, "missed_ticks": 29.0}, pairs={both: 28.0})
+    ranking = ranked(motion)
+    assert ranking.of(both).log_evidence == pytest.approx(28)
+    assert ranking.best.effects == {"radius_scale"}
+
+
+def test_effects_that_fit_equally_well_are_one_group() -> None:
+    near, far = THRESHOLD / 2 - 0.5, THRESHOLD / 2 + 0.5
+    gains = {"wheelbase_scale": 100.0, "gyro_scale": 100.0 - near, "missed_ticks": 100.0 - far}
+    ranking = ranked(FakeBlock(gains))
+    group = ranking.group(frozenset({"wheelbase_scale"}))
+    assert [sorted(one.effects) for one in group] == [["gyro_scale"]]
+
+
+def test_likelihoods_decide_on_a_group_and_evidence_does_not() -> None:
+    """How wide a prior is must never separate two names."""
+    gains = {"wheelbase_scale": 100.0, "gyro_scale": 60.0}
+    likelihood = {"wheelbase_scale": 105.0, "gyro_scale": 104.0}
+    ranking = ranked(FakeBlock(gains, {frozenset(gains): 100.0}, likelihood=likelihood))
+    assert ranking.best.effects == {"wheelbase_scale"}
+    group = ranking.group(frozenset({"wheelbase_scale"}))
+    assert [one.effects for one in group] == [{"gyro_scale"}]
+
+
+def test_a_group_has_no_set_of_more_effects() -> None:
+    """More effects always fit as well; that alone makes nothing ambiguous."""
+    ranking = ranked(FakeBlock({"wheelbase_scale": 100.0, "gyro_bias": 0.0}))
+    better = ranking.of(frozenset({"wheelbase_scale", "gyro_bias"}))
+    assert better.log_likelihood >= ranking.best.log_likelihood
+    assert ranking.group(frozenset({"wheelbase_scale"})) == []
+
+
+def test_an_effect_hardly_seen_is_grouped_with_no_gap() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 8.0}))
+    assert [one.effects for one in ranking.group(frozenset({"gyro_bias"}))] == [frozenset()]
+
+
+def test_a_mistake_of_the_setup_may_lie_where_another_block_cannot_see_it() -> None:
+    """Swapped sides in the table of the log are no news to commands that were swapped too."""
+    motion = FakeBlock({"setup_swapped": 500.0, "gyro_bias": 0.0})
+    drive = FakeBlock({"setup_swapped": -5000.0, "drive_gain": 0.0}, name="drive")
+    ranking = ranked(motion, drive)
+    assert ranking.best.effects == {"setup_swapped"}
+    assert ranking.best.log_evidence == pytest.approx(500 - math.log(2))
+
+
+def test_a_mistake_of_the_setup_that_gains_nothing_is_not_tried() -> None:
+    ranking = ranked(FakeBlock({"setup_swapped": 2.0, "gyro_bias": 1.0}))
+    assert all("setup_swapped" not in one.effects for one in ranking.sets)
+
+
+def test_an_unlisted_cause_competes_on_equal_terms() -> None:
+    block = FakeBlock({"gyro_bias": 10.0})
+    ranking = ranked(block, unknown={"wheel": 10.0})
+    # Both gain the same: the prior of an unlisted cause against that of one effect.
+    ratio = ranking.unknown["wheel"] / ranking.of(frozenset({"gyro_bias"})).probability
+    assert ratio == pytest.approx(0.02 / 0.4)
+    assert ranked(block, unknown={"wheel": 30.0}).unknown["wheel"] > 0.99
+
+
+def test_the_prior_of_an_unlisted_cause_is_even_over_stages() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), unknown={"wheel": 1.0, "gyro": 0.0})
+    assert ranking.unknown["wheel"] / ranking.unknown["gyro"] == pytest.approx(math.e)
+
+
+def test_evidence_of_thousands_of_nats_does_not_overflow() -> None:
+    ranking = ranked(FakeBlock({"gyro_bias": 1e6, "radius_scale": 1e6 - 5}))
+    assert ranking.of(frozenset({"gyro_bias", "radius_scale"})).probability > 0.99
