@@ -23,7 +23,7 @@ from hil_harness.robot import Robot
 
 _MOST_RIVALS: Final = 8
 _MOST_ADVICE: Final = 3
-_WORTH_BITS: Final = 0.25
+_WORTH_BITS: Final = 0.5
 """A manoeuvre that is expected to tell less is not worth the drive."""
 _PER_S: Final = 1e-4
 """Of two manoeuvres that tell the same, the shorter one [bit/s]."""
