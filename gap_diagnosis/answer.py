@@ -13,9 +13,11 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.ranking import Effects, Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import (
+    CLOSABLE,
     Candidate,
     ChoiceEstimate,
     Dependence,
+    Gap,
     NumberEstimate,
     ParameterEstimate,
     StageOrNone,
@@ -155,7 +157,7 @@ def stage_probabilities(ranking: Ranking, stage_of: Mapping[str, str]) -> dict[S
     return {stage: value / total for stage, value in stages.items()}
 
 
-def unknown_part(analyses: Sequence[Analysis], ranking: Ranking, stage: StageOrNone) -> Unknown:
+def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | None) -> Unknown:
     """Describe the leftover: on what it depends, and how far that would close the gap."""
     depends: dict[Variable, float] = {}
     windows: tuple[tuple[float, float], ...] = ()
@@ -174,7 +176,9 @@ def unknown_part(analyses: Sequence[Analysis], ranking: Ranking, stage: StageOrN
                 known = cast(Variable, variable)
                 depends[known] = max(depends.get(known, 0.0), float(share))
     ordered = sorted(depends.items(), key=lambda item: -item[1])
-    closes = ordered[0][1] if ordered else None
+    # What lies within the floor cannot be closed, whatever the residual goes with.
+    open_gap = gap is not None and gap.floor is not None and gap.before >= CLOSABLE * gap.floor
+    closes = ordered[0][1] if ordered and open_gap else None
     return Unknown(
         stage=stage,
         windows=windows,

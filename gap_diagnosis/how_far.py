@@ -11,6 +11,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.firmware import replayed_pose
+from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
@@ -25,9 +26,10 @@ from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.ranking import Effects
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire
+from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
 
 _DRAWS: Final = 40
@@ -92,6 +94,10 @@ def shrink(
     firmware = None
     if where.odometry_x_m is not None:
         firmware = Replayed(before=replayed_pose(where, robot, wire))
+    drive = None
+    commanded = commanded_path(where, robot)
+    if commanded is not None:
+        drive = Replayed(before=commanded, after=_driven(analysis, effects, where, robot))
     metrics = measure(
         where,
         robot,
@@ -100,6 +106,7 @@ def shrink(
         effects=settings,
         draws=drawn,
         levels=levels_of(analysis.motion.levels, robot),
+        drive=drive,
         firmware=firmware,
     )
     gap = gap_of(metrics, stage, "stretches" if held is None else "log")
@@ -115,6 +122,21 @@ def shrink(
         segments=manoeuvre_segments(where, robot, motion, kinds, settings, metric=metric),
         pictures=pictures_of(where, model, windows, settings, motion=motion, robot=robot),
     )
+
+
+def _driven(analysis: Analysis, effects: Effects, where: Recording, robot: Robot) -> Floats | None:
+    """Return the path that the commands lead to through the explained drive."""
+    drive = next((block for block in analysis.blocks if block.name == "drive"), None)
+    stages = catalogue()
+    own = frozenset(e for e in effects if e in stages and stages[e].stage == "actuation")
+    if drive is None or not own:
+        return None
+    values = {
+        key: float(one.value)
+        for key, one in drive.fit(own).parameters.items()
+        if isinstance(one.value, int | float)
+    }
+    return commanded_path(where, robot, values)
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:

@@ -40,6 +40,7 @@ class Motion:
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.
+        has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
     t_s: Floats
@@ -72,6 +73,7 @@ class Motion:
     radius_m: float
     wheelbase_m: float
     rad_per_count: float
+    has_counters: bool = True
 
     @property
     def elapsed_s(self) -> Floats:

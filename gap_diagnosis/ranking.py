@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
-from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.priors import Prior
 
 Effects = frozenset[str]
@@ -22,6 +22,9 @@ _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""
 _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
+_CLEARLY: Final = 12.0
+_WORTH_TRIPLES: Final = 5.0
+_TRIPLED: Final = 12
 _WORTH_SETUP: Final = 3.0
 """A mistake of the set-up is gross: what gains less than this is not one."""
 
@@ -109,9 +112,12 @@ def rank(
         evidence, likelihood = _total(logs, pair) if exact else _quick(logs, pair, singles)
         weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
         scored[pair] = (evidence, likelihood, weight)
+    scored |= _triples(logs, prior, scored, singles, log_prior)
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
-        stage: evidence + math.log(prior.unknown / max(len(unknown), 1))
+        stage: evidence
+        + _elsewhere(logs, scored, "drive" if stage == "actuation" else "motion", stage)
+        + math.log(prior.unknown / max(len(unknown), 1))
         for stage, evidence in unknown.items()
     }
     top = max([*logs_of.values(), *guesses.values()])
@@ -125,6 +131,55 @@ def rank(
         tuple(sets),
         {stage: math.exp(value - top) / total for stage, value in guesses.items()},
     )
+
+
+Scores = dict[Effects, tuple[float, float, float]]
+
+
+def _triples(
+    logs: Sequence[Sequence[Block]],
+    prior: Prior,
+    scored: Mapping[Effects, tuple[float, float, float]],
+    singles: Mapping[str, tuple[float, float]],
+    log_prior: Mapping[str, float],
+) -> Scores:
+    """Return sets of three: a pair of the motion with an effect that only other blocks see.
+
+    Evidence of separate blocks adds up, so these cost nothing.
+    """
+    seen = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
+    apart = [
+        effect for effect in log_prior if effect not in seen and singles[effect][0] > _WORTH_TRIPLES
+    ]
+    pairs = [effects for effects in scored if len(effects) == 2 and effects <= seen]
+    pairs.sort(key=lambda effects: -scored[effects][0])
+    found: Scores = {}
+    for pair in pairs[:_TRIPLED]:
+        for effect in apart:
+            names = pair | {effect}
+            weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in names)
+            evidence, likelihood, _ = scored[pair]
+            alone = singles[effect]
+            found[names] = (evidence + alone[0], likelihood + alone[1], weight)
+    return found
+
+
+def _elsewhere(
+    logs: Sequence[Sequence[Block]],
+    scored: Mapping[Effects, tuple[float, float, float]],
+    own: str,
+    stage: str,
+) -> float:
+    """Return what listed effects add in the blocks that an unlisted cause does not touch."""
+    if stage == "firmware":
+        return 0.0
+    touched = {e for blocks in logs for b in blocks if b.name == own for e in b.effects}
+    others = [
+        one[0] + one[2]
+        for effects, one in scored.items()
+        if len(effects) <= 2 and effects and not effects & touched
+    ]
+    return max(0.0, max(others, default=0.0))
 
 
 def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
@@ -147,12 +202,26 @@ def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
     if block.name == "drive" and "encoder_dead" in effects:
         effects = effects - _COUNTING
     fit = block.fit(effects)
+    if block.name == "drive" and effects & _COUNTING:
+        fit = _clearly(fit, block.fit(effects - _COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
         return fit.log_evidence, fit.log_likelihood
     rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
     blind = block.fit(rest)
     evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
     return evidence, max(fit.log_likelihood, blind.log_likelihood)
+
+
+def _clearly(fit: Fit, without: Fit) -> Fit:
+    """Return what commands say of counting errors: nothing that is not said clearly.
+
+    Their size is not held against the one that the motion finds, so a small misfit of the drive
+    must not speak for them.
+    """
+    gained = fit.log_evidence - without.log_evidence
+    if not 0 < gained < _CLEARLY:
+        return fit
+    return replace(fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood)
 
 
 def _quick(

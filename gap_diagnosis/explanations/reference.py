@@ -1,5 +1,7 @@
 """Stages reference and bus: what the outside measurement and the stamps add to the true pose."""
 
+import numpy as np
+
 from gap_diagnosis.prediction import Prediction
 
 
@@ -35,8 +37,18 @@ def encoder_latency(p: Prediction, *, delay: float) -> None:
 
 
 def gyro_latency(p: Prediction, *, delay: float) -> None:
-    """Stamp the gyro late: to first order the rate of a moment ago."""
-    rate, dt = p.gyro_rad_s, p.motion.dt_s
-    before = rate.copy()
-    before[1:] = rate[1:] - delay * (rate[1:] - rate[:-1]) / dt[1:]
-    p.gyro_rad_s = before
+    """Stamp the gyro late: it shows the rate of a moment ago."""
+    t_s = p.motion.t_s
+    p.gyro_rad_s = np.interp(t_s - delay, t_s, p.gyro_rad_s)
+
+
+def sensors_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp counts and gyro late by the same."""
+    encoder_latency(p, delay=delay)
+
+
+def counts_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp the counts late, the gyro not: against the counts' clock the gyro is early."""
+    encoder_latency(p, delay=delay)
+    t_s = p.motion.t_s
+    p.gyro_rad_s = np.interp(t_s + delay, t_s, p.gyro_rad_s)

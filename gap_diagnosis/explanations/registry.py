@@ -224,6 +224,18 @@ def _encoder_wrap(motion: Motion) -> Iterable[Variant]:
         yield Variant("encoder_wrap", encoder.encoder_wrap, (), fixed, choice)
 
 
+def _frame_latency(motion: Motion) -> Iterable[Variant]:
+    """Return latencies of rows whose frames carry no counter: tables, where stamps are all."""
+    if motion.has_counters:
+        return
+    for frame, act in (
+        ("IMU", reference.gyro_latency),
+        ("ENCODER", reference.counts_latency),
+        ("sensors", reference.sensors_latency),
+    ):
+        yield Variant("frame_latency", act, ("delay",), report={"frame": frame}, is_positive=True)
+
+
 def _setup_sign(motion: Motion) -> Iterable[Variant]:
     actions = (
         ("left_ticks", encoder.left_factor),
@@ -328,6 +340,7 @@ _ALL: Final = (
         polar=_AMPLITUDE,
         polar_turn=_turn_back,
     ),
+    Explanation("frame_latency", 2, _frame_latency),
     _plain("gyro_lag", "gyro", gyro.gyro_lag, "time_constant", positive=True),
     _plain("gyro_nonlinearity", "gyro", gyro.gyro_nonlinearity, "quadratic", "cubic"),
     _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale"),

@@ -79,7 +79,7 @@ class MotionBlock:
         """Return what the search found of a set of at most two effects, without parameters."""
         if any(alias in effects and other in effects for alias, other in ALIASES.items()):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
-        if LATENCY in effects:
+        if LATENCY in effects and LATENCY not in self.scan.effects:
             return self._late(effects)
         if effects & NOISES.keys():
             return self._noisy(effects)
@@ -151,7 +151,7 @@ class MotionBlock:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
         if not effects:
             return self.fit(effects)
-        if LATENCY in effects:
+        if LATENCY in effects and LATENCY not in self.scan.effects:
             rest = effects - {LATENCY}
             seen = self.fit(effects).log_evidence > self.fit(rest).log_evidence + 1
             if not seen or OFFSET in rest:
@@ -188,7 +188,7 @@ class MotionBlock:
     def moving(self, effects: frozenset[str]) -> frozenset[str]:
         """Return the effects that change what is predicted, under the search's own names."""
         own = effects & self.effects
-        if LATENCY in own:
+        if LATENCY in own and LATENCY not in self.scan.effects:
             seen = self.fit(own).log_evidence > self.fit(own - {LATENCY}).log_evidence + 1
             own = own - {LATENCY} | ({OFFSET} if seen else frozenset())
         return aliased(frozenset(own - NOISES.keys()))

@@ -18,7 +18,7 @@ from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect
 
 NEVER_NUISANCE: Final = frozenset(
-    {"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio", "payload"}
+    {"ticks_per_rev", "adc_inl", "turn_scrub", "supply_ratio", "payload", "frame_latency"}
 )
 """Effects whose small amounts another nuisance already stands for, or that come not in bits."""
 

@@ -113,6 +113,7 @@ def estimate_motion(
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
+        has_counters=bool(recording.frames),
     )
 
 

@@ -27,6 +27,9 @@ from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
 _NEWTON_STEPS: Final = 3
+_SHORTENED: Final = 6
+_DOWNHILL: Final = 0.5
+"""A step may lose this much [nat]: the prior pulls too."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +180,8 @@ class MotionModel:
             white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
-            best = scored.means[int(np.argmax(scored.weights))]
-            coefficients = _bounded(terms, _split(terms, best))
+            best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
+            coefficients = self._no_worse(terms, coefficients, best, levels)
         density = self.level_prior.log_density(np.log(levels))
         return Refitted(
             scored=replace(scored, terms=tuple(terms)),
@@ -187,6 +190,43 @@ class MotionModel:
             log_likelihood=gram.log_nothing + scored.log_likelihood + density,
             coefficients=coefficients,
         )
+
+    def _no_worse(
+        self,
+        terms: Sequence[Term],
+        before: tuple[tuple[float, ...], ...],
+        after: tuple[tuple[float, ...], ...],
+        levels: Floats,
+    ) -> tuple[tuple[float, ...], ...]:
+        """Shorten a step of Gauss and Newton until it does not lead downhill."""
+        least = self._height(terms, before, levels) - _DOWNHILL
+        for _ in range(_SHORTENED):
+            if self._height(terms, after, levels) >= least:
+                return after
+            after = tuple(
+                tuple(0.5 * (a + b) for a, b in zip(old, new, strict=True))
+                for old, new in zip(before, after, strict=True)
+            )
+        return before
+
+    def _height(
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
+    ) -> float:
+        """Return the log likelihood at given coefficients, tolerances marginalised."""
+        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
+        smooth = self.nodes.smooth
+        change = residuals(self.nodes, predict(smooth, settings)) - self._smooth_nominal
+        own = {index for term in terms for weight in term.weights for index, _ in weight}
+        free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
+        columns = [self.columns.values[..., 0] + change]
+        columns += [self.columns.values[..., i + 1] for i, _ in free]
+        values = np.ascontiguousarray(np.stack(columns, axis=-1))
+        nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
+        return self._evidence(values, nuisances, (), levels)
+
+    @cached_property
+    def _smooth_nominal(self) -> Floats:
+        return residuals(self.nodes, predict(self.nodes.smooth))
 
     def _better_levels(
         self,
@@ -207,7 +247,7 @@ class MotionModel:
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
-        here = self.columns.values[..., 0] + there - residuals(self.nodes, predict(smooth))
+        here = self.columns.values[..., 0] + there - self._smooth_nominal
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [here, *(self.columns.values[..., i + 1] for i, _ in free)]

@@ -106,6 +106,11 @@ class Scan:
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+        for _ in range(_REFITTED):
+            head = self._ranked()[0]
+            if head.refitted is not None or not head.effects:
+                break
+            self._refit(head)
 
     def _off_the_grid(self) -> None:
         """Give leading effects with edges a variant whose edges lie where they fit best."""
