@@ -1,0 +1,165 @@
+"""The draw of a case: how large, which way, when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.trials.case import Stratum
+from gap_diagnosis.trials.sizes import SIZES, Code, Drawn, Even, Lasting, Moment, Peak, Pick, Size
+from gap_diagnosis.trials.truth import class_of
+from hil_harness.assembly import Wire, commands_on_the_wire
+from hil_harness.effects import catalogue
+from hil_harness.effects.model import Value
+from hil_harness.robot import Robot
+from hil_harness.scenarios.scenario import Scenario
+
+Draw = np.random.Generator
+Values = dict[str, Value]
+
+_POLAR: Final = ("phase", "direction")
+
+
+@dataclass(frozen=True)
+class World:
+    """What sizes depend on.
+
+    Attributes:
+        duration_s: of the drive.
+        peaks: the largest wheel rate, wheel acceleration and turn rate that it asks for.
+        zero_code: of the gyro.
+    """
+
+    duration_s: float
+    peaks: Mapping[str, float]
+    zero_code: int
+
+
+def world_of(scenario: Scenario, robot: Robot, wire: Wire) -> World:
+    """Return what the draws must know of a drive."""
+    period_us = wire.tick_period_us
+    commands = commands_on_the_wire(scenario, scenario.tick_count(period_us), wire)
+    wheels = robot.plant.wheels
+    half = 0.5 * wheels.wheelbase_m
+    rates = (commands[:, :1] + commands[:, 1:] * np.array([-half, half])) / wheels.radius_m
+    every = max(1, round(0.1e6 / period_us))
+    change = np.abs(rates[every:] - rates[:-every]) / (every * period_us * 1e-6)
+    return World(
+        duration_s=scenario.duration_s,
+        peaks={
+            "wheel_rate": float(np.abs(rates).max()),
+            "wheel_acceleration": float(change.max()),
+            "turn_rate": float(np.abs(commands[:, 1]).max()),
+        },
+        zero_code=robot.plant.gyro.zero_rate_code,
+    )
+
+
+def draw_values(effect: str, stratum: Stratum, world: World, draw: Draw) -> Values:
+    """Return the parameters of an effect; in stratum *limit* its sizes are at their tolerances."""
+    values: Values = {}
+    for name, drawn in SIZES[effect].items():
+        if isinstance(drawn, Size):
+            size = _size(effect, name, drawn, stratum, draw)
+            values[name] = size * float(draw.choice([-1.0, 1.0])) if drawn.signed else size
+        elif isinstance(drawn, Lasting):
+            start_s = values["start_s"]
+            values[name] = float(start_s) + float(draw.uniform(drawn.low_s, drawn.high_s))
+        else:
+            values[name] = _other(drawn, world, draw)
+    return values
+
+
+def scaled(effect: str, values: Values, factor: float) -> Values:
+    """Return an effect *factor* times as large, within what its parameters admit."""
+    found = dict(values)
+    for name, drawn in SIZES[effect].items():
+        if isinstance(drawn, Size):
+            parameter = catalogue()[effect].parameter(name)
+            size = float(values[name]) * factor
+            found[name] = min(max(size, parameter.minimum), parameter.maximum)
+    return found
+
+
+def _size(effect: str, name: str, size: Size, stratum: Stratum, draw: Draw) -> float:
+    if stratum == "limit":
+        several = sum(isinstance(one, Size) for one in SIZES[effect].values()) > 1
+        return size.tolerance * (math.exp(draw.uniform(-1.0, 0.0)) if several else 1.0)
+    if stratum == "field":
+        return _log_even(size.low, size.high, draw)
+    known = default_prior().parameters.get(effect)
+    if known is None:
+        return _log_even(size.tolerance, size.high, draw)
+    prior = known.get(name) or known.get("all") or next(iter(known.values()))
+    scale = float(draw.choice(prior.scales()))
+    polar = any(other in SIZES[effect] for other in _POLAR)
+    return float(np.hypot(*draw.normal(0.0, scale, 2)) if polar else abs(draw.normal(0.0, scale)))
+
+
+def _log_even(low: float, high: float, draw: Draw) -> float:
+    return math.exp(draw.uniform(math.log(low), math.log(high)))
+
+
+def _other(drawn: Drawn, world: World, draw: Draw) -> Value:
+    match drawn:
+        case Pick(values):
+            return values[int(draw.integers(len(values)))]
+        case Even(low, high):
+            return float(draw.uniform(low, high))
+        case Moment(low, high):
+            return float(world.duration_s * draw.uniform(low, high))
+        case Peak(of, low, high):
+            return float(world.peaks[of] * draw.uniform(low, high))
+        case Code(spread):
+            return world.zero_code + int(draw.integers(-spread, spread + 1))
+        case _:
+            raise AssertionError(drawn)
+
+
+_NOMINAL: Final[tuple[tuple[str, str, Callable[[Robot], float]], ...]] = (
+    ("radius_scale", "scale", lambda robot: robot.tolerance.radius_scale),
+    ("radius_mismatch", "mismatch", lambda robot: robot.tolerance.radius_mismatch),
+    ("wheelbase_scale", "scale", lambda robot: robot.tolerance.wheelbase_scale),
+    ("gyro_scale", "scale", lambda robot: robot.tolerance.gyro_scale),
+    ("gyro_bias", "bias", lambda robot: robot.tolerance.gyro_bias_rad_s),
+    ("reference_time_offset", "offset", lambda robot: robot.tolerance.time_offset_s),
+)
+
+
+def draw_nominal(robot: Robot, effects: frozenset[str], draw: Draw) -> dict[str, Values]:
+    """Return errors of the description within tolerance: half of it is their standard deviation.
+
+    What is drawn as an effect, by whichever of its names, has no further error.
+    """
+    taken = frozenset[str]().union(*(class_of(one) for one in effects))
+    if "payload" in effects:
+        taken |= {"radius_scale", "radius_mismatch"}
+    found: dict[str, Values] = {}
+    for effect, parameter, tolerance in _NOMINAL:
+        limit = tolerance(robot)
+        value = float(np.clip(draw.normal(0.0, 0.5 * limit), -limit, limit))
+        if effect not in taken:
+            found[effect] = {parameter: value}
+    return found
+
+
+def draw_surroundings(draw: Draw) -> dict[str, Values]:
+    """Return the floor's micro-slip, and in half of the cases each a warm-up and a sagging supply."""
+    slip = math.exp(draw.uniform(math.log(1e-4), math.log(1e-3)))
+    warm = {
+        "offset": float(draw.uniform(-8.0, 8.0)),
+        "rise": float(draw.uniform(3.0, 15.0)),
+        "time_constant": float(draw.uniform(15.0, 60.0)),
+    }
+    sag = {"offset": float(draw.uniform(-0.3, 0.3)), "rate": float(draw.uniform(-0.02, -0.003))}
+    found: dict[str, Values] = {"micro_slip": {"left": slip, "right": slip}}
+    if draw.random() < 0.5:
+        found["warm_up"] = dict(warm)
+    if draw.random() < 0.5:
+        found["supply_change"] = dict(sag)
+    return found

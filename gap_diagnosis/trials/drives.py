@@ -1,0 +1,131 @@
+"""What the robot of a case is told to drive: drawn anew for each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from hil_harness.scenarios.profile import Segment, SegmentProfile
+from hil_harness.scenarios.scenario import Scenario
+
+Draw = np.random.Generator
+
+FAMILIAR: Final = ("calibration", "tour", "squares")
+NEW: Final = ("weave", "delivery", "one_way")
+"""Never used while the diagnosis was developed: scored apart."""
+
+_RAMP_S: Final = 0.8
+
+
+def drive(kind: str, draw: Draw, fastest_m_s: float) -> Scenario:
+    """Return a drive of about a minute: *kind* of `FAMILIAR` or `NEW`."""
+    segments = [_rest(draw.uniform(3, 6)), *_KINDS[kind](draw, fastest_m_s), _rest(3.0)]
+    profile = SegmentProfile(segments, final_ramp_s=_RAMP_S)
+    return Scenario(
+        name="drive",
+        description="the drive of a blind trial",
+        profile=profile,
+        duration_s=math.ceil(profile.duration_s) + 1.0,
+    )
+
+
+def _rest(duration_s: float = 1.5) -> Segment:
+    return Segment(0.0, 0.0, duration_s, _RAMP_S)
+
+
+def _go(v_m_s: float, w_rad_s: float, duration_s: float) -> Segment:
+    return Segment(v_m_s, w_rad_s, duration_s, _RAMP_S)
+
+
+def _speed(draw: Draw, fastest_m_s: float) -> float:
+    return float(fastest_m_s * draw.uniform(0.5, 1.0))
+
+
+def _turn(draw: Draw) -> float:
+    return float(draw.uniform(0.6, 1.6))
+
+
+def _calibration(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return lines at two speeds, spins and arcs both ways and a reverse, in any order."""
+    v, w = _speed(draw, fastest_m_s), _turn(draw)
+    parts = [
+        [_go(v, 0.0, draw.uniform(4, 7))],
+        [_go(0.4 * v, 0.0, draw.uniform(4, 7))],
+        [_go(-0.5 * v, 0.0, draw.uniform(3, 6))],
+        [_go(0.0, w, draw.uniform(4, 7))],
+        [_go(0.0, -w, draw.uniform(4, 7))],
+        [_go(0.6 * v, 0.5 * w, draw.uniform(4, 7))],
+        [_go(0.8 * v, -0.5 * w, draw.uniform(4, 7))],
+    ]
+    order = draw.permutation(len(parts))
+    return [one for place in order for one in (*parts[place], _rest())]
+
+
+def _tour(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return a chain of arcs and lines with few stops."""
+    found = []
+    for _ in range(9):
+        v = _speed(draw, fastest_m_s) * float(draw.choice([1.0, 1.0, 1.0, -0.6]))
+        w = float(draw.choice([0.0, 1.0, -1.0])) * _turn(draw) * 0.6
+        found.append(_go(v, w, draw.uniform(4, 7)))
+        if draw.random() < 0.3:
+            found.append(_rest())
+    return found
+
+
+def _squares(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return a square one way and one the other, stopping to turn at each corner."""
+    v, w = _speed(draw, fastest_m_s), _turn(draw)
+    side_s, corner_s = draw.uniform(4, 6), math.pi / 2 / w
+    found = []
+    for sign in (1.0, -1.0):
+        for _ in range(4):
+            found += [_go(v, 0.0, side_s), _rest(1.0), _go(0.0, sign * w, max(corner_s, 1.0))]
+            found.append(_rest(1.0))
+    return found
+
+
+def _weave(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return weaving ahead, left and right in turn."""
+    v, w, sign = _speed(draw, fastest_m_s), 0.4 * _turn(draw), 1.0
+    found = []
+    for _ in range(14):
+        found.append(_go(v, sign * w * draw.uniform(0.6, 1.0), draw.uniform(3, 5)))
+        sign = -sign
+    return found
+
+
+def _delivery(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return starts and stops with turns of any angle between them."""
+    found = []
+    for _ in range(8):
+        found += [
+            _go(_speed(draw, fastest_m_s), 0.0, draw.uniform(2, 5)),
+            _rest(draw.uniform(1, 3)),
+        ]
+        found.append(_go(0.0, float(draw.choice([-1.0, 1.0])) * _turn(draw), draw.uniform(1, 3)))
+    return found
+
+
+def _one_way(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return a spiral: turns to one side only."""
+    v, sign = _speed(draw, fastest_m_s), float(draw.choice([-1.0, 1.0]))
+    found = []
+    for step in range(9):
+        found.append(_go(v, sign * _turn(draw) * (1 - step / 12), draw.uniform(4, 7)))
+        if step % 3 == 2:
+            found.append(_rest())
+    return found
+
+
+_KINDS: Final[Mapping[str, Callable[[Draw, float], list[Segment]]]] = {
+    "calibration": _calibration,
+    "tour": _tour,
+    "squares": _squares,
+    "weave": _weave,
+    "delivery": _delivery,
+    "one_way": _one_way,
+}

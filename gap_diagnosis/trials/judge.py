@@ -1,0 +1,210 @@
+"""One case held against its answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gap_diagnosis.trials.case import Case
+from gap_diagnosis.trials.sizes import UNLISTED
+from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical, stages_of
+from gap_diagnosis.trials.yardsticks import brier, rank_bin
+
+LIMIT: Final = 2.0
+"""At or above so many detection limits an effect must be told (docs: what must be reached)."""
+_LEAST: Final = 1e-12
+_CONFIDENT: Final = 0.8
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the effect that was named, against its true value.
+
+    Attributes:
+        key: ``effect.parameter``.
+        error_sd: estimate less truth, in posterior standard deviations.
+        inside: whether the 50, 80 and 95 % interval hold the truth.
+        rank: which of the seven ranks.
+    """
+
+    key: str
+    error_sd: float
+    inside: tuple[bool, bool, bool]
+    rank: int
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A case with its scores.
+
+    Attributes:
+        case: what was sealed.
+        over_limit: the smallest of its effects' magnitudes over their limits; None: none has one.
+        truth: the right answer, in canonical names; ``unknown`` where it was withheld.
+        oracle: the answers that nobody could tell from the truth, the truth among them.
+        verdict: as reported; ``error`` for a crash.
+        group: the reported answers.
+        stage: as reported.
+        true_probability: on the truth, twins together.
+        group_probability: of the reported group.
+        unknown_probability: of an unlisted cause.
+        brier, log_score: of the whole forecast.
+        wrong_name: the most probable single answer outside the oracle group.
+        wrong_probability: its probability.
+        parameters: of the effects, if which[0] names exactly those.
+        seconds: how long it took.
+        gap: before, after and floor; None where not measured.
+        error: what went wrong, if anything did.
+    """
+
+    case: Case
+    over_limit: float | None
+    truth: Answer
+    oracle: frozenset[Answer]
+    verdict: str
+    group: frozenset[Answer]
+    stage: str
+    true_probability: float
+    group_probability: float
+    unknown_probability: float
+    brier: float
+    log_score: float
+    wrong_name: str
+    wrong_probability: float
+    parameters: tuple[Parameter, ...]
+    seconds: float
+    gap: tuple[float, float, float] | None
+    error: str | None = None
+
+    @property
+    def is_null(self) -> bool:
+        """Nothing beyond tolerance was at work."""
+        return not self.truth
+
+    @property
+    def is_imitable(self) -> bool:
+        """Of an unlisted cause: the library has a name that nobody could tell from it."""
+        return self.truth == UNKNOWN and len(self.oracle) > 1
+
+    @property
+    def is_clear(self) -> bool:
+        """At or above twice the detection limit."""
+        return not self.is_null and (self.over_limit is None or self.over_limit >= LIMIT)
+
+    @property
+    def top1(self) -> bool:
+        """which[0] is the truth or its twin."""
+        return self.verdict != "error" and canonical(self.verdict.split("+")) == self.truth
+
+    @property
+    def in_group(self) -> bool:
+        """The truth is in the reported group."""
+        return self.truth in self.group
+
+    @property
+    def has_one_stage(self) -> bool:
+        """The oracle group lies in one stage."""
+        return len({stages_of(one) for one in self.oracle if one != UNKNOWN}) == 1
+
+    @property
+    def stage_right(self) -> bool:
+        """The reported stage is one in which the truth acts."""
+        return self.stage in stages_of(self.truth if self.truth != UNKNOWN else self.withheld)
+
+    @property
+    def withheld(self) -> Answer:
+        """What was at work, whether withheld from the library or not."""
+        return canonical(self.case.true_effects)
+
+    @property
+    def confident_wrong(self) -> bool:
+        """A name outside the oracle group has a probability of 0.8 or more."""
+        return self.wrong_probability >= _CONFIDENT
+
+
+def judge(
+    case: Case, found: Mapping[str, Any], oracle: frozenset[Answer], over_limit: float | None
+) -> Judged:
+    """Score one result; a crash scores as badly as can be."""
+    truth = canonical(case.true_effects)
+    gone = frozenset(case.true_effects & (UNLISTED | frozenset(case.without)))
+    if gone:
+        truth = UNKNOWN
+        oracle = frozenset(one for one in oracle if not one & canonical(gone)) | {UNKNOWN}
+    if "error" in found:
+        return Judged(
+            case, over_limit, truth, oracle, "error", frozenset(), "", 0.0, 0.0, 0.0, 2.0,
+            -math.log(_LEAST), "", 0.0, (), float(found.get("seconds", 0.0)), None,
+            str(found.get("traceback", found["error"])),
+        )  # fmt: skip
+    which: Sequence[Mapping[str, Any]] = found["which"]
+    best = which[0]
+    pooled: dict[Answer, float] = {}
+    for entry in which:
+        answer = canonical(entry["effects"])
+        pooled[answer] = pooled.get(answer, 0.0) + entry["probability"]
+    on_truth = pooled.get(truth, 0.0)
+    others = [p for answer, p in pooled.items() if answer != truth]
+    wrong = {
+        answer: p for answer, p in pooled.items() if answer not in oracle and answer != UNKNOWN
+    }
+    worst = max(wrong, key=lambda answer: wrong[answer], default=frozenset[str]())
+    return Judged(
+        case=case,
+        over_limit=over_limit,
+        truth=truth,
+        oracle=oracle,
+        verdict=found["verdict"],
+        group=frozenset(
+            canonical(one) for one in (best["effects"], *best.get("ambiguous_with", ()))
+        ),
+        stage=found["stage"],
+        true_probability=on_truth,
+        group_probability=best["group_probability"],
+        unknown_probability=pooled.get(UNKNOWN, 0.0),
+        brier=brier(others, on_truth),
+        log_score=-math.log(max(on_truth, _LEAST)),
+        wrong_name="+".join(sorted(worst)) if wrong else "",
+        wrong_probability=wrong.get(worst, 0.0) if worst else 0.0,
+        parameters=_parameters(case, best),
+        seconds=found["seconds"],
+        gap=_gap(found.get("gap")),
+    )
+
+
+def _parameters(case: Case, best: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    if frozenset(best["effects"]) != case.true_effects:
+        return ()
+    found = []
+    for key, estimate in best.get("parameters", {}).items():
+        effect, _, name = key.partition(".")
+        true = case.effects[effect].get(name)
+        if "sd" not in estimate or isinstance(true, str) or true is None or estimate["sd"] <= 0:
+            continue
+        value = _nearest_turn(float(true), estimate["estimate"], name)
+        intervals = [tuple(estimate[ci]) for ci in ("ci95", "ci80", "ci50")]
+        inside = [low <= value <= high for low, high in intervals]
+        found.append(
+            Parameter(
+                key,
+                (estimate["estimate"] - value) / estimate["sd"],
+                (inside[2], inside[1], inside[0]),
+                rank_bin(value, [(low, high) for low, high in intervals]),
+            )
+        )
+    return tuple(found)
+
+
+def _nearest_turn(value: float, near: float, name: str) -> float:
+    """Return an angle in the turn of its estimate."""
+    if name not in ("phase", "direction"):
+        return value
+    return value + math.tau * round((near - value) / math.tau)
+
+
+def _gap(gap: Mapping[str, Any] | None) -> tuple[float, float, float] | None:
+    if gap is None or gap.get("after") is None or gap.get("floor") is None:
+        return None
+    return float(gap["before"]), float(gap["after"]), float(gap["floor"])

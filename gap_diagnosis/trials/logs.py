@@ -1,0 +1,144 @@
+"""From a run to what a lab would have of it: a candump log and a reference trajectory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from can_bus import MessageSpec, Raw, make_message, open_log_writer
+from gap_diagnosis.recording import Reference
+from gap_diagnosis.trials.reference_noise import Draw, ReferenceLevels, reference_errors
+from hil_harness.assembly import Wire
+from hil_harness.effect_runs import EffectRun, answer_ticks
+from hil_harness.effects.reference_errors import measure_over_time
+from hil_harness.nodes.plant import COMMAND_ROLES
+from hil_harness.nodes.schedule import cycle_of, encode_frame
+from hil_harness.odometry_frames import ODOMETRY_ROLES
+from hil_harness.robot import Robot
+from hil_harness.sensor_frames import SENSOR_ROLES, SensorFrames
+from hil_harness.signal_roles import Role
+from sim_plant import SensorCounts
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+_TAU: Final = 2 * math.pi
+
+
+def write_log(path: Path, run: EffectRun, robot: Robot, wire: Wire) -> None:
+    """Write the frames of a run as the ECU received and sent them."""
+    frames = _Frames(run, robot, wire)
+    entries: list[tuple[int, int, int, MessageSpec, int, int]] = []
+    signals = wire.signal_map
+    for rank, roles in enumerate(((*SENSOR_ROLES, *COMMAND_ROLES), ODOMETRY_ROLES)):
+        for spec in signals.messages(roles):
+            stamp_us, counter, payload = frames.came(spec, is_answer=rank == 1)
+            entries += [
+                (stamp, rank, spec.frame_id, spec, count, row)
+                for stamp, count, row in zip(
+                    stamp_us.tolist(), counter.tolist(), payload.tolist(), strict=True
+                )
+            ]
+    entries.sort(key=lambda entry: entry[:3])
+    with open_log_writer(path) as log:
+        for stamp, rank, _, spec, count, row in entries:
+            data = encode_frame(spec, frames.raw(spec, row), count)
+            log.write(make_message(spec, data, stamp), rank == 0)
+
+
+class _Frames:
+    """What stands in the frames of a run."""
+
+    def __init__(self, run: EffectRun, robot: Robot, wire: Wire) -> None:
+        self._run, self._robot, self._wire = run, robot, wire
+        self._sensors = SensorFrames(wire.signal_map, robot.plant)
+        self._rate = 1.0 + run.settings.plant.clock_skew
+        self._columns: Mapping[Role, Floats] = {
+            "v_command": run.commands[:, 0],
+            "w_command": run.commands[:, 1],
+            "odom_x": run.pose[:, 0],
+            "odom_y": run.pose[:, 1],
+            "odom_heading": run.pose[:, 2],
+        }
+
+    def came(self, spec: MessageSpec, *, is_answer: bool) -> tuple[Ints, Ints, Ints]:
+        """Return the stamp [µs], the tick whose counter and the tick whose payload it has."""
+        run, period_us = self._run, self._wire.tick_period_us
+        if is_answer:
+            sent = answer_ticks(spec, self._wire, run.executed)
+        else:
+            every, phase = cycle_of(spec, period_us)
+            sent = np.arange(phase, len(run.time_s), every, dtype=np.int64)
+        arrivals = run.arrivals.get(spec.name)
+        if arrivals is None:
+            frame = payload = sent
+            time_us = sent * period_us
+        else:
+            frame, payload = sent[arrivals.frame], sent[arrivals.payload]
+            time_us = arrivals.time_us
+        counter = run.answer_tick[frame] if is_answer else frame
+        return np.rint(time_us / self._rate).astype(np.int64), counter, payload
+
+    def raw(self, spec: MessageSpec, tick: int) -> dict[str, Raw]:
+        """Return the raw value of each signal of a message in a tick."""
+        run = self._run
+        raw: dict[str, Raw] = {signal.name: signal.initial_raw for signal in spec.payload}
+        if any(spec is message for message in self._sensors.messages):
+            mask = (1 << self._robot.plant.encoder.counter_bits) - 1
+            counts = SensorCounts(
+                int(run.left_count[tick]) & mask,
+                int(run.right_count[tick]) & mask,
+                int(run.gyro_code[tick]),
+                self._robot.plant.accelerometer.zero_code,
+                self._robot.plant.accelerometer.zero_code,
+                int(run.temperature_code[tick]),
+                int(run.supply_code[tick]),
+            )
+            raw.update(self._sensors.raw_values(spec, counts))
+        for role, values in self._columns.items():
+            mapped = self._wire.signal_map.get(role)
+            if mapped is None or mapped.message is not spec:
+                continue
+            value = float(values[tick])
+            if role == "odom_heading":
+                value = (value + math.pi) % _TAU - math.pi
+            raw[mapped.signal.name] = mapped.to_raw(value)
+        return raw
+
+
+def measured(run: EffectRun, levels: ReferenceLevels, draw: Draw, seed: int) -> Reference:
+    """Return the truth of a run as its reference reports it, on stamps of its own."""
+    time_s = np.arange(
+        float(draw.uniform(0.0, 1.0 / levels.rate_hz)), run.time_s[-1], 1.0 / levels.rate_hz
+    )
+    truth = np.column_stack([np.interp(time_s, run.time_s, one) for one in run.truth.T])
+    schedule = run.settings.over_time(lambda at: at.reference)
+    stated = schedule[0][1]
+    truth += reference_errors(
+        time_s,
+        levels,
+        draw,
+        position=stated.position_noise_m == 0.0,
+        heading=stated.heading_noise_rad == 0.0,
+    )
+    stamps, poses = measure_over_time(time_s, truth, schedule, seed)
+    poses = run.settings.setup.reference(poses)
+    order = np.argsort(stamps, kind="stable")
+    x_m, y_m, heading_rad = poses[order].T
+    return Reference(stamps[order], x_m, y_m, heading_rad)
+
+
+def tum_lines(reference: Reference) -> Iterator[str]:
+    """Yield `t x y z qx qy qz qw`; every number has as many decimals, whatever it is."""
+    heading = reference.heading_rad
+    assert heading is not None  # a trial's reference has one
+    rows = np.column_stack(
+        [reference.t_s, reference.x_m, reference.y_m, np.sin(heading / 2), np.cos(heading / 2)]
+    )
+    for t, x, y, sine, cosine in rows.tolist():
+        yield f"{t:.6f} {x:.6f} {y:.6f} 0 0 0 {sine:.9f} {cosine:.9f}\n"

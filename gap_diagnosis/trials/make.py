@@ -1,0 +1,211 @@
+"""Making a trial: cases on disk as a lab would have them, and the answers sealed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.trials import reference_noise
+from gap_diagnosis.trials.case import Case, Effects
+from gap_diagnosis.trials.draw import (
+    draw_nominal,
+    draw_surroundings,
+    draw_values,
+    scaled,
+    world_of,
+)
+from gap_diagnosis.trials.drives import drive
+from gap_diagnosis.trials.engine import finer
+from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, SCHEMA, TASK
+from gap_diagnosis.trials.logs import measured, tum_lines, write_log
+from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.robots import robot_text
+from gap_diagnosis.trials.seal import seal
+from gap_diagnosis.trials.secret import Secret
+from hil_harness.assembly import Wire, load_wire
+from hil_harness.effect_runs import EffectRun, run_with_effects
+from hil_harness.effects.model import EffectSetting
+from hil_harness.robot import Robot, load_robot
+from hil_harness.scenarios.scenario import Scenario
+
+
+_STEPS: Final = (2, 4, 5)
+_STAMP_S: Final = 946_684_800
+"""Every file is of the first second of the year 2000: when it was made would say how."""
+_TRIES: Final = 20
+
+
+def make_trial(
+    counts: Counts,
+    folder: Path,
+    key: Path,
+    secret: Secret,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> str:
+    """Write a trial to *folder* and the key of its answers to *key*; return the commitment.
+
+    Raises DiagnosisError where *folder* has something in it already.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DiagnosisError(f"{folder}: there already: expected an empty folder or a new one")
+    (folder / CASES).mkdir(parents=True)
+    wire = load_wire()
+    plan = planned(counts, secret.generator("plan"))
+    width = max(4, len(str(len(plan))))
+    answers = []
+    for place, one in enumerate(plan):
+        progress(place, len(plan))
+        home = folder / CASES / f"{place + 1:0{width}d}"
+        home.mkdir()
+        made = _make_case(one, home, wire, counts, secret.child(f"case {place}"))
+        answers.append(made.as_json())
+    digest = seal({"schema": SCHEMA, "cases": answers}, folder, key)
+    progress(len(plan), len(plan))
+    return digest
+
+
+def _make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
+    """Draw until every effect acts: a threshold that nothing crosses is no case."""
+    for attempt in range(_TRIES):
+        own = secret.child(f"attempt {attempt}")
+        maker = _Maker(one, home, wire, counts, own)
+        case, run = maker.drawn()
+        if run is not None:
+            maker.write(run, case)
+            return case
+    raise DiagnosisError(
+        f"{' + '.join(one.effects)}: {_TRIES} draws in a row without a trace in the log: expected "
+        "an effect that a drive of this kind can show"
+    )
+
+
+class _Maker:
+    """One case under way."""
+
+    def __init__(
+        self, one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret
+    ) -> None:
+        self._one, self._home, self._wire, self._secret = one, home, wire, secret
+        self._counts = counts
+        (home / ROBOT).write_text(
+            robot_text(one.robot, secret.generator("robot")), encoding="ascii"
+        )
+        self._robot: Robot = load_robot(home / ROBOT)
+        fastest = min(0.8, 14.0 * self._robot.plant.wheels.radius_m)
+        self._scenario: Scenario = drive(one.drive, secret.generator("drive"), fastest)
+
+    def drawn(self) -> tuple[Case, EffectRun | None]:
+        """Return the case with its run; None for a run in which some effect did nothing."""
+        one, secret = self._one, self._secret
+        draw = secret.generator("effects")
+        world = world_of(self._scenario, self._robot, self._wire)
+        effects: Effects = {
+            name: draw_values(name, one.stratum, world, draw) for name in one.effects
+        }
+        case = Case(
+            name=self._home.name,
+            stratum=one.stratum,
+            kind=one.kind,
+            effects=effects,
+            over_limit={},
+            without=one.without,
+            nominal=draw_nominal(self._robot, frozenset(effects), draw),
+            surroundings=draw_surroundings(draw),
+            drive=one.drive,
+            robot=one.robot,
+            noise=reference_noise.draw_levels(one.noise, draw),
+            steps=int(draw.choice(_STEPS)),
+            secret=secret.word.hex(),
+        )
+        if one.stratum == "limit" and effects:
+            case = self._at_limit(case, draw)
+        return case, self._run(case)
+
+    def _at_limit(self, case: Case, draw: np.random.Generator) -> Case:
+        """Return the case with its sizes spread about the detection limit."""
+        quiet = replace(case, effects={}, without=())
+        run = self._runs(quiet, [()])[0]
+        self.write(run, quiet)
+        oracle = Oracle(self._read(), self._robot, quiet)
+        low, high = self._counts.factor
+        if case.kind in ("withheld", "decoy"):
+            low, high = 2.0, max(high, 2.0)
+        factors, effects = {}, {}
+        for name, values in case.effects.items():
+            factor = float(np.exp(draw.uniform(np.log(low), np.log(high))))
+            unit = oracle.over_limit(name, dict(values))
+            effects[name] = dict(values)
+            if unit is not None:
+                effects[name] = scaled(name, dict(values), factor / max(unit, 1e-3))
+                factors[name] = factor
+        return replace(case, effects=effects, over_limit=factors)
+
+    def _read(self) -> Recording:
+        (recording,) = read_recordings(
+            [self._home / LOG],
+            robot=self._robot,
+            wire=self._wire,
+            references=[self._home / REFERENCE],
+        )
+        return recording
+
+    def _run(self, case: Case) -> EffectRun | None:
+        everything = case.settings
+        worlds = [everything]
+        worlds += [tuple(s for s in everything if s.effect != name) for name in case.effects]
+        runs = self._runs(case, worlds)
+        if any(_is_same(runs[0], other) for other in runs[1:]):
+            return None
+        return runs[0]
+
+    def _runs(self, case: Case, worlds: list[tuple[EffectSetting, ...]]) -> list[EffectRun]:
+        seed = self._secret.seed("plant")
+        return run_with_effects(
+            self._scenario,
+            self._robot,
+            self._wire,
+            [(world, seed) for world in worlds],
+            simulator=finer(case.steps),
+        )
+
+    def write(self, run: EffectRun, case: Case) -> None:
+        """Write what a lab would have; nothing in it tells more than its content."""
+        home, secret = self._home, self._secret
+        write_log(home / LOG, run, self._robot, self._wire)
+        draw = secret.generator("reference")
+        reference = measured(run, case.noise, draw, secret.seed("reference"))
+        (home / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
+        task = {"schema": SCHEMA, "without": list(case.without)}
+        (home / TASK).write_text(json.dumps(task) + "\n", encoding="ascii")
+        for path in (*home.iterdir(), home):
+            os.utime(path, (_STAMP_S, _STAMP_S))
+
+
+def _is_same(one: EffectRun, other: EffectRun) -> bool:
+    """Tell whether two runs leave the same log and the same reference."""
+    arrays = ("truth", "left_count", "right_count", "gyro_code", "commands", "pose", "executed")
+    if any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays):
+        return False
+    if one.arrivals.keys() != other.arrivals.keys():
+        return False
+    if one.settings.reference != other.settings.reference or one.settings.later:
+        return False
+    if one.settings.setup != other.settings.setup:
+        return False
+    if one.settings.plant.clock_skew != other.settings.plant.clock_skew:
+        return False
+    return all(
+        np.array_equal(one.arrivals[name].time_us, other.arrivals[name].time_us)
+        and np.array_equal(one.arrivals[name].payload, other.arrivals[name].payload)
+        for name in one.arrivals
+    )

@@ -1,0 +1,187 @@
+"""How well the causes of a case could be told apart by anyone: separations from its own noise.
+
+A first version. Separations follow from the linear and Gaussian model of the motion at the true
+parameters and the true noise levels (`MotionModel`'s inner products), tolerances and start being
+free in every hypothesis: they are expectations, so no noise is drawn. A window or a threshold is
+that of the nearest variant. What commands, frames, codes and odometry show is not modelled here:
+effects told by them alone are taken to be told apart as soon as they exceed their tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.ranking import THRESHOLD
+from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.trials.case import Case, is_news
+from gap_diagnosis.trials.sizes import tolerances
+from gap_diagnosis.trials.truth import Answer, canonical
+from gap_diagnosis.visibility import Sight, sight_of
+from hil_harness.effects.model import Value
+from hil_harness.robot import Robot
+
+Values = Mapping[str, Value]
+Part = tuple[list[int], Floats]
+"""Rows of coefficients in the inner products, and their sizes."""
+
+_BEST: Final = 40
+"""So many effects are tried in pairs."""
+
+
+class Oracle:
+    """What the motion of one log can tell, at its true noise levels."""
+
+    def __init__(self, recording: Recording, robot: Robot, case: Case) -> None:
+        """Prepare; costs about a second."""
+        model = MotionModel(recording, robot, default_prior())
+        self._robot = robot
+        self._sight: Sight = sight_of(model.columns, model.gram(_levels(model, case)), model.prior)
+        self._place = {key: row for row, key in enumerate(self._sight.keys)}
+
+    def over_limit(self, effect: str, values: Values) -> float | None:
+        """Return an effect's magnitude over its detection limit; None where it has no magnitude."""
+        over = _over_tolerance(effect, values)
+        part = self._part(effect, values)
+        if part is None:
+            return over
+        separation = self._nothing([(effect, values)], [part])
+        seen = math.sqrt(separation / THRESHOLD)
+        return seen if over is None else min(over, seen)
+
+    def group(self, effects: Mapping[str, Values]) -> frozenset[Answer]:
+        """Return every answer of at most as many effects that lies within 29 of the truth."""
+        news = {name: values for name, values in effects.items() if is_news(name, values)}
+        own = canonical(news)
+        inside = [(name, self._part(name, values)) for name, values in news.items()]
+        moved = [(name, part) for name, part in inside if part is not None]
+        still = {name for name, part in inside if part is None}
+        if not moved:
+            return frozenset({own})
+        names = [name for name, _ in moved]
+        inner = self._sight.beside(*names)
+        rows = [row for _, part in moved for row in part[0]]
+        sizes = np.concatenate([part[1] for _, part in moved])
+        total = float(sizes @ inner[np.ix_(rows, rows)] @ sizes)
+        pull = inner[:, rows] @ sizes
+        found = {own}
+        if total < THRESHOLD:
+            found.add(canonical(still))
+        best: dict[str, tuple[float, list[int]]] = {}
+        for effect, variant_rows in self._variants():
+            left = total - _explained(inner, pull, variant_rows)
+            if effect not in best or left < best[effect][0]:
+                best[effect] = (left, variant_rows)
+        for effect, (left, _) in best.items():
+            if left < THRESHOLD:
+                found.add(canonical(still | {effect}))
+        if len(moved) > 1:
+            order = sorted(best, key=lambda effect: best[effect][0])[:_BEST]
+            for one, two in combinations(order, 2):
+                together = best[one][1] + best[two][1]
+                if total - _explained(inner, pull, together) < THRESHOLD:
+                    found.add(canonical(still | {one, two}))
+        return frozenset(found)
+
+    def _nothing(self, settings: Sequence[tuple[str, Values]], parts: Sequence[Part]) -> float:
+        """Return the separation from no effect."""
+        inner = self._sight.beside(*(_told_as(name, v, self._robot)[0] for name, v in settings))
+        rows = [row for part in parts for row in part[0]]
+        sizes = np.concatenate([part[1] for part in parts])
+        return max(float(sizes @ inner[np.ix_(rows, rows)] @ sizes), 0.0)
+
+    def _variants(self) -> list[tuple[str, list[int]]]:
+        return [
+            (effect, [self._place[effect, index, c] for c in range(len(term.weights))])
+            for effect, terms in self._sight.terms.items()
+            for index, term in enumerate(terms)
+            if term.weights
+        ]
+
+    def _part(self, effect: str, values: Values) -> Part | None:
+        """Return an effect as coefficients of its nearest variant; None: not in the motion."""
+        name, named = _told_as(effect, values, self._robot)
+        terms = self._sight.terms.get(name, ())
+        if not terms or not terms[0].variant.coefficients:
+            return None
+        sides = [
+            i for i, t in enumerate(terms) if t.variant.report.get("side") in (None, side_of(named))
+        ]
+        if not sides:
+            return None
+
+        def away(index: int) -> float:
+            fixed = terms[index].variant.fixed
+            return sum(abs(fixed[key] - float(named[key])) for key in fixed if key in named)
+
+        chosen = min(sides, key=away)
+        variant = terms[chosen].variant
+        if variant.polar is not None:
+            size, angle = (float(named[one]) for one in variant.polar)
+            pair = variant.polar_turn(size * math.cos(angle), size * math.sin(angle))
+            sizes = np.array(pair, dtype=np.float64)
+        else:
+            sizes = np.array([float(named.get(one, 0.0)) for one in variant.coefficients])
+        return [self._place[name, chosen, c] for c in range(len(sizes))], sizes
+
+
+def side_of(values: Values) -> Value | None:
+    """Return the side of a setting, if it has one."""
+    return values.get("side")
+
+
+def _explained(inner: Floats, pull: Floats, rows: list[int]) -> float:
+    stiff = inner[np.ix_(rows, rows)]
+    scale = np.sqrt(np.maximum(np.diag(stiff), 1e-300))
+    solved = np.linalg.lstsq(stiff / np.outer(scale, scale), pull[rows] / scale, rcond=1e-10)[0]
+    return float(pull[rows] / scale @ solved)
+
+
+def _over_tolerance(effect: str, values: Values) -> float | None:
+    sizes = tolerances(effect)
+    if not sizes:
+        return None
+    return max(abs(float(values.get(name, 0.0))) / limit for name, limit in sizes.items())
+
+
+def _told_as(effect: str, values: Values, robot: Robot) -> tuple[str, Values]:
+    """Return the effect of the motion by which a twin is told, with its values."""
+    number = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+    match effect:
+        case "ticks_per_rev":
+            return "radius_scale", {"scale": 1 / (1 + number["scale"]) - 1}
+        case "adc_offset":
+            per_rad_s = robot.plant.gyro.sensitivity_lsb_per_rad_s
+            return "gyro_bias", {"bias": number["offset"] / per_rad_s}
+        case "adc_gain":
+            return "gyro_scale", {"scale": number["gain"]}
+        case "gyro_tilt":
+            tilt = math.cos(number.get("roll", 0.0)) * math.cos(number.get("pitch", 0.0))
+            return "gyro_scale", {"scale": tilt - 1}
+        case "wheel_toe":
+            return "reference_yaw", {"angle": -number["angle"]}
+    return effect, values
+
+
+def _levels(model: MotionModel, case: Case) -> Floats:
+    """Return the true noise levels in the order of `LEVELS`; what is not drawn stays as described."""
+    noise = case.noise
+    slip = case.surroundings["micro_slip"]
+    known = {
+        "contact_m_per_sqrt_m": (float(slip["left"]) + float(slip["right"])) / 2,
+        "lateral_m_per_sqrt_m": 1e-4,
+        "reference_position_m": noise.position_m,
+        "reference_heading_rad": noise.heading_rad,
+        "reference_slow_position_m": noise.slow_position_m,
+        "reference_slow_heading_rad": noise.slow_heading_rad,
+        "reference_slow_s": noise.correlation_s,
+    }
+    median = model.level_prior.median
+    return np.array([known.get(name, float(median[place])) for place, name in enumerate(LEVELS)])

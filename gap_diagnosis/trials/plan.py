@@ -1,0 +1,181 @@
+"""Which cases a trial has: how many of each kind and stratum, and of which effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.trials import drives, reference_noise, robots
+from gap_diagnosis.trials.case import STRATA, Kind, Stratum
+from gap_diagnosis.trials.sizes import SIZES, UNLISTED
+from gap_diagnosis.trials.truth import canonical, class_of
+from hil_harness.effects import catalogue
+
+Draw = np.random.Generator
+
+_NEW_SHARE: Final = 0.15
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many cases.
+
+    Attributes:
+        cases: all of them; what is left beside the others has one effect each.
+        nulls, pairs: without an effect, with two; None: a fifth, a tenth.
+        withheld: whose effect is taken out of the library; as many decoys, where another one is.
+        strata: among which all are shared out evenly.
+        factor: smallest and largest size in stratum *limit*, over the detection limit.
+        effects: only these; empty: all.
+        new_share: of drives, reference noises and robots of kinds not used while developing.
+    """
+
+    cases: int
+    nulls: int | None = None
+    pairs: int | None = None
+    withheld: int = 0
+    strata: tuple[Stratum, ...] = STRATA
+    factor: tuple[float, float] = (0.3, 10.0)
+    effects: tuple[str, ...] = ()
+    new_share: float = _NEW_SHARE
+
+    def __post_init__(self) -> None:
+        """Refuse counts that do not fit."""
+        unknown = [one for one in self.effects if one not in SIZES]
+        if unknown:
+            raise DiagnosisError(
+                f"{unknown[0]}: no effect of trials: expected a name of `chiplog effects`"
+            )
+        if not self.strata or any(one not in STRATA for one in self.strata):
+            raise DiagnosisError(
+                f"strata {', '.join(self.strata)}: expected some of {', '.join(STRATA)}"
+            )
+        if not 0 < self.factor[0] <= self.factor[1]:
+            raise DiagnosisError(f"factor {self.factor}: expected two sizes, the smaller one first")
+        if self.singles < 0:
+            raise DiagnosisError(
+                f"{self.cases} cases: fewer than the nulls, pairs and withheld together"
+            )
+
+    @property
+    def null_count(self) -> int:
+        """Cases without an effect."""
+        return self.cases // 5 if self.nulls is None else self.nulls
+
+    @property
+    def pair_count(self) -> int:
+        """Cases with two effects."""
+        return self.cases // 10 if self.pairs is None else self.pairs
+
+    @property
+    def singles(self) -> int:
+        """Cases with one effect."""
+        return self.cases - self.null_count - self.pair_count - 2 * self.withheld
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A case to be drawn."""
+
+    stratum: Stratum
+    kind: Kind
+    effects: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    drive: str = field(default=drives.FAMILIAR[0])
+    robot: str = field(default=robots.FAMILIAR)
+    noise: str = field(default=reference_noise.FAMILIAR[0])
+
+
+def planned(counts: Counts, draw: Draw) -> list[Planned]:
+    """Return the cases of a trial in an order that says nothing."""
+    names = list(counts.effects or SIZES)
+    order = cycle([names[place] for place in draw.permutation(len(names))])
+    strata = cycle(counts.strata)
+    found = [*_nulls(counts, strata), *_singles(counts, strata, order)]
+    found += [Planned(next(strata), "pair", _pair(order)) for _ in range(counts.pair_count)]
+    found += _withheld(counts, strata, order, draw)
+    if "prior" in counts.strata:
+        found = [_of_prior(one, names, draw) if one.stratum == "prior" else one for one in found]
+    return [_world(found[place], counts, draw) for place in draw.permutation(len(found))]
+
+
+def _nulls(counts: Counts, strata: Iterator[Stratum]) -> list[Planned]:
+    return [Planned(next(strata), "null") for _ in range(counts.null_count)]
+
+
+def _singles(counts: Counts, strata: Iterator[Stratum], order: Iterator[str]) -> list[Planned]:
+    return [Planned(next(strata), "single", (next(order),)) for _ in range(counts.singles)]
+
+
+def _pair(order: Iterator[str]) -> tuple[str, str]:
+    """Return two effects that differ by more than a name."""
+    first = next(order)
+    second = next(one for one in order if _may_pair(first, one))
+    return first, second
+
+
+def _may_pair(first: str, second: str) -> bool:
+    names = {first, second}
+    own = canonical({first}) | canonical({second})
+    gross = any(one.startswith("setup_") for one in names)
+    return not gross and len(own) == len(canonical({first})) + len(canonical({second}))
+
+
+def _withheld(
+    counts: Counts, strata: Iterator[Stratum], order: Iterator[str], draw: Draw
+) -> list[Planned]:
+    """Return cases whose effect is withheld, and for each one a decoy with the full truth in it."""
+    found = []
+    listed = [one for one in (counts.effects or tuple(SIZES)) if one not in UNLISTED]
+    away: Stratum = "limit" if "limit" in counts.strata else next(strata)
+    for _ in range(counts.withheld):
+        effect = listed[int(draw.integers(len(listed)))]
+        others = [one for one in SIZES if one not in UNLISTED and one not in class_of(effect)]
+        other = others[int(draw.integers(len(others)))]
+        found.append(Planned(away, "withheld", (effect,), tuple(sorted(class_of(effect)))))
+        found.append(Planned(away, "decoy", (effect,), tuple(sorted(class_of(other)))))
+    return found
+
+
+def _of_prior(one: Planned, names: Sequence[str], draw: Draw) -> Planned:
+    """Return a case as the tool's own prior has them: even over stages, then over effects."""
+    none, single, pair = default_prior().effects[:3]
+    weights = np.array([none, single, pair]) / (none + single + pair)
+    count = int(draw.choice(3, p=weights))
+    chosen: list[str] = []
+    listed = [name for name in names if name not in UNLISTED]
+    while len(chosen) < count and listed:
+        stages = sorted({catalogue()[name].stage for name in listed})
+        stage = stages[int(draw.integers(len(stages)))]
+        members = [name for name in listed if catalogue()[name].stage == stage]
+        name = members[int(draw.integers(len(members)))]
+        if not chosen or _may_pair(chosen[0], name):
+            chosen.append(name)
+        elif len(listed) < 3:
+            break
+    kinds: tuple[Kind, ...] = ("null", "single", "pair")
+    return Planned("prior", kinds[len(chosen)], tuple(chosen))
+
+
+def _world(one: Planned, counts: Counts, draw: Draw) -> Planned:
+    """Return a case with kinds of drive, robot and reference noise; most of them familiar."""
+
+    def pick(familiar: Sequence[str], new: Sequence[str]) -> str:
+        names = new if draw.random() < counts.new_share else familiar
+        return names[int(draw.integers(len(names)))]
+
+    return Planned(
+        one.stratum,
+        one.kind,
+        one.effects,
+        one.without,
+        drive=pick(drives.FAMILIAR, drives.NEW),
+        robot=pick([robots.FAMILIAR], [robots.NEW]),
+        noise=pick(reference_noise.FAMILIAR, reference_noise.NEW),
+    )

@@ -1,0 +1,98 @@
+"""How a trial's reference errs: as the likelihood assumes, and in ways that it does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Floats = NDArray[np.float64]
+Draw = np.random.Generator
+
+FAMILIAR: Final = ("white",)
+NEW: Final = ("heavy_tails", "correlated", "steps_in_level")
+"""Never used while the diagnosis was developed: scored apart."""
+
+_FREEDOM: Final = 3.0
+
+
+@dataclass(frozen=True)
+class ReferenceLevels:
+    """How well the reference of a case measures.
+
+    Attributes:
+        kind: of `FAMILIAR` or `NEW`.
+        position_m, heading_rad: standard deviations of one sample.
+        slow_position_m, slow_heading_rad: of a slow error on top (first-order Gauss-Markov).
+        correlation_s: of the slow error; for "correlated" of the whole.
+        rate_hz: samples a second.
+    """
+
+    kind: str
+    position_m: float
+    heading_rad: float
+    slow_position_m: float
+    slow_heading_rad: float
+    correlation_s: float
+    rate_hz: float
+
+
+def draw_levels(kind: str, draw: Draw) -> ReferenceLevels:
+    """Return the levels of a good motion capture room, none of them news to the diagnosis."""
+    return ReferenceLevels(
+        kind=kind,
+        position_m=float(np.exp(draw.uniform(math.log(2e-4), math.log(1e-3)))),
+        heading_rad=float(np.exp(draw.uniform(math.log(2e-4), math.log(1e-3)))),
+        slow_position_m=float(draw.uniform(1e-4, 5e-4)),
+        slow_heading_rad=float(draw.uniform(1e-4, 5e-4)),
+        correlation_s=float(draw.uniform(0.5, 2.0)),
+        rate_hz=float(draw.choice([50.0, 100.0, 120.0])),
+    )
+
+
+def reference_errors(
+    time_s: Floats, levels: ReferenceLevels, draw: Draw, *, position: bool, heading: bool
+) -> Floats:
+    """Return float64[n, 3] to be added to the true poses at times.
+
+    Without *position* or *heading* these columns are zero: an effect states their noise.
+    """
+    found = np.zeros((len(time_s), 3))
+    columns = (
+        (levels.position_m, levels.slow_position_m, position),
+        (levels.position_m, levels.slow_position_m, position),
+        (levels.heading_rad, levels.slow_heading_rad, heading),
+    )
+    change = int(len(time_s) * draw.uniform(0.3, 0.7))
+    factor = float(draw.uniform(2.0, 4.0))
+    for column, (white, slow, wanted) in enumerate(columns):
+        fast = _fast(len(time_s), levels, draw)
+        if levels.kind == "steps_in_level":
+            fast[change:] *= factor
+            fast /= math.sqrt((1 + factor**2) / 2)
+        wandering = _wandering(len(time_s), levels, draw)
+        if wanted:
+            found[:, column] = white * fast + slow * wandering
+    return found
+
+
+def _fast(count: int, levels: ReferenceLevels, draw: Draw) -> Floats:
+    """Return errors of unit variance."""
+    if levels.kind == "heavy_tails":
+        scale = math.sqrt((_FREEDOM - 2) / _FREEDOM)
+        return np.asarray(draw.standard_t(_FREEDOM, count) * scale)
+    if levels.kind == "correlated":
+        return _wandering(count, levels, draw, share=0.1)
+    return draw.standard_normal(count)
+
+
+def _wandering(count: int, levels: ReferenceLevels, draw: Draw, share: float = 1.0) -> Floats:
+    """Return a first-order Gauss-Markov process of unit variance."""
+    kept = math.exp(-1.0 / (levels.rate_hz * levels.correlation_s * share))
+    normals = draw.standard_normal(count)
+    normals[1:] *= math.sqrt(1 - kept**2)
+    return np.asarray(lfilter([1.0], [1.0, -kept], normals), dtype=np.float64)

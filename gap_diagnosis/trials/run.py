@@ -1,0 +1,116 @@
+"""Running a trial: every case in a process of its own, several at once, resumable."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.trials.layout import CASES, OWN_METHOD, RESULTS
+
+_THREADS: Final = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+_LINES: Final = 3
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a run did.
+
+    Attributes:
+        results: the folder of one JSON per case.
+        done: cases diagnosed now.
+        before: cases that were diagnosed already.
+    """
+
+    results: Path
+    done: int
+    before: int
+
+
+def run_trial(
+    folder: Path,
+    *,
+    jobs: int | None = None,
+    method: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Ran:
+    """Diagnose every case that has no result yet.
+
+    A killed run goes on where it stopped: results are written whole or not at all. Raises
+    DiagnosisError where *folder* is no trial or a worker dies without a word of its own.
+    """
+    cases = case_folders(folder)
+    results = results_of(folder, method)
+    results.mkdir(parents=True, exist_ok=True)
+    todo = [case for case in cases if not (results / f"{case.name}.json").exists()]
+    before = len(cases) - len(todo)
+    progress(before, len(cases))
+    for finished, _ in enumerate(_finished(todo, results, method, jobs or processors()), 1):
+        progress(before + finished, len(cases))
+    return Ran(results, len(todo), before)
+
+
+def case_folders(folder: Path) -> list[Path]:
+    """Return the cases of a trial, by name."""
+    home = folder / CASES
+    found = sorted(one for one in home.iterdir() if one.is_dir()) if home.is_dir() else []
+    if not found:
+        raise DiagnosisError(f"{folder}: no cases: expected a folder of `chiplog blind make`")
+    return found
+
+
+def results_of(folder: Path, method: Path | None) -> Path:
+    """Return where the results of a method lie."""
+    return folder / RESULTS / (OWN_METHOD if method is None else method.stem)
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _finished(
+    todo: Sequence[Path], results: Path, method: Path | None, jobs: int
+) -> Iterator[Path]:
+    """Yield cases as they are done; on the way out no further one is begun."""
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting: set[Future[Path]] = set()
+        places = iter(todo)
+        try:
+            for case in places:
+                waiting.add(pool.submit(_one, case, results, method))
+                if len(waiting) >= jobs:
+                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                    yield from (one.result() for one in done)
+            while waiting:
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                yield from (one.result() for one in done)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _one(case: Path, results: Path, method: Path | None) -> Path:
+    out = results / f"{case.name}.json"
+    words = [sys.executable, "-m", "gap_diagnosis.trials.worker", str(case), str(out)]
+    words += [] if method is None else [str(method)]
+    threads = {name: "1" for name in _THREADS}
+    ended = subprocess.run(
+        words, capture_output=True, text=True, env={**os.environ, **threads}, check=False
+    )
+    if not out.exists():
+        last = " | ".join(ended.stderr.strip().splitlines()[-_LINES:]) or "no message"
+        raise DiagnosisError(f"case {case.name}: its process ended with {ended.returncode}: {last}")
+    return out

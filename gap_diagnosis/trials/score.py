@@ -1,0 +1,291 @@
+"""Scoring a trial: the seal opened, every case held against its answer, one table of scores."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.trials import drives, reference_noise, robots
+from gap_diagnosis.trials.case import STRATA, Case
+from gap_diagnosis.trials.judge import Judged, judge
+from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, SCHEMA
+from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.run import results_of
+from gap_diagnosis.trials.seal import unseal
+from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical
+from gap_diagnosis.trials.yardsticks import Share, auroc, calibration, mean, rank_test, share
+from hil_harness.assembly import Wire, load_wire
+from hil_harness.robot import load_robot
+
+_CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
+_CLOSABLE: Final = 2.0
+_WORST: Final = 12
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A trial with its seal opened.
+
+    Attributes:
+        judged: the cases that have a result.
+        missing: how many have none.
+    """
+
+    judged: tuple[Judged, ...]
+    missing: int
+
+
+def open_trial(
+    folder: Path,
+    key: Path,
+    *,
+    method: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Opened:
+    """Check the seal, open it and judge every result.
+
+    Raises DiagnosisError where the answers are not those committed to, or nothing was run.
+    """
+    cases = [Case.from_json(one) for one in unseal(folder, key)["cases"]]
+    results = results_of(folder, method)
+    wire = load_wire()
+    judged = []
+    for place, case in enumerate(cases):
+        progress(place, len(cases))
+        path = results / f"{case.name}.json"
+        if path.exists():
+            found = json.loads(path.read_text(encoding="utf-8"))
+            judged.append(judge(case, found, *_oracle(folder / CASES / case.name, case, wire)))
+    progress(len(cases), len(cases))
+    if not judged:
+        raise DiagnosisError(
+            f"{results}: no results: expected those of `chiplog blind run {folder}`"
+        )
+    return Opened(tuple(judged), len(cases) - len(judged))
+
+
+def _oracle(home: Path, case: Case, wire: Wire) -> tuple[frozenset[Answer], float | None]:
+    """Return the answers nobody could tell from the truth, and how far it is over its limit."""
+    truth = canonical(case.true_effects)
+    if not case.effects:
+        return frozenset({truth}), None
+    robot = load_robot(home / ROBOT)
+    (recording,) = read_recordings(
+        [home / LOG], robot=robot, wire=wire, references=[home / REFERENCE]
+    )
+    oracle = Oracle(recording, robot, case)
+    over = [oracle.over_limit(name, values) for name, values in case.effects.items()]
+    known = [one for one in over if one is not None]
+    return oracle.group(case.effects), min(known) if known else None
+
+
+def scores(opened: Opened) -> dict[str, Any]:
+    """Return all scores: overall, by stratum, by what is new, by effect, with the worst cases."""
+    judged = opened.judged
+    familiar = [one for one in judged if not newness(one)]
+    parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
+    parts |= {name: [one for one in judged if one.case.stratum == name] for name in STRATA}
+    for name in ("new drive", "new noise", "new robot"):
+        parts[name] = [one for one in judged if name in newness(one)]
+    return {
+        "schema": SCHEMA,
+        "cases": len(judged),
+        "missing": opened.missing,
+        "crashes": sum(one.error is not None for one in judged),
+        "parts": {name: _part(part) for name, part in parts.items() if part},
+        "effects": _by_effect(judged),
+        "miss_curve": _miss_curve(judged),
+        "confusion": _confusion(judged),
+        "wrong": [_told_wrong(one) for one in _wrong(judged)[:_WORST]],
+    }
+
+
+def newness(one: Judged) -> frozenset[str]:
+    """Return what of a case was not used while the diagnosis was developed."""
+    new = {
+        "new drive": one.case.drive in drives.NEW,
+        "new noise": one.case.noise.kind in reference_noise.NEW,
+        "new robot": one.case.robot == robots.NEW,
+    }
+    return frozenset(name for name, is_new in new.items() if is_new)
+
+
+def _part(judged: Sequence[Judged]) -> dict[str, Any]:
+    full = [one for one in judged if one.truth != UNKNOWN]
+    clear = [one for one in full if one.is_clear]
+    alone = [one for one in clear if len(one.oracle) == 1]
+    pairs = [one for one in clear if len(one.case.true_effects) == 2]
+    staged = [one for one in clear if one.has_one_stage]
+    error, bins = calibration(
+        [one.group_probability for one in judged], [one.in_group for one in judged]
+    )
+    parameters = [parameter for one in judged for parameter in one.parameters]
+    ranks, ranks_p = rank_test([one.rank for one in parameters])
+    found = {
+        "cases": len(judged),
+        "stage": share([one.stage_right for one in staged]),
+        "top1": share([one.top1 for one in alone]),
+        "true_probability": mean([one.true_probability for one in alone]),
+        "group_top1": share([one.in_group for one in clear]),
+        "group_size": mean([float(len(one.group)) for one in clear]),
+        "oracle_group_size": mean([float(len(one.oracle)) for one in clear]),
+        "pairs_both_named": share([one.in_group for one in pairs]),
+        "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
+        "confident_wrong": share([one.confident_wrong for one in judged if one.truth == UNKNOWN]),
+        "unknown_auroc": _unknown(judged),
+        "imitable": sum(one.is_imitable for one in judged),
+        "brier": mean([one.brier for one in judged]),
+        "log_score": mean([one.log_score for one in judged]),
+        "ece": error,
+        "calibration": [asdict(one) for one in bins],
+        "coverage": {
+            name: share([one.inside[place] for one in parameters])
+            for place, name in enumerate(("ci50", "ci80", "ci95"))
+        },
+        "ranks": {"counts": ranks, "p": ranks_p},
+        "error_sd": mean([abs(one.error_sd) for one in parameters]),
+        "gap_closed": _closed(judged),
+        "seconds": mean([one.seconds for one in judged]),
+    }
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Share):
+        return asdict(value)
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    return value
+
+
+def _unknown(judged: Sequence[Judged]) -> Share:
+    """Return the AUROC of P(unknown): withheld causes against the same with the full library."""
+    positive = [one for one in judged if one.truth == UNKNOWN and not one.is_imitable]
+    negative = [one for one in judged if one.case.kind == "decoy" and one.truth != UNKNOWN]
+    negative = negative or [one for one in judged if one.truth != UNKNOWN and one.is_clear]
+    return auroc(
+        [one.unknown_probability for one in positive if one.error is None],
+        [one.unknown_probability for one in negative if one.error is None],
+    )
+
+
+def _closed(judged: Sequence[Judged]) -> float | None:
+    """Return Σ(before − after)/Σ(before − floor) where before is twice the floor or more."""
+    gaps = [one.gap for one in judged if one.gap is not None]
+    open_gaps = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f]
+    could = math.fsum((b - f) / max(f, 1e-12) for b, _, f in open_gaps)
+    return math.fsum((b - a) / max(f, 1e-12) for b, a, f in open_gaps) / could if could else None
+
+
+def _by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
+    found = {}
+    names = sorted({name for one in judged for name in one.case.true_effects})
+    for name in names:
+        own = [one for one in judged if one.case.true_effects == {name}]
+        clear = [one for one in own if one.is_clear]
+        found[name] = {
+            "cases": len(own),
+            "clear": len(clear),
+            "group_top1": _plain(share([one.in_group for one in clear])),
+            "top1": _plain(share([one.top1 for one in clear])),
+            "true_probability": _plain(mean([one.true_probability for one in clear])),
+            "verdicts": _counted(one.verdict for one in own),
+        }
+    return found
+
+
+def _miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return by magnitude over limit how often nothing was said, and how often not the truth."""
+    sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
+    found = []
+    for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
+        inside = [one for over, one in sized if low <= over < high and one.case.effects]
+        if inside:
+            found.append(
+                {
+                    "from": low,
+                    "to": high if math.isfinite(high) else None,
+                    "missed": _plain(share([one.verdict == "no_gap" for one in inside])),
+                    "in_group": _plain(share([one.in_group for one in inside])),
+                }
+            )
+    return found
+
+
+def _confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
+    """Return for each truth how often each verdict was given, where one name is right."""
+    alone = [one for one in judged if len(one.oracle) == 1 and (one.is_null or one.is_clear)]
+    names = sorted({_name(one.truth) for one in alone})
+    return {
+        name: _counted(
+            "error" if one.error else _name(canonical(one.verdict.split("+")))
+            for one in alone
+            if _name(one.truth) == name
+        )
+        for name in names
+    }
+
+
+def _name(answer: Answer) -> str:
+    return "+".join(sorted(answer)) or "no_gap"
+
+
+def _counted(values: Iterable[str]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for value in values:
+        counts[value] = counts.get(value, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def _wrong(judged: Sequence[Judged]) -> list[Judged]:
+    """Return the cases that went wrong, the most certain first."""
+    found = [
+        one for one in judged if not one.in_group and (one.is_clear or one.is_null or one.error)
+    ]
+    return sorted(found, key=lambda one: -one.group_probability)
+
+
+def _told_wrong(one: Judged) -> dict[str, Any]:
+    return {
+        "case": one.case.name,
+        "truth": _name(one.truth),
+        "effects": {name: dict(values) for name, values in one.case.effects.items()},
+        "over_limit": one.over_limit,
+        "verdict": one.verdict,
+        "probability": one.group_probability,
+        "true_probability": one.true_probability,
+        "drive": one.case.drive,
+        "noise": one.case.noise.kind,
+        "robot": one.case.robot,
+        "error": one.error,
+    }
+
+
+def summary(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of a short table: what was scored, and how it went."""
+    part = found["parts"]["all"]
+    rows = [("cases", f"{found['cases']}"), ("crashes", f"{found['crashes']}")]
+    names = (
+        ("stage", "stage"), ("group-top-1", "group_top1"), ("top-1, one name right", "top1"),
+        ("probability of the truth", "true_probability"), ("pairs, both named", "pairs_both_named"),
+        ("false alarms", "false_alarms"), ("unknown, AUROC", "unknown_auroc"),
+        ("unknown, confident wrong", "confident_wrong"), ("Brier", "brier"),
+    )  # fmt: skip
+    rows += [(label, words(part[key])) for label, key in names if part[key]["count"]]
+    rows += [("coverage of " + name, words(one)) for name, one in part["coverage"].items()]
+    rows.append(("calibration error", "none" if part["ece"] is None else f"{part['ece']:.3f}"))
+    return rows
+
+
+def words(one: Mapping[str, Any]) -> str:
+    """Return a share with its interval: ``0.95 (0.91 to 0.98), 120``."""
+    if one["value"] is None:
+        return "none"
+    span = "" if one["low"] is None else f" ({one['low']:.2f} to {one['high']:.2f})"
+    return f"{one['value']:.2f}{span}, {one['count']}"

@@ -1,0 +1,104 @@
+"""One case diagnosed in a process of its own, which cannot read the answers.
+
+`python -m gap_diagnosis.trials.worker CASE OUT [METHOD.py]` reads a case's folder and writes
+OUT.json atomically. Before anything of the case is read, every file of the trial but this case's
+own is closed to the process (an audit hook, which code that runs later cannot take out).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, cast
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT, TASK
+from hil_harness.assembly import load_wire
+from hil_harness.robot import load_robot
+
+Method = Callable[..., Any]
+
+_OPENING: Final = frozenset(
+    {"open", "os.chmod", "os.rename", "os.link", "os.symlink", "os.listdir"}
+)
+
+
+def work(case: Path, out: Path, method: Path | None = None) -> None:
+    """Diagnose one case and write what was found, or how it failed."""
+    case, out = case.resolve(), out.resolve()
+    started = time.monotonic()
+    solve = _own if method is None else _loaded(method)
+    close_all_but(case, out)
+    try:
+        found = solve(case)
+    except Exception as error:
+        found = {
+            "error": f"{type(error).__name__}: {error}",
+            "traceback": traceback.format_exc(),
+            "seconds": time.monotonic() - started,
+        }
+    fresh = out.with_suffix(".part")
+    fresh.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(fresh, out)
+
+
+def close_all_but(case: Path, out: Path) -> None:
+    """From now on refuse to open what lies beside the case: other cases, answers, their key."""
+    trial = case.parent.parent
+    around = str(trial.parent) + os.sep
+    own = (str(case), str(out), str(out.with_suffix(".part")))
+
+    def audit(event: str, arguments: tuple[Any, ...]) -> None:
+        if event not in _OPENING:
+            return
+        for argument in arguments[:2]:
+            if not isinstance(argument, str | bytes | os.PathLike):
+                continue
+            path = os.path.realpath(os.fsdecode(argument))
+            if path.startswith(str(trial)) and not path.startswith(own):
+                raise PermissionError(f"{path}: closed to this process: it is part of the trial")
+            if path.startswith(around) and path.endswith(".key"):
+                raise PermissionError(f"{path}: closed to this process: a key")
+
+    sys.addaudithook(audit)
+
+
+def _own(case: Path) -> Any:
+    """Diagnose as `chiplog diagnose` does, but for effects that the task withholds."""
+    started = time.monotonic()
+    robot, wire = load_robot(case / ROBOT), load_wire()
+    recordings = read_recordings(
+        [case / LOG], robot=robot, wire=wire, references=[case / REFERENCE]
+    )
+    without = frozenset(json.loads((case / TASK).read_text(encoding="ascii"))["without"])
+    report = diagnose_recordings(recordings, robot, wire, started=started, without=without)
+    return json.loads(report.diagnosis.to_json())
+
+
+def _loaded(path: Path) -> Callable[[Path], Any]:
+    """Return the method of a file: ``diagnose(log, robot, reference, without)`` gives OUT.json."""
+    names: dict[str, Any] = {"__name__": "blind_method", "__file__": str(path)}
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)  # the user's own
+    method = cast(Method, names["diagnose"])
+
+    def solve(case: Path) -> Any:
+        without = json.loads((case / TASK).read_text(encoding="ascii"))["without"]
+        return method(case / LOG, case / ROBOT, case / REFERENCE, without)
+
+    return solve
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run one case: CASE OUT [METHOD.py]."""
+    work(Path(arguments[0]), Path(arguments[1]), *map(Path, arguments[2:3]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,130 @@
+"""The laws of scoring: shares with intervals, calibration, ranking, ranks.
+
+Sources: Wilson, *Probable inference, the law of succession, and statistical inference* (JASA 22,
+1927); Brier, *Verification of forecasts expressed in terms of probability* (Monthly Weather Review
+78, 1950); Naeini, Cooper and Hauskrecht, *Obtaining well calibrated probabilities using Bayesian
+binning* (AAAI 2015); Hanley and McNeil, *The meaning and use of the area under a receiver operating
+characteristic curve* (Radiology 143, 1982); Talts et al., *Validating Bayesian inference algorithms
+with simulation-based calibration* (2018).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+Floats = NDArray[np.float64]
+
+_Z: Final = 1.959963984540054
+BINS: Final = 15
+RANK_EDGES: Final = (0.0, 0.025, 0.1, 0.25, 0.75, 0.9, 0.975, 1.0)
+"""Ranks of a true value among its posterior, as far as the three intervals tell them."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share with its 95 % interval; of nothing it is None."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    count: int
+
+
+def share(hits: Sequence[bool]) -> Share:
+    """Return the share of true ones with Wilson's interval."""
+    count = len(hits)
+    if count == 0:
+        return Share(None, None, None, 0)
+    p = sum(hits) / count
+    middle = (p + _Z**2 / (2 * count)) / (1 + _Z**2 / count)
+    half = _Z / (1 + _Z**2 / count) * math.sqrt(p * (1 - p) / count + _Z**2 / (4 * count**2))
+    return Share(p, max(0.0, middle - half), min(1.0, middle + half), count)
+
+
+def mean(values: Sequence[float]) -> Share:
+    """Return a mean with its normal 95 % interval."""
+    count = len(values)
+    if count == 0:
+        return Share(None, None, None, 0)
+    centre = math.fsum(values) / count
+    if count == 1:
+        return Share(centre, None, None, 1)
+    half = _Z * float(np.std(values, ddof=1)) / math.sqrt(count)
+    return Share(centre, centre - half, centre + half, count)
+
+
+@dataclass(frozen=True)
+class CalibrationBin:
+    """Cases of like probability: what was said, and how often it was so."""
+
+    said: float
+    true: float
+    count: int
+
+
+def calibration(
+    probability: Sequence[float], correct: Sequence[bool], bins: int = BINS
+) -> tuple[float | None, tuple[CalibrationBin, ...]]:
+    """Return the expected calibration error over bins of equal mass, and the bins."""
+    if not probability:
+        return None, ()
+    said = np.asarray(probability, dtype=np.float64)
+    true = np.asarray(correct, dtype=np.float64)
+    order = np.argsort(said, kind="stable")
+    parts = [part for part in np.array_split(order, min(bins, len(order))) if len(part)]
+    found = tuple(
+        CalibrationBin(float(said[part].mean()), float(true[part].mean()), len(part))
+        for part in parts
+    )
+    total = math.fsum(one.count * abs(one.said - one.true) for one in found)
+    return total / len(said), found
+
+
+def brier(probabilities: Sequence[float], truth: float) -> float:
+    """Return the squared error of a forecast: *truth* is what the true answer was given,
+    *probabilities* those of all other answers. 0 is perfect, 2 the worst."""
+    return (1.0 - truth) ** 2 + math.fsum(p**2 for p in probabilities)
+
+
+def auroc(positives: Sequence[float], negatives: Sequence[float]) -> Share:
+    """Return the chance that a positive scores above a negative, ties counting half.
+
+    The interval is Hanley and McNeil's.
+    """
+    if not positives or not negatives:
+        return Share(None, None, None, 0)
+    up = np.asarray(positives, dtype=np.float64)[:, np.newaxis]
+    down = np.asarray(negatives, dtype=np.float64)[np.newaxis, :]
+    area = float(np.mean((up > down) + 0.5 * (up == down)))
+    one, two = area / (2 - area), 2 * area**2 / (1 + area)
+    m, n = len(positives), len(negatives)
+    spread = area * (1 - area) + (m - 1) * (one - area**2) + (n - 1) * (two - area**2)
+    half = _Z * math.sqrt(max(spread, 0.0) / (m * n))
+    return Share(area, max(0.0, area - half), min(1.0, area + half), m + n)
+
+
+def rank_bin(value: float, intervals: Sequence[tuple[float, float]]) -> int:
+    """Return into which of the seven ranks a true value falls.
+
+    *intervals* are the 95, 80 and 50 % ones, from wide to narrow.
+    """
+    edges = [low for low, _ in intervals] + [high for _, high in reversed(intervals)]
+    return int(np.searchsorted(np.asarray(edges), value, side="right"))
+
+
+def rank_test(bins: Sequence[int]) -> tuple[list[int], float | None]:
+    """Return how many values fell into each rank, and the chance of a worse fit (Pearson's χ²)."""
+    weights = np.diff(RANK_EDGES)
+    counts = np.bincount(np.asarray(bins, dtype=np.int64), minlength=len(weights))
+    if not len(bins):
+        return counts.tolist(), None
+    expected = weights * len(bins)
+    statistic = float(((counts - expected) ** 2 / expected).sum())
+    return counts.tolist(), float(chi2.sf(statistic, len(weights) - 1))
