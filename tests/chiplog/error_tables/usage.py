@@ -53,6 +53,17 @@ USAGE: tuple[Row, ...] = (
         {"chiplog_firmware.h": "/* mine */\n"},
     ),
     Row(
+        "a mission of no time",
+        "chiplog ranges --mission-s 0",
+        "mission = 0 s: expected more than 0, at most a year",
+    ),
+    Row(
+        "a speed beyond the robot's",
+        "chiplog ranges --speed-m-s 9",
+        "speed = 9 m/s: expected more than 0, at most 1.5075 m/s, what "
+        "drive.max_wheel_rate_rad_s and the radius give",
+    ),
+    Row(
         "an empty folder name",
         "chiplog run --out ''",
         "empty word '' after --out: expected a name or a value",
