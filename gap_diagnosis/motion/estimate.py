@@ -20,6 +20,9 @@ _RATE_SMOOTHING_S: Final = 0.05
 _SLOW_S: Final = 1.0
 _NOISE_COUNTS_PER_S: Final = 25.0
 """A rate below this is hardly more than the noise of counting."""
+_COURSE_S: Final = 1.5
+_TOLD: Final = 0.02
+"""Where the way is less than this share of the longest, the course says nothing."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -230,15 +233,25 @@ def _heading_of(
     if reference.heading_rad is not None:
         residual = reference.heading_rad - np.interp(stamps, t_s, heading)
         return heading + _slow(stamps, residual, t_s, step_s)
-    # Without orientation: the course over stretches of about a third of a metre, where it moves.
-    distance = np.interp(stamps, t_s, np.cumsum(np.abs(forward_m)))
-    marks = np.searchsorted(distance, np.arange(0.0, distance[-1], 0.3))
-    marks = np.unique(np.clip(marks, 0, len(stamps) - 1))
-    if len(marks) < 3:
-        return heading
-    dx, dy = np.diff(reference.x_m[marks]), np.diff(reference.y_m[marks])
-    middle = 0.5 * (stamps[marks[1:]] + stamps[marks[:-1]])
-    backwards = np.interp(middle, t_s, gaussian_filter1d(forward_m, 0.1 / step_s)) < 0
-    course = np.arctan2(np.where(backwards, -dy, dy), np.where(backwards, -dx, dx))
-    residual = np.unwrap(course - np.interp(middle, t_s, heading))
-    return heading + _slow(middle, residual, t_s, 0.2 * step_s)
+    return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
+
+
+def _course_correction(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> Floats:
+    """Return what turns the dead-reckoned course onto the reference's, where there is no heading.
+
+    Steps between stamps are complex numbers; the angle of a moving sum of measured times conjugate
+    reckoned steps is the turn between them, weighted by the way, backwards or forwards.
+    """
+    x_m, y_m = _reckon(forward_m, heading)
+    reckoned = np.diff(np.interp(stamps, t_s, x_m) + 1j * np.interp(stamps, t_s, y_m))
+    measured = np.diff(reference.x_m + 1j * reference.y_m)
+    product = measured * np.conj(reckoned)
+    width = max(_COURSE_S / float(np.median(np.diff(stamps))), 1.0)
+    summed = gaussian_filter1d(product.real, width) + 1j * gaussian_filter1d(product.imag, width)
+    middle = 0.5 * (stamps[1:] + stamps[:-1])
+    told = np.abs(summed) > _TOLD * float(np.abs(summed).max())
+    if told.sum() < 3:
+        return np.zeros(len(t_s))
+    return np.asarray(np.interp(t_s, middle[told], np.unwrap(np.angle(summed[told]))))

@@ -66,8 +66,8 @@ WHOLE: dict[str, Values] = {
 }
 """Effects that are there or not."""
 
-NO_COLUMN = {"ticks_per_rev"}
-"""Told by another's name."""
+NO_COLUMN = {"ticks_per_rev", "frame_latency"}
+"""Told by another's name, or only where rows are put together by stamps (test_latency)."""
 
 LEFT: dict[str, float] = {"missed_ticks": 0.2, "extra_ticks": 0.2, "adc_stuck_bit": 0.2}
 """Share of the misfit that may be left where counts come at random, or codes without noise."""
