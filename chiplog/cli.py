@@ -17,6 +17,7 @@ from typing import Annotated
 import typer
 
 from chiplog.commands import (
+    blind,
     demo,
     diagnose,
     doctor,
@@ -26,6 +27,7 @@ from chiplog.commands import (
     init,
     laws,
     node,
+    ranges,
     replay,
     run,
     schema,
@@ -83,12 +85,14 @@ for name, function, summary in (
     ("map", map_command.command, "List a log's signals and propose which of them are what."),
     ("encode", encode.command, "Write a table's rows as a log of valid frames."),
     ("export-c", export_c.command, "Write the firmware's kernel as C99, for a real controller."),
+    ("ranges", ranges.command, "Say which of the firmware's words can overflow, with proof."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),
     ("effects", effects.command, "List what can make a real robot differ."),
     ("schema", schema.command, "Print the JSON schema of a file we read or write."),
     ("doctor", doctor.command, "Say what this machine has, and what is missing."),
 ):
     app.command(name, short_help=summary)(function)
+app.add_typer(blind.app, name="blind", short_help="Trials on data whose effect is sealed.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,8 +7,18 @@ from difflib import get_close_matches
 
 import typer
 
-_KNOWN = ("can_bus", "firmware_model", "sim_plant", "hil_harness", "gap_diagnosis")
-_ERROR_BASES = ("CanBusError", "FirmwareError", "PlantError", "HarnessError", "DiagnosisError")
+_KNOWN = (
+    "can_bus",
+    "firmware_model",
+    "sim_plant",
+    "hil_harness",
+    "gap_diagnosis",
+    "precision_study",
+)
+_ERROR_BASES = (
+    *("CanBusError", "FirmwareError", "PlantError", "HarnessError", "DiagnosisError"),
+    "StudyError",
+)
 
 
 class CommandError(ValueError):

@@ -16,7 +16,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-TOP_LEVEL = {"can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant"}
+TOP_LEVEL = {
+    *("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "precision_study"),
+    "sim_plant",
+}
 DATA = {
     "can_bus/dbc/chiplog.dbc",
     *(f"firmware_model/c99/chiplog_firmware.{kind}" for kind in "ch"),

@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ["can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant"]
+PACKAGES = [
+    *("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "precision_study"),
+    "sim_plant",
+]
 
 
 def run(*command: str) -> str:

@@ -11,7 +11,10 @@ from error_rows import SECTIONS
 from error_tables import rig
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant")
+ROOMS = (
+    *("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "precision_study"),
+    "sim_plant",
+)
 ERRORS = {
     "CanBusError",
     "CommandError",
@@ -19,6 +22,7 @@ ERRORS = {
     "FirmwareError",
     "HarnessError",
     "PlantError",
+    "StudyError",
 }
 LISTED = [
     line
