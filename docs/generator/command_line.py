@@ -35,11 +35,21 @@ def command_line() -> str:
         ),
         "The lines of status 2 are listed under [errors](errors.md).",
     ]
-    for name, command in commands.items():
+    for name, command in _leaves(commands, context).items():
         parts += [f"## chiplog {name}", _plain(command.help or "")]
         rows = [_option(parameter, context) for parameter in command.params]
         parts.append(table(["argument", "meaning", "default"], [row for row in rows if row]))
     return "\n\n".join(part.strip() for part in parts)
+
+
+def _leaves(commands: dict[str, Any], context: Any) -> dict[str, Any]:
+    """Return the commands with those of a group in the group's place."""
+    found: dict[str, Any] = {}
+    for name, command in commands.items():
+        found[name] = command
+        for inner in getattr(command, "commands", {}):
+            found[f"{name} {inner}"] = command.get_command(context, inner)
+    return found
 
 
 def _option(parameter: Any, context: Any) -> list[str] | None:

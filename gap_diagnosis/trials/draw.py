@@ -149,7 +149,7 @@ def draw_nominal(robot: Robot, effects: frozenset[str], draw: Draw) -> dict[str,
 
 
 def draw_surroundings(draw: Draw) -> dict[str, Values]:
-    """Return the floor's micro-slip, and in half of the cases each a warm-up and a sagging supply."""
+    """Return the floor's micro-slip, and half of the time each a warm-up and a sagging supply."""
     slip = math.exp(draw.uniform(math.log(1e-4), math.log(1e-3)))
     warm = {
         "offset": float(draw.uniform(-8.0, 8.0)),

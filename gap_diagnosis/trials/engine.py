@@ -7,7 +7,7 @@ over its tick, (t_{k−1}, t_k], through a converter that is written here a seco
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,20 +68,22 @@ def _sampled(
     codes = np.stack(
         [_codes(one, time_s, description, m) for one, m in zip(mean, mechanisms, strict=True)]
     )
-    coarse: Callable[[Ints | None], Ints | None] = lambda values: (
-        None if values is None else values[:, ::steps]
-    )
+
     return PlantRuns(
         truth=fine.truth[:, ::steps],
         left_count=fine.left_count[:, ::steps],
         right_count=fine.right_count[:, ::steps],
         gyro_code=codes,
         gyro_rate_rad_s=mean,
-        accel_x_code=coarse(fine.accel_x_code),
-        accel_y_code=coarse(fine.accel_y_code),
-        temperature_code=coarse(fine.temperature_code),
-        supply_code=coarse(fine.supply_code),
+        accel_x_code=_coarse(fine.accel_x_code, steps),
+        accel_y_code=_coarse(fine.accel_y_code, steps),
+        temperature_code=_coarse(fine.temperature_code, steps),
+        supply_code=_coarse(fine.supply_code, steps),
     )
+
+
+def _coarse(values: Ints | None, steps: int) -> Ints | None:
+    return None if values is None else values[:, ::steps]
 
 
 def _codes(

@@ -14,7 +14,7 @@ import numpy as np
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.trials import reference_noise
+from gap_diagnosis.trials import drives, reference_noise
 from gap_diagnosis.trials.case import Case, Effects
 from gap_diagnosis.trials.draw import (
     draw_nominal,
@@ -38,11 +38,12 @@ from hil_harness.effects.model import EffectSetting
 from hil_harness.robot import Robot, load_robot
 from hil_harness.scenarios.scenario import Scenario
 
-
 _STEPS: Final = (2, 4, 5)
 _STAMP_S: Final = 946_684_800
 """Every file is of the first second of the year 2000: when it was made would say how."""
 _TRIES: Final = 20
+_SAME_DRIVE: Final = 3
+"""After so many draws without a trace another drive is tried: a play needs a reversal."""
 
 
 def make_trial(
@@ -78,6 +79,8 @@ def _make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Sec
     """Draw until every effect acts: a threshold that nothing crosses is no case."""
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
+        if attempt >= _SAME_DRIVE:
+            one = replace(one, drive=drives.FAMILIAR[attempt % len(drives.FAMILIAR)])
         maker = _Maker(one, home, wire, counts, own)
         case, run = maker.drawn()
         if run is not None:

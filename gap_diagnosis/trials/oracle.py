@@ -171,7 +171,7 @@ def _told_as(effect: str, values: Values, robot: Robot) -> tuple[str, Values]:
 
 
 def _levels(model: MotionModel, case: Case) -> Floats:
-    """Return the true noise levels in the order of `LEVELS`; what is not drawn stays as described."""
+    """Return the true noise levels in the order of `LEVELS`; what is not drawn is as described."""
     noise = case.noise
     slip = case.surroundings["micro_slip"]
     known = {

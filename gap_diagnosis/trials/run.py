@@ -106,7 +106,7 @@ def _one(case: Path, results: Path, method: Path | None) -> Path:
     out = results / f"{case.name}.json"
     words = [sys.executable, "-m", "gap_diagnosis.trials.worker", str(case), str(out)]
     words += [] if method is None else [str(method)]
-    threads = {name: "1" for name in _THREADS}
+    threads = dict.fromkeys(_THREADS, "1")
     ended = subprocess.run(
         words, capture_output=True, text=True, env={**os.environ, **threads}, check=False
     )

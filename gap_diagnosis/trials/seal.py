@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import secrets
 from pathlib import Path
 from typing import Any, Final
@@ -42,7 +41,7 @@ def seal(answers: Any, folder: Path, key: Path) -> str:
     key.unlink(missing_ok=True)
     key.touch(mode=0o600)
     key.write_bytes(pad)
-    os.chmod(key, 0)
+    key.chmod(0)
     return digest
 
 
@@ -68,11 +67,11 @@ def unseal(folder: Path, key: Path) -> Any:
 def _pad(key: Path, length: int) -> bytes:
     try:
         mode = key.stat().st_mode & 0o777
-        os.chmod(key, 0o600)
+        key.chmod(0o600)
         try:
             pad = key.read_bytes()
         finally:
-            os.chmod(key, mode)
+            key.chmod(mode)
     except OSError as error:
         raise DiagnosisError(
             f"{key}: cannot read the key of this trial: {error.strerror}: expected the file that "

@@ -45,7 +45,7 @@ def work(case: Path, out: Path, method: Path | None = None) -> None:
         }
     fresh = out.with_suffix(".part")
     fresh.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(fresh, out)
+    fresh.replace(out)
 
 
 def close_all_but(case: Path, out: Path) -> None:

@@ -1,0 +1,198 @@
+"""`chiplog blind`: trials on data whose effect is sealed: make, run, score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from chiplog.commands.output import STANDARD_OUTPUT, write_json
+from chiplog.errors import CommandError
+
+if TYPE_CHECKING:
+    from gap_diagnosis.trials.case import Stratum
+    from gap_diagnosis.trials.secret import Secret
+
+app = typer.Typer(
+    help="Blind trials: cases with a sealed effect, their diagnosis, and the scores.",
+    rich_markup_mode=None,
+    no_args_is_help=True,
+)
+
+_STRATA = "prior,limit,field"
+
+FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the trial.")]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option("--key", metavar="FILE", help="Key of the answers; default: DIR.key, beside DIR."),
+]
+MethodOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--method",
+        metavar="FILE.py",
+        help="Another method: diagnose(log, robot, reference, without) gives OUT.json.",
+    ),
+]
+
+
+@app.command("make", short_help="Draw cases, write their logs, seal the answers.")
+def make(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the trial.")],
+    cases: Annotated[int, typer.Option("--cases", min=1, help="How many cases.")],
+    nulls: Annotated[
+        int | None, typer.Option("--nulls", min=0, help="Without an effect; default: a fifth.")
+    ] = None,
+    pairs: Annotated[
+        int | None, typer.Option("--pairs", min=0, help="With two effects; default: a tenth.")
+    ] = None,
+    withheld: Annotated[
+        int,
+        typer.Option(
+            "--withheld",
+            min=0,
+            help="Whose effect is taken out of the library; as many decoys come with them.",
+        ),
+    ] = 0,
+    strata: Annotated[
+        str,
+        typer.Option(
+            "--strata",
+            help="prior: drawn from the tool's own prior; limit: sizes about the detection limit; "
+            "field: typical of real robots.",
+        ),
+    ] = _STRATA,
+    factor: Annotated[
+        tuple[float, float],
+        typer.Option("--factor", help="Smallest and largest size over the limit, in limit."),
+    ] = (0.3, 10.0),
+    effects: Annotated[
+        list[str] | None, typer.Option("--only", help="Only this effect (repeatable).")
+    ] = None,
+    new: Annotated[
+        float,
+        typer.Option(
+            "--new", min=0, max=1, help="Share of new manoeuvres, noises and robots, each."
+        ),
+    ] = 0.15,
+    key: KeyOption = None,
+    seed_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--seed-file", help="32 hexadecimal digits, to make the same again; default: secret."
+        ),
+    ] = None,
+) -> None:
+    """Draw effects, sizes, drives, noise, robots and errors of description, and seal them.
+
+    Writes a folder per case with bus.log, robot.toml, reference.tum and task.json; the answers,
+    enciphered; and seal.json, which commits to them. Their key goes to a file of its own.
+    """
+    from chiplog.terminal import progress, show_line
+    from gap_diagnosis.trials.make import make_trial
+    from gap_diagnosis.trials.plan import Counts
+    from gap_diagnosis.trials.seal import key_of
+
+    counts = Counts(
+        cases,
+        nulls=nulls,
+        pairs=pairs,
+        withheld=withheld,
+        strata=cast("tuple[Stratum, ...]", tuple(strata.split(","))),
+        factor=factor,
+        effects=tuple(effects or ()),
+        new_share=new,
+    )
+    chosen = key or key_of(out)
+    secret = _secret(seed_file)
+    with progress("making cases", cases) as bar:
+        digest = make_trial(counts, out, chosen, secret, bar or (lambda done, total: None))
+    show_line(f"{out}: {cases} cases; answers sealed, SHA-256 {digest}")
+    show_line(f"key: {chosen}; keep it from whoever diagnoses")
+
+
+@app.command("run", short_help="Diagnose every case in a process that cannot read the answers.")
+def run(
+    folder: FolderArgument,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="At once; default: one per processor.")
+    ] = None,
+    method: MethodOption = None,
+) -> None:
+    """Diagnose every case that has no result yet; a run that was stopped goes on where it was."""
+    from chiplog.terminal import progress, show_line
+    from gap_diagnosis.trials.run import run_trial
+
+    with progress("diagnosing") as bar:
+        ran = run_trial(
+            folder, jobs=jobs, method=method, progress=bar or (lambda done, total: None)
+        )
+    show_line(f"{ran.results}: {ran.done} cases diagnosed, {ran.before} were there before")
+
+
+@app.command("score", short_help="Check the seal, open it, and score what was diagnosed.")
+def score(
+    folder: FolderArgument,
+    key: KeyOption = None,
+    method: MethodOption = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all scores; - prints them.")
+    ] = None,
+) -> None:
+    """Check that the answers are those committed to, open them, and score every result."""
+    from chiplog.terminal import progress
+    from gap_diagnosis.trials.score import open_trial, scores
+    from gap_diagnosis.trials.seal import key_of
+
+    with progress("scoring") as bar:
+        opened = open_trial(
+            folder,
+            key or key_of(folder),
+            method=method,
+            progress=bar or (lambda done, total: None),
+        )
+    found = scores(opened)
+    if json_file is not None:
+        write_json(json_file, found)
+    if json_file != STANDARD_OUTPUT:
+        _show(found)
+
+
+def _show(found: dict[str, Any]) -> None:
+    from chiplog.terminal import show_line, show_table
+    from gap_diagnosis.trials.score import summary, words
+
+    show_table(["", "share (95 %), cases"], [list(row) for row in summary(found)], words=2)
+    show_line()
+    rows = [
+        [name, str(one["cases"]), words(one["group_top1"]), _first(one["verdicts"])]
+        for name, one in found["effects"].items()
+    ]
+    show_table(["effect", "cases", "in the group, at 2 limits", "told most often"], rows, words=1)
+    if found["wrong"]:
+        show_line()
+        wrong = [
+            [one["case"], one["truth"], one["verdict"], f"{one['probability']:.2f}"]
+            for one in found["wrong"]
+        ]
+        show_table(["told wrong", "truth", "verdict", "probability"], wrong, words=3)
+
+
+def _first(verdicts: dict[str, int]) -> str:
+    return next(iter(verdicts), "")
+
+
+def _secret(file: Path | None) -> Secret:
+    from gap_diagnosis.trials.secret import SECRET_BYTES, Secret, fresh_secret
+
+    if file is None:
+        return fresh_secret()
+    text = file.read_text(encoding="utf-8", errors="replace").strip()
+    try:
+        word = bytes.fromhex(text)
+    except ValueError:
+        word = b""
+    if len(word) != SECRET_BYTES:
+        raise CommandError(f"{file}: expected {2 * SECRET_BYTES} hexadecimal digits and no more")
+    return Secret(word)
