@@ -110,9 +110,11 @@ class MotionBlock:
         )
 
     def _offset(self, found: Found) -> float:
-        again = self.model.refit(found.terms, found.levels, free_levels=False, steps=1)
+        """Return the reference's time offset as the search found it, about neutral."""
         place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
-        return again.coefficients[place][0]
+        before = sum(len(t.weights) for t in found.terms[:place] if not t.is_fixed)
+        scored = self.scan.scored(found.terms, found.levels)
+        return float(scored.means[int(np.argmax(scored.weights)), before])
 
     def _noisy(self, effects: frozenset[str]) -> Fit:
         """Fit a set with one level of noise set free; a level within twice the described is none.

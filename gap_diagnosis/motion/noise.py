@@ -18,6 +18,8 @@ _DRAWS: Final = 4000
 _ABSENT: Final = -6.0
 """Log evidence of a noise that turns out to be as described."""
 _STEP: Final = 0.1
+_SUSPECT: Final = 1.4
+"""A level that the prior has not kept below this many described ones is looked at again."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,10 @@ def fit_noise(
 ) -> Fit:
     """Fit a set of effects with the levels of one noise free."""
     places = NOISES[name].places
-    start = quiet.levels.copy()
-    levels = model.levels_for(quiet.terms, start, rounds=10, free=places)
     described = model.level_prior.median
+    levels = quiet.levels
+    if any(levels[place] > _SUSPECT * described[place] for place in places):
+        levels = model.levels_for(quiet.terms, levels, rounds=10, free=places)
     if not any(levels[place] > 2 * described[place] for place in places):
         gain = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood

@@ -13,7 +13,7 @@ import numpy as np
 
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import best_edges, has_edges
-from gap_diagnosis.motion.evidence import Gram, log_sum, score
+from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.recording import Floats
 
@@ -21,7 +21,7 @@ Effects = frozenset[str]
 
 _LEADERS: Final = 6
 """Single terms that are combined with every other term."""
-_VARIANTS_KEPT: Final = 3
+_VARIANTS_KEPT: Final = 10
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
 _GREEDY: Final = 3
@@ -83,8 +83,12 @@ class Scan:
 
     def evidence(self, terms: Sequence[Term], levels: Floats) -> float:
         """Return the log evidence of terms at levels that were tried, or the nearest of them."""
+        return self.scored(terms, levels).log_evidence
+
+    def scored(self, terms: Sequence[Term], levels: Floats) -> Scored:
+        """Return the linear fit of terms at levels that were tried, or the nearest of them."""
         gram = min(self._grams, key=lambda one: float(np.sum(np.log(one.levels / levels) ** 2)))
-        return score(gram, terms, self.model.prior).log_evidence
+        return score(gram, terms, self.model.prior)
 
     def _search(self, progress: Callable[[float], None]) -> None:
         model = self.model
@@ -170,7 +174,7 @@ class Scan:
         for first, second in combinations(ranked, 2):
             if ranked.index(first) < _LEADERS:
                 lead = kept[first][:1]
-                pairs = [(one, two) for one in lead for two in self.by_effect[second]]
+                pairs = [(one, two) for one in lead for two in kept[second]]
             else:
                 pairs = [(kept[first][0], kept[second][0])]
             self._offer(self._one(gram, pairs, offset)[0])
