@@ -148,11 +148,15 @@ class FirmwareChanges:
         return used
 
     def config(
-        self, description: FirmwareDescription, constants: FirmwareConstants
+        self,
+        description: FirmwareDescription,
+        constants: FirmwareConstants,
+        *,
+        allow_overflow: bool = False,
     ) -> KernelConfig:
         """Return the kernel's integers of the program that runs. Raises FirmwareError."""
         return build_config(
             self.description(description),
             self.constants(constants),
-            allow_overflow=self.overflow_bits != 0,
+            allow_overflow=allow_overflow or self.overflow_bits != 0,
         )

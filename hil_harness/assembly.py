@@ -44,6 +44,7 @@ class RunConfig:
         send_reference: also send the truth as REFERENCE_POSE.
         known: the catalogue with a user's effects in it; None is Chiplog's.
         kernel: which of the equal kernels Chiplog's own firmware runs.
+        force: run formats whose words overflow in normal use, and count.
     """
 
     scenario: Scenario
@@ -63,6 +64,7 @@ class RunConfig:
     send_reference: bool = False
     known: Mapping[str, Effect] | None = None
     kernel: Implementation = "compiled"
+    force: bool = False
 
     def __post_init__(self) -> None:
         """Check what belongs together."""

@@ -44,6 +44,7 @@ class FirmwareProgram:
         schedule: how the program differs from the described one, over time.
         seed: of ticks that are not executed.
         implementation: of the kernel.
+        allow_overflow: run formats whose words overflow in normal use; the kernel counts.
 
     Attributes:
         described: the configuration without changes.
@@ -62,6 +63,7 @@ class FirmwareProgram:
         schedule: FirmwareSchedule = AS_DESCRIBED,
         seed: int = 0,
         implementation: Implementation = "compiled",
+        allow_overflow: bool = False,
     ) -> None:
         """Start at power-on."""
         gyro = KernelInputs(signal_map, robot.plant).gyro
@@ -70,11 +72,15 @@ class FirmwareProgram:
         pieces: list[tuple[int, KernelConfig, FirmwareChanges]] = []
         try:
             constants = robot.firmware_constants(tick_period_us, gyro)
-            self.described = FirmwareChanges().config(robot.firmware, constants)
+            self.described = FirmwareChanges().config(
+                robot.firmware, constants, allow_overflow=allow_overflow
+            )
             for start_s, changes in schedule:
                 config = self.described
                 if changes != FirmwareChanges():
-                    config = changes.config(robot.firmware, constants)
+                    config = changes.config(
+                        robot.firmware, constants, allow_overflow=allow_overflow
+                    )
                 first = math.ceil(start_s / tick_s) if math.isfinite(start_s) else 0
                 pieces.append((first, config, changes))
         except FirmwareError as error:

@@ -133,6 +133,7 @@ def _program(config: RunConfig, settings: Settings, wire: Wire) -> FirmwareProgr
         schedule=schedule,
         seed=config.seed_in_use,
         implementation=config.kernel,
+        allow_overflow=config.force,
     )
 
 

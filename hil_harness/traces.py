@@ -18,6 +18,7 @@ from can_bus import Database, FrameChecker
 from firmware_model import (
     STATE_FIELDS,
     BatchRuns,
+    FirmwareError,
     KernelConfig,
     build_config,
     pose_m_rad,
@@ -96,7 +97,11 @@ def lesson_estimates(config: KernelConfig, inputs: Inputs) -> dict[str, Estimate
     estimates = {}
     for name, choice in LESSON_ESTIMATORS.items():
         description = config.description.model_copy(update=dict(choice))
-        runs = run_again(build_config(description, config.constants), inputs)
+        try:
+            estimator = build_config(description, config.constants)
+        except FirmwareError:  # its words may overflow where the described ones were forced to
+            estimator = build_config(description, config.constants, allow_overflow=True)
+        runs = run_again(estimator, inputs)
         estimates[name] = _estimate(runs)
     return estimates
 

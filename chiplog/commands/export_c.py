@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from chiplog.commands.options import DbcOption, RobotOption, SignalsOption
+from chiplog.commands.options import DbcOption, ForceOption, RobotOption, SignalsOption
 from chiplog.errors import CommandError
 
 
@@ -18,6 +18,7 @@ def command(
     ),
     dbc: DbcOption = None,
     signals: SignalsOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Write the dead-reckoning kernel as C99, with the robot's constants, formats and table.
 
@@ -31,7 +32,7 @@ def command(
     from hil_harness.robot import load_robot
 
     described, wire = load_robot(robot), load_wire(dbc, signals)
-    config = firmware_config(described, wire.signal_map, wire.tick_period_us)
+    config = firmware_config(described, wire.signal_map, wire.tick_period_us, allow_overflow=force)
     texts = export_files(config, described.name)
     write_files(out, texts)
     show_line(f"wrote {', '.join(texts)} to {out}")

@@ -120,6 +120,12 @@ KernelOption = Annotated[
         "twin (needs a C compiler); all give the same bytes.",
     ),
 ]
+ForceOption = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Take firmware formats that overflow in normal use; overflows are counted."
+    ),
+]
 JsonFileOption = Annotated[
     Path | None, typer.Option("--json", help="Write the result to this file as well.")
 ]

@@ -18,6 +18,7 @@ from chiplog.commands.options import (
     EffectLibraryOption,
     EffectOption,
     EffectsFileOption,
+    ForceOption,
     InterfaceOption,
     KernelName,
     KernelOption,
@@ -80,6 +81,7 @@ def command(
     signals: SignalsOption = None,
     device: DeviceOption = None,
     kernel: KernelOption = KernelName.COMPILED,
+    force: ForceOption = False,
     reference_frames: ReferenceFramesOption = False,
 ) -> None:
     """Run a scenario: simulated robot, CAN bus and fixed-point firmware in one loop.
@@ -120,6 +122,7 @@ def command(
         signals=signals,
         device=device,
         kernel=kernel.value,
+        force=force,
         send_reference=reference_frames,
         log=folder.file(BUS_LOG),
     )

@@ -154,13 +154,16 @@ class FirmwareNode:
         return sent
 
 
-def firmware_config(robot: Robot, signal_map: SignalMap, tick_period_us: int) -> KernelConfig:
+def firmware_config(
+    robot: Robot, signal_map: SignalMap, tick_period_us: int, *, allow_overflow: bool = False
+) -> KernelConfig:
     """Return the kernel's integers for a robot whose sensors speak through this map.
 
     Raises HarnessError where the formats do not fit, with the file and the line of the field, and
     for a map without wheels.
     """
-    return FirmwareProgram(robot, signal_map, tick_period_us).described
+    program = FirmwareProgram(robot, signal_map, tick_period_us, allow_overflow=allow_overflow)
+    return program.described
 
 
 def _encode(spec: MessageSpec, values: list[Raw], counter: int) -> bytearray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 from pathlib import Path
@@ -176,3 +177,35 @@ def test_without_a_compiler_the_run_is_refused_in_one_line(
     assert said.status == 2
     assert said.err.startswith("chiplog: kernel c99: no C compiler: none of cc, gcc, clang is on")
     assert said.err.count("\n") == 1
+
+
+NARROW = "[firmware.position]\nword_bits = 12\nfrac_bits = 14\n"
+
+
+def test_formats_that_overflow_run_by_force_and_the_overflows_are_counted(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.toml").write_text(NARROW)
+    words = ("run", "--robot", "robot.toml", "--duration-s", "3")
+    refused = chiplog(*words, "--out", "refused")
+    assert refused.status == 2
+    assert "robot.toml:2: firmware.position.word_bits = 12: the longest step" in refused.err
+    assert not (tmp_path / "refused" / "bus.log").exists()
+
+    forced = chiplog(*words, "--force", "--out", "forced")
+    assert forced.status == 0
+    count = json.loads((tmp_path / "forced" / "state.json").read_text())["overflow_count"]
+    assert count > 0
+    assert re.search(rf"^firmware +{count:,} overflows of a word$", forced.out, re.M)
+
+
+def test_formats_that_overflow_are_exported_by_force(chiplog: Chiplog, tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(NARROW)
+    assert chiplog("export-c", "--robot", "robot.toml", "--out", "c").status == 2
+    assert chiplog("export-c", "--robot", "robot.toml", "--out", "c", "--force").status == 0
+    assert ".position_high_q = INT64_C(2047)," in (tmp_path / "c" / CONFIG_HEADER).read_text()
+
+
+def test_a_run_without_an_overflow_does_not_speak_of_any(chiplog: Chiplog) -> None:
+    said = chiplog("run", "--duration-s", "1", "--out", "out")
+    assert "overflow" not in said.out
