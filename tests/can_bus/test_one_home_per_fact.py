@@ -15,7 +15,10 @@ import pytest
 from can_bus import load_database
 
 ROOT = Path(__file__).parent.parent.parent
-PACKAGES = ("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "sim_plant")
+PACKAGES = (
+    *("can_bus", "chiplog", "firmware_model", "gap_diagnosis", "hil_harness", "precision_study"),
+    "sim_plant",
+)
 DATABASE = load_database()
 
 # A number this small is a loop bound, an exponent or a percentage somewhere: it proves nothing.

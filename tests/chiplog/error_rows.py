@@ -19,6 +19,7 @@ from error_tables import (
     recordings,
     rig,
     tables,
+    trials,
     usage,
     wire,
 )
@@ -40,6 +41,7 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
     "Logs and references to diagnose": drives.DRIVES,
     "Tables": tables.TABLES,
     "Diagnosis": diagnosis.DIAGNOSIS,
+    "Blind trials": trials.TRIALS,
     "Output": logs.OUTPUT,
 }
 
