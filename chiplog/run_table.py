@@ -52,7 +52,7 @@ def _facts(result: RunResult, report: Path) -> list[list[str]]:
                 f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_max_us:.0f} µs at most",
             ]
         )
-    overflows = result.kernel_state["overflow_count"]
+    overflows = result.kernel_state.get("overflow_count", 0)
     if overflows:
         rows.append(["firmware", f"{q.count(overflows)} overflows of a word"])
     return [*rows, ["report", str(report)]]
