@@ -1,7 +1,7 @@
 """Writes the reference pages that repeat what stands elsewhere, and the pictures.
 
     .venv/bin/python docs/generate.py              the pages
-    .venv/bin/python docs/generate.py --pictures   the pictures too, by running the lesson
+    .venv/bin/python docs/generate.py --pictures   the pictures too: lesson and diagnosis
 
 A test holds the pages against `pages()`, so none can be out of date.
 """
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from generator import catalogue, command_line, files, interfaces, pictures, wire
+from generator import catalogue, command_line, files, interfaces, pictures, reasoning, wire
 
 DOCS: Final = Path(__file__).parent
 _NOTE: Final = "<!-- Written by docs/generate.py; edit what it reads, not this page. -->"
@@ -40,6 +40,7 @@ def main() -> None:
         path.write_text(text, encoding="utf-8")
     if "--pictures" in sys.argv[1:]:
         pictures.draw_lesson(DOCS / "images" / "lesson.svg")
+        reasoning.draw_reasoning(DOCS / "images" / "reasoning.svg")
 
 
 if __name__ == "__main__":

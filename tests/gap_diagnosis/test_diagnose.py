@@ -1,0 +1,129 @@
+"""Whole diagnoses: drives with known effects in, verdict, values and shrink out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.result import Diagnosis
+
+
+def test_a_robot_as_described_has_no_gap() -> None:
+    found = diagnosed("nothing")
+    assert found.verdict == "no_gap"
+    assert found.stage == "none"
+    assert found.which[0].probability > 0.8
+
+
+def test_a_wrong_wheelbase_is_named() -> None:
+    found = diagnosed("wheelbase")
+    assert found.verdict == "wheelbase_scale"
+    assert found.stage == "wheel"
+    assert found.which[0].probability > 0.8
+
+
+def test_two_effects_at_once_are_named() -> None:
+    found = diagnosed("pair")
+    assert found.verdict == "gyro_bias+lateral_slip"
+    assert found.which[0].probability > 0.8
+    assert ("adc_offset", "lateral_slip") in found.which[0].ambiguous_with
+
+
+@pytest.mark.parametrize("name", ["wheelbase", "pair"])
+def test_values_lie_within_four_standard_deviations(name: str) -> None:
+    for key, value in CASES[name].values.items():
+        known = number(diagnosed(name), key)
+        assert isinstance(value, float)
+        assert abs(known.estimate - value) < 4 * known.sd
+        assert known.sd < 0.1 * value
+
+
+def test_without_a_reference_wheels_and_gyro_are_one_group() -> None:
+    found = diagnosed("no reference")
+    named = {effects for effects in found.group if len(effects) == 1}
+    assert {("wheelbase_scale",), ("gyro_scale",), ("radius_scale",)} <= named
+    assert found.which[0].probability < 0.6
+    assert found.which[0].group_probability > 0.8
+    assert any(note.startswith("No reference") for note in found.notes)
+
+
+def test_without_a_reference_something_is_driven_next() -> None:
+    assert diagnosed("no reference").advice
+
+
+def test_a_sign_in_the_setup_explains_better_than_any_effect() -> None:
+    found = diagnosed("sign")
+    assert found.stage == "setup"
+    best = found.which[0]
+    assert "setup_sign" in best.effects
+    signal = best.parameters["setup_sign.signal"]
+    assert signal.estimate == "gyro"
+
+
+def test_a_cause_that_is_not_in_the_library_is_unknown_in_its_stage() -> None:
+    """Drift down a cross slope goes with the heading; nothing that is left imitates it."""
+    found = diagnosed("withheld")
+    assert found.verdict == "unknown"
+    assert found.stage == "wheel"
+    assert found.unknown is not None
+    assert found.unknown.depends_on[0].variable == "heading"
+    assert all("cross_slope_drift" not in one.effects for one in found.which)
+
+
+@pytest.mark.parametrize("name", ["pair", "no reference"])
+def test_the_gap_closes_on_stretches_that_the_values_never_saw(name: str) -> None:
+    gap = diagnosed(name).gap
+    assert gap is not None
+    assert gap.held_out == "stretches"
+    assert gap.after is not None
+    assert gap.closed is not None
+    assert gap.closed > 0.9
+    assert gap.after < 0.3 * gap.before
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_probability_is_accounted_for(name: str) -> None:
+    found = diagnosed(name)
+    total = math.fsum(one.probability for one in found.which) + found.other
+    assert total == pytest.approx(1, abs=1e-6)
+    assert math.fsum(found.stage_probabilities.values()) == pytest.approx(1, abs=1e-6)
+    listed = [one.effects for one in found.which]
+    assert ("no_gap",) in listed
+    assert ("unknown",) in listed
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_written_is_what_is_read(name: str) -> None:
+    text = diagnosed(name).to_json()
+    assert Diagnosis.from_json(text).to_json() == text
+
+
+def test_the_same_input_gives_the_same_bytes_but_for_seconds() -> None:
+    first, second = (
+        json.loads(one.to_json()) for one in (diagnosed("no reference"), diagnose("no reference"))
+    )
+    first.pop("seconds"), second.pop("seconds")
+    assert json.dumps(first) == json.dumps(second)
+
+
+def test_a_log_with_nothing_to_compare_the_wheels_with_is_refused() -> None:
+    bare = replace(
+        recording("nothing"),
+        reference=None,
+        gyro_code=None,
+        gyro_rate_rad_s=None,
+        v_command_m_s=None,
+        w_command_rad_s=None,
+        odometry_x_m=None,
+        odometry_y_m=None,
+        odometry_heading_rad=None,
+        frames={},
+    )
+    with pytest.raises(DiagnosisError, match="nothing to compare the wheels with"):
+        diagnose_recordings([bare], ROBOT, WIRE)
