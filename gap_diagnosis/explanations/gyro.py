@@ -104,5 +104,7 @@ def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:
 
 
 def gyro_factor(p: Prediction, *, factor: float) -> None:
-    """Read the rate wrong by a factor."""
-    p.gyro_rad_s = p.gyro_rad_s * factor
+    """Read the rate wrong by a factor: so gross that the unsmoothed turn is multiplied."""
+    m = p.motion
+    turn = np.diff(m.heading_rad, prepend=m.heading_rad[0])
+    p.gyro_rad_s = p.gyro_rad_s + (factor - 1) * turn / np.maximum(m.dt_s, 1e-9)

@@ -34,6 +34,8 @@ METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Per stage, the metrics in which it can act, the most telling first."""
 
+_CLEAR: Final = 3.0
+"""So many floors are no doubt a gap."""
 _RESAMPLES: Final = 2000
 _SEED: Final = 20_200
 
@@ -105,15 +107,24 @@ def gap_of(
 ) -> Gap | None:
     """Return the gap in the metric in which *stage* acts; None where none of these was measured.
 
-    Of several, the first with a gap to close (before at least 1.2 floor), or else the first.
+    Of several the first that stands clearly above its floor; without any the one that stands
+    highest, if there is a gap to close (before at least 1.2 floor), or else the first.
     """
     able = [name for name in METRICS_OF_STAGE.get(stage, tuple(UNITS)) if name in metrics]
     if not able:
         return None
     telling = [name for name in able if metrics[name].closed is not None]
-    name = (telling or able)[0]
+    clear = [name for name in telling if _above_floor(metrics[name]) >= _CLEAR]
+    if clear or not telling:
+        name = (clear or able)[0]
+    else:
+        name = max(telling, key=lambda one: _above_floor(metrics[one]))
     chosen = metrics[name]
     return Gap(metric=name, held_out=held_out, all=dict(metrics), **dict(chosen))
+
+
+def _above_floor(metric: Metric) -> float:
+    return metric.before / max(metric.floor or 0.0, 1e-12)
 
 
 def _picks(count: int) -> NDArray[np.int64] | None:
