@@ -84,10 +84,14 @@ def _section(
     lines.append("|---|---|---|")
     for row in rows:
         messages = "<br>or ".join(
-            f"`{prefix}{_cell(line)}`" for line in filter(None, (row.line, row.or_line))
+            _code(prefix + _cell(line)) for line in filter(None, (row.line, row.or_line))
         )
-        lines.append(f"| {_cell(row.when)} | `{_cell(row.command)}` | {messages} |")
+        lines.append(f"| {_cell(row.when)} | {_code(_cell(row.command))} | {messages} |")
     return [*lines, ""]
+
+
+def _code(text: str) -> str:
+    return f"`` {text} ``" if "`" in text else f"`{text}`"
 
 
 def _cell(text: str) -> str:
