@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
@@ -48,7 +49,8 @@ class Analysis:
     @property
     def firmware(self) -> FirmwareBlock | None:
         """The block of the odometry frames, if there are any."""
-        return next((one for one in self.blocks if isinstance(one, FirmwareBlock)), None)
+        whole = (one.block if isinstance(one, Reduced) else one for one in self.blocks)
+        return next((one for one in whole if isinstance(one, FirmwareBlock)), None)
 
 
 def analyse(
@@ -87,7 +89,9 @@ def analyse(
     progress("odometry against replay", 0.65)
     firmware = firmware_block(recording, robot, wire)
     if firmware is not None:
-        blocks.append(firmware)
+        blocks.append(
+            firmware if not _is_disturbed(bus) else Reduced(firmware, firmware.effects - _LATE)
+        )
     progress("what no effect explains", 0.7)
     others = [] if motion is None else _alternatives(motion)
     return Analysis(
@@ -96,6 +100,21 @@ def analyse(
         tuple(_without(one, without) for one in blocks),
         tuple(others),
         _unknown(others, drive, firmware),
+    )
+
+
+_LATE: Final = frozenset({"missed_deadline"})
+_DISTURBED: Final = 10.0
+
+
+def _is_disturbed(bus: Block | None) -> bool:
+    """Tell whether frames came late or not at all: a replay then misses ticks of its own."""
+    if bus is None:
+        return False
+    disturbing = {"frame_jitter", "frame_loss", "frame_reordering", "reception_stamp"}
+    return any(
+        bus.fit(frozenset({effect})).log_evidence > _DISTURBED
+        for effect in disturbing & bus.effects
     )
 
 

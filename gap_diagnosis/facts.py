@@ -18,7 +18,8 @@ ASSUMPTIONS: Final = (
     "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m).",
     "The reference is off by white noise and by noise that lasts about a second, levels estimated.",
     "Constants within the tolerances of robot.toml are no news.",
-    "At most two effects of the library act at once, or one that is not in it.",
+    "At most two effects act on the motion and one on what only drive, bus or firmware show, or "
+    "one acts that is not in the library.",
     "Start pose and small offsets of clocks are free in every fit.",
 )
 

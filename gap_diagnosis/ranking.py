@@ -25,7 +25,7 @@ _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
-_WORTH_SETUP: Final = 3.0
+_WORTH_SETUP: Final = 30.0
 """A mistake of the set-up is gross: what gains less than this is not one."""
 
 
@@ -185,13 +185,28 @@ def _elsewhere(
 def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     evidence = likelihood = 0.0
     for blocks in logs:
+        doubtful = _doubtful(blocks)
         for block in blocks:
             own = effects & block.effects
+            if block.name == "drive":
+                own = own - doubtful
             if own:
                 gained, likelier = _of_block(block, own)
                 evidence += gained
                 likelihood += likelier
     return evidence, likelihood
+
+
+def _doubtful(blocks: Sequence[Block]) -> Effects:
+    """Return the counting errors that the motion denies: the drive must not name them alone."""
+    motion = next((block for block in blocks if block.name == "motion"), None)
+    if motion is None:
+        return frozenset()
+    return frozenset(
+        effect
+        for effect in _COUNTING & motion.effects
+        if motion.fit(frozenset({effect})).log_evidence <= 0
+    )
 
 
 def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
@@ -230,8 +245,11 @@ def _quick(
     """Return a pair's evidence; a block that owns both is asked only where that costs nothing."""
     evidence = likelihood = 0.0
     for blocks in logs:
+        doubtful = _doubtful(blocks)
         for block in blocks:
             own = pair & block.effects
+            if block.name == "drive":
+                own = own - doubtful
             if len(own) == 2 and block.name != "motion":
                 gained, likelier = max(_of_block(block, frozenset({effect})) for effect in own)
                 evidence += gained
