@@ -68,14 +68,14 @@ def make_trial(
         progress(place, len(plan))
         home = folder / CASES / f"{place + 1:0{width}d}"
         home.mkdir()
-        made = _make_case(one, home, wire, counts, secret.child(f"case {place}"))
+        made = make_case(one, home, wire, counts, secret.child(f"case {place}"))
         answers.append(made.as_json())
     digest = seal({"schema": SCHEMA, "cases": answers}, folder, key)
     progress(len(plan), len(plan))
     return digest
 
 
-def _make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
+def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
     """Draw until every effect acts: a threshold that nothing crosses is no case."""
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
@@ -122,12 +122,12 @@ class _Maker:
             effects=effects,
             over_limit={},
             without=one.without,
-            nominal=draw_nominal(self._robot, frozenset(effects), draw),
-            surroundings=draw_surroundings(draw),
+            nominal=draw_nominal(self._robot, frozenset(effects), secret.generator("nominal")),
+            surroundings=draw_surroundings(secret.generator("surroundings")),
             drive=one.drive,
             robot=one.robot,
-            noise=reference_noise.draw_levels(one.noise, draw),
-            steps=int(draw.choice(_STEPS)),
+            noise=reference_noise.draw_levels(one.noise, secret.generator("noise")),
+            steps=int(secret.generator("steps").choice(_STEPS)),
             secret=secret.word.hex(),
         )
         if one.stratum == "limit" and effects:

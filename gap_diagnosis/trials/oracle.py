@@ -60,6 +60,11 @@ class Oracle:
         """Return every answer of at most as many effects that lies within 29 of the truth."""
         news = {name: values for name, values in effects.items() if is_news(name, values)}
         own = canonical(news)
+        twins = frozenset(canonical(one) for one in _twins_here(news))
+        return self._imitators(news, own) | twins
+
+    def _imitators(self, news: Mapping[str, Values], own: Answer) -> frozenset[Answer]:
+        """Return the truth and what the motion cannot tell from it."""
         inside = [(name, self._part(name, values)) for name, values in news.items()]
         moved = [(name, part) for name, part in inside if part is not None]
         still = {name for name, part in inside if part is None}
@@ -130,6 +135,34 @@ class Oracle:
         else:
             sizes = np.array([float(named.get(one, 0.0)) for one in variant.coefficients])
         return [self._place[name, chosen, c] for c in range(len(sizes))], sizes
+
+
+def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
+    """Return answers that leave the same data because of these values, as `effects` says of each.
+
+    A reception stamp's delay and spread are those of a latency and a jitter.
+    """
+    found = []
+    names = frozenset(news)
+    for effect, values in news.items():
+        others: tuple[frozenset[str], ...] = ()
+        match effect:
+            case "frame_latency" if values["frame"] == "sensors":
+                others = (frozenset({"reference_time_offset"}),)
+            case "reference_time_offset" if float(values["offset"]) < 0:
+                others = (frozenset({"frame_latency"}),)
+            case "reception_stamp":
+                others = (frozenset({"frame_jitter"}), frozenset({"frame_jitter", "frame_latency"}))
+            case "stale_heading" if values["cycles"] == 1:
+                others = (frozenset({"euler_integration"}),)
+            case "fixed_tick_period":
+                others = (frozenset({"firmware_constant"}),)
+            case "firmware_constant" if values["constant"] == "tick_period":
+                others = (frozenset({"fixed_tick_period"}),)
+            case "euler_integration" if values["heading"] == "before":
+                others = (frozenset({"stale_heading"}),)
+        found += [(names - {effect}) | other for other in others]
+    return found
 
 
 def side_of(values: Values) -> Value | None:

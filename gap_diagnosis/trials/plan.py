@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import cycle, islice
 from typing import Final
 
 import numpy as np
@@ -115,9 +115,12 @@ def _singles(counts: Counts, strata: Iterator[Stratum], order: Iterator[str]) ->
 
 def _pair(order: Iterator[str]) -> tuple[str, str]:
     """Return two effects that differ by more than a name."""
-    first = next(order)
-    second = next(one for one in order if _may_pair(first, one))
-    return first, second
+    firsts = islice(order, len(SIZES))
+    for first in firsts:
+        for second in islice(order, len(SIZES)):
+            if _may_pair(first, second):
+                return first, second
+    raise DiagnosisError("pairs: expected two effects that differ by more than a name")
 
 
 def _may_pair(first: str, second: str) -> bool:
@@ -157,8 +160,8 @@ def _of_prior(one: Planned, names: Sequence[str], draw: Draw) -> Planned:
         name = members[int(draw.integers(len(members)))]
         if not chosen or _may_pair(chosen[0], name):
             chosen.append(name)
-        elif len(listed) < 3:
-            break
+        else:
+            listed = [other for other in listed if other not in (*chosen, name)]
     kinds: tuple[Kind, ...] = ("null", "single", "pair")
     return Planned("prior", kinds[len(chosen)], tuple(chosen))
 

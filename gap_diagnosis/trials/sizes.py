@@ -168,7 +168,7 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     },
     "clock_skew": {"skew": Size(1e-4, 3e-4, 0.013)},
     "reception_stamp": {
-        "frame": _FRAME, "delay": Even(0.0, 0.005), "period": _up(0.0005, 0.003, 0.02),
+        "frame": _FRAME, "delay": Even(0.0, 0.001), "period": _up(0.0015, 0.003, 0.02),
     },
     "bus_gap": {"start_s": Moment(), "stop_s": Lasting(0.05, 0.6)},
     # firmware
@@ -178,7 +178,7 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     },
     "coarse_trig_table": {"entries": Pick((16, 32, 64)), "interpolated": Pick((0, 1))},
     "euler_integration": {"heading": Pick(("before", "after"))},
-    "stale_heading": {"cycles": Pick((1, 2, 5))},
+    "stale_heading": {"cycles": Pick((1, 2, 4))},
     "firmware_constant": {
         "constant": Pick(
             ("wheel_radius", "wheelbase", "ticks_per_rev", "gyro_sensitivity", "tick_period")

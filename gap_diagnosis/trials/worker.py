@@ -33,10 +33,9 @@ def work(case: Path, out: Path, method: Path | None = None) -> None:
     """Diagnose one case and write what was found, or how it failed."""
     case, out = case.resolve(), out.resolve()
     started = time.monotonic()
-    solve = _own if method is None else _loaded(method)
     close_all_but(case, out)
     try:
-        found = solve(case)
+        found = _own(case) if method is None else _by_method(method, case)
     except Exception as error:
         found = {
             "error": f"{type(error).__name__}: {error}",
@@ -81,17 +80,13 @@ def _own(case: Path) -> Any:
     return json.loads(report.diagnosis.to_json())
 
 
-def _loaded(path: Path) -> Callable[[Path], Any]:
-    """Return the method of a file: ``diagnose(log, robot, reference, without)`` gives OUT.json."""
+def _by_method(path: Path, case: Path) -> Any:
+    """Diagnose by a file's ``diagnose(log, robot, reference, without)``, which gives OUT.json."""
     names: dict[str, Any] = {"__name__": "blind_method", "__file__": str(path)}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)  # the user's own
     method = cast(Method, names["diagnose"])
-
-    def solve(case: Path) -> Any:
-        without = json.loads((case / TASK).read_text(encoding="ascii"))["without"]
-        return method(case / LOG, case / ROBOT, case / REFERENCE, without)
-
-    return solve
+    without = json.loads((case / TASK).read_text(encoding="ascii"))["without"]
+    return method(case / LOG, case / ROBOT, case / REFERENCE, without)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -1,0 +1,174 @@
+"""Scores of answers whose quality is known: a seer, a coin, a braggart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from gap_diagnosis.trials.case import Case, Kind
+from gap_diagnosis.trials.judge import Judged, judge
+from gap_diagnosis.trials.reference_noise import ReferenceLevels
+from gap_diagnosis.trials.score import Opened, scores, summary
+from gap_diagnosis.trials.truth import UNKNOWN, canonical, class_of, stages_of
+
+LEVELS = ReferenceLevels("white", 5e-4, 5e-4, 2e-4, 2e-4, 1.0, 100.0)
+BIAS = {"gyro_bias": {"bias": 0.01}}
+WIDE = {"ci50": (0.009, 0.011), "ci80": (0.008, 0.012), "ci95": (0.007, 0.013)}
+
+
+def case(effects: dict[str, Any], kind: Kind = "single", **more: Any) -> Case:
+    made = Case(
+        "0001", "limit", kind, effects, {}, (), {}, {"micro_slip": {"left": 1e-4, "right": 1e-4}},
+        "calibration", "familiar", LEVELS, 4, "00" * 16,
+    )  # fmt: skip
+    return replace(made, **more)
+
+
+def answer(probabilities: dict[str, float], **more: Any) -> dict[str, Any]:
+    entries = dict(probabilities)
+    for needed in ("no_gap", "unknown"):
+        entries.setdefault(needed, 0.0)
+    which = [
+        {"effects": name.split("+"), "probability": p, "group_probability": p, "parameters": {}}
+        for name, p in sorted(entries.items(), key=lambda one: -one[1])
+    ]
+    best = max(entries, key=lambda name: entries[name])
+    found = {"verdict": best, "which": which, "seconds": 1.0, "gap": None}
+    return {"stage": "none", **found, **more}
+
+
+def seen(made: Case, found: dict[str, Any], over: float | None = 5.0) -> Judged:
+    return judge(made, found, frozenset({canonical(made.true_effects)}), over)
+
+
+SEER = [
+    seen(case({}, "null"), answer({"no_gap": 1.0}), None),
+    seen(case(BIAS), answer({"gyro_bias": 1.0}, stage="gyro")),
+    seen(case(BIAS, "withheld", without=("adc_offset", "gyro_bias")),
+         answer({"unknown": 1.0}, stage="gyro")),
+    seen(case(BIAS, "decoy", without=("gyro_lag",)), answer({"gyro_bias": 1.0}, stage="gyro")),
+]  # fmt: skip
+
+
+def test_a_seer_is_right_in_everything() -> None:
+    found = scores(Opened(tuple(SEER), 0))["parts"]["all"]
+    for name in ("stage", "top1", "group_top1", "true_probability"):
+        assert found[name]["value"] == 1.0, name
+    assert found["false_alarms"]["value"] == 0.0
+    assert found["confident_wrong"]["value"] == 0.0
+    assert found["unknown_auroc"]["value"] == 1.0
+    assert found["brier"]["value"] == 0.0
+    assert found["log_score"]["value"] == 0.0
+    assert found["ece"] == 0.0
+
+
+def test_a_coin_is_right_half_of_the_time_and_says_so() -> None:
+    even = {"gyro_bias": 0.5, "gyro_scale": 0.5}
+    made = [
+        case({one: {value: 0.01}})
+        for one, value in (("gyro_bias", "bias"), ("gyro_scale", "scale"))
+    ]
+    found = scores(Opened(tuple(seen(one, answer(even, stage="gyro")) for one in made), 0))
+    part = found["parts"]["all"]
+    assert part["top1"]["value"] == 0.5
+    assert part["brier"]["value"] == pytest.approx(0.5)
+    assert part["ece"] == pytest.approx(0.5)  # two cases: one bin each
+    assert part["stage"]["value"] == 1.0
+
+
+def test_a_braggart_is_counted_as_confident_and_wrong() -> None:
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    judged = seen(hidden, answer({"gyro_scale": 0.9, "unknown": 0.1}, stage="gyro"))
+    assert judged.truth == UNKNOWN
+    assert judged.confident_wrong
+    assert judged.wrong_name == "gyro_scale"
+    assert not seen(hidden, answer({"gyro_scale": 0.6, "unknown": 0.4})).confident_wrong
+
+
+def test_what_the_library_can_imitate_is_counted_apart() -> None:
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    judged = judge(hidden, answer({"gyro_temperature_bias": 1.0}), group, 5.0)
+    assert judged.is_imitable
+    assert not judged.confident_wrong
+    assert scores(Opened((judged,), 0))["parts"]["all"]["imitable"] == 1
+
+
+def test_an_effect_that_the_library_does_not_have_is_rightly_unknown() -> None:
+    play = case({"backlash": {"side": "left", "width": 0.03}})
+    assert seen(play, answer({"unknown": 1.0}, stage="actuation")).top1
+
+
+def test_inside_its_tolerance_an_effect_is_no_gap() -> None:
+    small = case({"gyro_bias": {"bias": 0.0002}})
+    judged = seen(small, answer({"no_gap": 1.0}), 0.5)
+    assert judged.is_null
+    assert judged.top1
+    assert judged.in_group
+
+
+def test_twins_count_as_one_name_and_either_stage_is_right() -> None:
+    judged = seen(
+        case({"ticks_per_rev": {"scale": 0.01}}), answer({"radius_scale": 1.0}, stage="wheel")
+    )
+    assert judged.top1
+    assert judged.stage_right
+    both = canonical(["radius_mismatch", "radius_scale"])
+    assert canonical(["payload"]) == both
+    assert stages_of(both) == {"wheel"}
+    assert class_of("adc_gain") == {"adc_gain", "gyro_scale", "gyro_tilt"}
+    # An angle of the sensor can only make the scale smaller, but no log tells which it was.
+    assert canonical(["gyro_tilt"]) == canonical(["adc_gain"])
+
+
+def test_probabilities_of_twins_are_added_up() -> None:
+    judged = seen(case(BIAS), answer({"gyro_bias": 0.5, "adc_offset": 0.4, "no_gap": 0.1}))
+    assert judged.true_probability == pytest.approx(0.9)
+    assert judged.brier == pytest.approx(0.1**2 + 0.1**2)
+
+
+def test_parameters_are_scored_where_the_effect_was_named() -> None:
+    found = answer({"gyro_bias": 1.0}, stage="gyro")
+    estimate = {"estimate": 0.0105, "sd": 0.0005, "unit": "rad/s", **WIDE}
+    found["which"][0]["parameters"] = {"gyro_bias.bias": estimate}
+    (parameter,) = seen(case(BIAS), found).parameters
+    assert parameter.error_sd == pytest.approx(1.0)
+    assert parameter.inside == (True, True, True)
+    assert parameter.rank == 3
+    other = answer({"gyro_scale": 1.0})
+    assert seen(case(BIAS), other).parameters == ()
+
+
+def test_a_phase_is_compared_within_its_turn() -> None:
+    made = case({"wheel_eccentricity": {"side": "left", "amplitude": 0.01, "phase": -3.1}})
+    found = answer({"wheel_eccentricity": 1.0})
+    estimate = {
+        "estimate": 3.13,
+        "sd": 0.1,
+        "ci50": (3.1, 3.2),
+        "ci80": (3.0, 3.3),
+        "ci95": (2.9, 3.4),
+    }
+    found["which"][0]["parameters"] = {"wheel_eccentricity.phase": estimate}
+    (parameter,) = seen(made, found).parameters
+    assert abs(parameter.error_sd) < 1.0
+
+
+def test_a_crash_is_as_bad_as_can_be_and_is_shown() -> None:
+    judged = seen(
+        case(BIAS), {"error": "ValueError: no", "traceback": "Traceback ...", "seconds": 1.0}
+    )
+    found = scores(Opened((judged,), 3))
+    assert (found["crashes"], found["missing"]) == (1, 3)
+    assert found["parts"]["all"]["group_top1"]["value"] == 0.0
+    assert found["parts"]["all"]["brier"]["value"] == 2.0
+    assert found["wrong"][0]["error"].startswith("Traceback")
+
+
+def test_the_short_table_has_a_row_for_what_was_scored() -> None:
+    rows = dict(summary(scores(Opened(tuple(SEER), 0))))
+    assert rows["cases"] == "4"
+    assert rows["false alarms"].startswith("0.00")
+    assert "pairs, both named" not in rows

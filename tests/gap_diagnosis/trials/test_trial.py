@@ -1,0 +1,191 @@
+"""A trial from its making to its scores, and what it must not give away."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.trials.case import Case, Kind
+from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
+from gap_diagnosis.trials.make import make_case, make_trial
+from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.run import run_trial
+from gap_diagnosis.trials.score import open_trial, scores
+from gap_diagnosis.trials.seal import SEALED, seal, unseal
+from gap_diagnosis.trials.secret import Secret
+from gap_diagnosis.trials.sizes import SIZES
+from gap_diagnosis.trials.truth import class_of
+from hil_harness.assembly import load_wire
+
+COUNTS = Counts(
+    2, nulls=1, pairs=0, strata=("limit",), factor=(8.0, 10.0), effects=("gyro_scale",), new_share=0
+)
+SECRET = Secret(bytes(range(16)))
+
+SILENT = """
+import json
+
+def diagnose(log, robot, reference, without):
+    assert log.stat().st_size > 0 and robot.exists() and reference.exists() and without == []
+    which = [{"effects": [name], "probability": p, "group_probability": p, "parameters": {}}
+             for name, p in (("no_gap", 1.0), ("unknown", 0.0))]
+    return {"verdict": "no_gap", "stage": "none", "which": which, "seconds": 0.1, "gap": None}
+"""
+NOSY = """
+def diagnose(log, robot, reference, without):
+    folder = log.parent.parent.parent
+    other = "0002" if log.parent.name == "0001" else "0001"
+    for path in (folder / "answers.sealed", folder.with_name(folder.name + ".key"),
+                 folder / "cases" / other / "bus.log"):
+        try:
+            open(path).close()
+        except PermissionError as error:
+            assert "closed to this process" in str(error)
+        else:
+            raise AssertionError(path)
+    raise LookupError("nothing could be read")
+"""
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trials") / "trial"
+    make_trial(COUNTS, folder, folder.with_name("trial.key"), SECRET)
+    return folder
+
+
+def answers(folder: Path) -> list[Case]:
+    content = unseal(folder, folder.with_name("trial.key"))
+    return [Case.from_json(one) for one in content["cases"]]
+
+
+def method(folder: Path, name: str, text: str) -> Path:
+    path = folder.parent / f"{name}.py"
+    path.write_text(text)
+    return path
+
+
+def worked(folder: Path, case: str, *methods: Path) -> dict[str, Any]:
+    """Return what a process of its own finds in a case."""
+    out = folder.parent / f"{case}.json"
+    words = [sys.executable, "-m", "gap_diagnosis.trials.worker", str(folder / CASES / case)]
+    subprocess.run([*words, str(out), *map(str, methods)], check=True, timeout=300)
+    found: dict[str, Any] = json.loads(out.read_text())
+    return found
+
+
+def test_every_case_has_what_a_lab_has_and_no_more(trial: Path) -> None:
+    for case in answers(trial):
+        home = trial / CASES / case.name
+        assert {path.name for path in home.iterdir()} == {LOG, ROBOT, REFERENCE, TASK}
+    assert {path.name for path in trial.iterdir()} == {CASES, SEALED, "seal.json"}
+
+
+def test_the_same_secret_makes_the_same_trial(trial: Path, tmp_path: Path) -> None:
+    make_trial(COUNTS, tmp_path / "again", tmp_path / "again.key", SECRET)
+    for path in sorted((trial / CASES).rglob("*")):
+        if path.is_file():
+            other = tmp_path / "again" / path.relative_to(trial)
+            assert path.read_bytes() == other.read_bytes(), path
+
+
+def test_a_trial_is_made_only_where_nothing_is(trial: Path) -> None:
+    with pytest.raises(DiagnosisError, match="expected an empty folder or a new one"):
+        make_trial(COUNTS, trial, trial.with_name("trial.key"), SECRET)
+
+
+def test_a_killed_run_goes_on_where_it_was_and_silence_misses_everything(trial: Path) -> None:
+    silent = method(trial, "silent", SILENT)
+    ran = run_trial(trial, jobs=2, method=silent)
+    assert (ran.done, ran.before) == (2, 0)
+    (ran.results / "0002.json").unlink()
+    ran = run_trial(trial, jobs=1, method=silent)
+    assert (ran.done, ran.before) == (1, 1)
+    part = scores(open_trial(trial, trial.with_name("trial.key"), method=silent))["parts"]["all"]
+    assert part["false_alarms"]["value"] == 0.0
+    assert part["group_top1"]["value"] == 0.0
+
+
+def test_a_method_cannot_open_answers_key_or_other_cases(trial: Path) -> None:
+    found = worked(trial, "0001", method(trial, "nosy", NOSY))
+    assert found["error"] == "LookupError: nothing could be read", found["traceback"]
+
+
+def test_answers_changed_between_run_and_score_are_refused(trial: Path, tmp_path: Path) -> None:
+    content = unseal(trial, trial.with_name("trial.key"))
+    commitment = (trial / "seal.json").read_text()
+    sealed = (trial / SEALED).read_bytes()
+    content["cases"][0]["kind"] = "pair"
+    try:
+        seal(content, trial, tmp_path / "forged.key")
+        (trial / "seal.json").write_text(commitment)
+        with pytest.raises(DiagnosisError, match="not those that"):
+            open_trial(trial, tmp_path / "forged.key")
+    finally:
+        (trial / SEALED).write_bytes(sealed)
+
+
+def test_a_strong_effect_is_found_through_the_same_door_as_any_log(trial: Path) -> None:
+    case = next(one for one in answers(trial) if one.effects)
+    found = worked(trial, case.name)
+    assert "error" not in found, found["traceback"]
+    assert set(found["verdict"].split("+")) & class_of("gyro_scale")
+
+
+def test_the_plan_covers_every_effect_and_withholds_whole_classes() -> None:
+    counts = Counts(400, nulls=40, pairs=30, withheld=40, strata=("limit", "field"))
+    plan = planned(counts, np.random.default_rng(1))
+    assert len(plan) == 400
+    assert {one.effects[0] for one in plan if one.kind == "single"} == set(SIZES)
+    for one in plan:
+        if one.kind == "withheld":
+            assert set(one.without) == class_of(one.effects[0])
+        if one.kind == "decoy":
+            assert one.without
+            assert not set(one.without) & class_of(one.effects[0])
+        if one.kind in ("null", "single", "pair"):
+            assert one.without == ()
+
+
+def test_the_prior_stratum_has_as_many_nulls_as_the_prior_says() -> None:
+    plan = planned(Counts(2000, strata=("prior",)), np.random.default_rng(1))
+    nulls = sum(one.kind == "null" for one in plan)
+    # 0.4/0.95 of 2,000, four standard deviations.
+    assert abs(nulls - 842) < 4 * np.sqrt(2000 * 0.42 * 0.58)
+
+
+def test_the_order_of_cases_says_nothing_of_what_they_are() -> None:
+    plan = planned(Counts(1000, nulls=500, pairs=0), np.random.default_rng(1))
+    is_null = np.array([one.kind == "null" for one in plan], dtype=float)
+    place = np.arange(len(plan))
+    assert abs(np.corrcoef(place, is_null)[0, 1]) < 4 / np.sqrt(len(plan))
+
+
+@pytest.mark.parametrize("effect", ["gyro_scale", "coarse_trig_table", "reference_lever_arm"])
+def test_files_are_as_long_and_as_old_without_an_effect_as_with_it(
+    effect: str, tmp_path: Path
+) -> None:
+    files: list[dict[str, Path]] = []
+    for name, effects in (("null", ()), ("single", (effect,))):
+        home = tmp_path / name / CASES / "0001"
+        home.mkdir(parents=True)
+        kind: Kind = "single" if effects else "null"
+        make_case(Planned("field", kind, effects), home, load_wire(), COUNTS, SECRET)
+        files.append({path.name: path for path in home.iterdir()})
+    null, single = files
+    assert null.keys() == single.keys()
+    for name in null:
+        assert null[name].stat().st_mtime_ns == single[name].stat().st_mtime_ns
+    for name in (LOG, ROBOT, TASK):
+        assert null[name].stat().st_size == single[name].stat().st_size, name
+    # Of a number only the sign and the digits before the point may differ.
+    rows = [re.sub(r"-|\d+\.", "", one[REFERENCE].read_text()) for one in files]
+    assert len(rows[0]) == len(rows[1])
