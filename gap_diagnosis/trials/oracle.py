@@ -32,6 +32,12 @@ Values = Mapping[str, Value]
 Part = tuple[list[int], Floats]
 """Rows of coefficients in the inner products, and their sizes."""
 
+_RARE: Final = frozenset(
+    {"frame_duplication", "frame_loss", "frame_reordering", "missed_deadline", "stale_producer"}
+)
+_EVENTS: Final = 3.0
+"""So many are expected where the chance of none is 5 %."""
+
 _BEST: Final = 40
 """So many effects are tried in pairs."""
 
@@ -42,19 +48,27 @@ class Oracle:
     def __init__(self, recording: Recording, robot: Robot, case: Case) -> None:
         """Prepare; costs about a second."""
         model = MotionModel(recording, robot, default_prior())
-        self._robot = robot
+        self._robot, self._recording = robot, recording
         self._sight: Sight = sight_of(model.columns, model.gram(_levels(model, case)), model.prior)
         self._place = {key: row for row, key in enumerate(self._sight.keys)}
 
     def over_limit(self, effect: str, values: Values) -> float | None:
         """Return an effect's magnitude over its detection limit; None where it has no magnitude."""
-        over = _over_tolerance(effect, values)
+        over = self._over_elsewhere(effect, values)
         part = self._part(effect, values)
         if part is None:
             return over
         separation = self._nothing([(effect, values)], [part])
         seen = math.sqrt(separation / THRESHOLD)
         return seen if over is None else min(over, seen)
+
+    def _over_elsewhere(self, effect: str, values: Values) -> float | None:
+        """Return a magnitude over its tolerance; rare events must be expected to happen at all."""
+        over = _over_tolerance(effect, values)
+        if over is None or effect not in _RARE:
+            return over
+        rows = int(self._recording.tick[-1]) + 1
+        return min(over, float(values["probability"]) * rows / _EVENTS)
 
     def group(self, effects: Mapping[str, Values]) -> frozenset[Answer]:
         """Return every answer of at most as many effects that lies within 29 of the truth."""
