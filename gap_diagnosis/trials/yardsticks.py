@@ -48,8 +48,8 @@ def share(hits: Sequence[bool]) -> Share:
     return Share(p, max(0.0, middle - half), min(1.0, middle + half), count)
 
 
-def mean(values: Sequence[float]) -> Share:
-    """Return a mean with its normal 95 % interval."""
+def mean(values: Sequence[float], within: tuple[float, float] = (-math.inf, math.inf)) -> Share:
+    """Return a mean with its normal 95 % interval, cut to what a value can be."""
     count = len(values)
     if count == 0:
         return Share(None, None, None, 0)
@@ -57,7 +57,7 @@ def mean(values: Sequence[float]) -> Share:
     if count == 1:
         return Share(centre, None, None, 1)
     half = _Z * float(np.std(values, ddof=1)) / math.sqrt(count)
-    return Share(centre, centre - half, centre + half, count)
+    return Share(centre, max(within[0], centre - half), min(within[1], centre + half), count)
 
 
 @dataclass(frozen=True)
