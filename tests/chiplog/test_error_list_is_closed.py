@@ -91,7 +91,6 @@ UNLISTED = {
         "gap_diagnosis/reading/rows.py:rows_of_ticks",
         "gap_diagnosis/reading/table_file.py:_read_parquet",
         "gap_diagnosis/reading/table_file.py:_read_parts",
-        "gap_diagnosis/trials/make.py:_make_case",
         "gap_diagnosis/trials/run.py:_one",
         "hil_harness/devices/process.py:_exchange",
         "hil_harness/devices/shared_library.py:_put",
