@@ -24,8 +24,8 @@ from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, so
 from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
 from gap_diagnosis.structure import structure_of
 from hil_harness.assembly import Wire, load_wire
-from hil_harness.effects.library import load_effect_library
 from hil_harness.effects.model import Effect
+from hil_harness.effects.user_effects import load_effect_library
 from hil_harness.robot import Robot, load_robot
 
 

@@ -17,7 +17,6 @@ Effects = frozenset[str]
 THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
 
-_STAGES: Final = 8
 _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""

@@ -206,7 +206,7 @@ def _take_home(
     if effects_file is None and robot_file is None:
         return
     from gap_diagnosis.take_home import corrected_effects, effects_text, robot_text
-    from hil_harness.effects.library import load_effect_library
+    from hil_harness.effects.user_effects import load_effect_library
     from hil_harness.robot import load_robot
 
     described = load_robot(robot)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.prediction import Motion, Prediction
+from hil_harness.effects import catalogue
 from hil_harness.effects.model import Effect
 
 Value = float | int | str
@@ -414,7 +415,7 @@ def twin_sets(effects: frozenset[str]) -> list[frozenset[str]]:
     found = [
         (effects - {effect}) | {twin}
         for effect in sorted(effects)
-        for twin in _TWINS.get(effect, ())
+        for twin in twins_of(effect)
         if twin not in effects
     ]
     found += [
@@ -425,13 +426,6 @@ def twin_sets(effects: frozenset[str]) -> list[frozenset[str]]:
     return found
 
 
-_TWINS: Final[Mapping[str, tuple[str, ...]]] = {
-    "radius_scale": ("ticks_per_rev",),
-    "ticks_per_rev": ("radius_scale",),
-    "gyro_bias": ("adc_offset",),
-    "gyro_scale": ("adc_gain", "gyro_tilt"),
-    "reference_yaw": ("wheel_toe",),
-}
 _TWIN_PAIRS: Final = (
     (frozenset({"payload"}), frozenset({"radius_mismatch", "radius_scale"})),
     (frozenset({"radius_mismatch", "radius_scale"}), frozenset({"payload"})),
@@ -440,6 +434,19 @@ _TWIN_PAIRS: Final = (
 )
 
 
+_ALWAYS: Final = frozenset({"", "scale < 0", "the lever arm is unknown (opposite sign)"})
+"""Conditions under which the catalogue's twins leave the same data for one sign, or usually."""
+
+
 def twins_of(effect: str) -> tuple[str, ...]:
-    """Return effects that leave the same data as this one in every log."""
-    return _TWINS.get(effect, ())
+    """Return single effects that leave the same data as this one: the catalogue's twins."""
+    known = catalogue()
+    mine = known[effect].twins if effect in known else ()
+    named = [one.effects[0] for one in mine if len(one.effects) == 1 and one.condition in _ALWAYS]
+    named += [
+        other.name
+        for other in known.values()
+        for one in other.twins
+        if one.effects == (effect,) and one.condition in _ALWAYS and other.name not in named
+    ]
+    return tuple(named)

@@ -12,7 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Variant, explanation_of
-from gap_diagnosis.motion.nodes import CHANNELS, Nodes, residuals
+from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect
@@ -213,6 +213,3 @@ def _windows(
         if before is not None:
             weights.append((before, -1.0))
         yield Term(variant, (tuple(weights),), (limit,))
-
-
-__all__ = ["CHANNELS", "Columns", "Term", "build_columns"]

@@ -24,7 +24,6 @@ from gap_diagnosis.motion.whitening import Course, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 
-_JITTER: Final = 1e-12
 _SCALES: Final = 5
 _ALMOST: Final = 1 - 1e-16
 

@@ -4,7 +4,6 @@ An effect is declared once, in the file of its stage; its mechanism lives where 
 """
 
 from hil_harness.effects.catalogue import catalogue
-from hil_harness.effects.library import load_effect_library
 from hil_harness.effects.model import (
     Effect,
     EffectParameter,
@@ -23,6 +22,7 @@ from hil_harness.effects.settings import (
     load_effects,
     parse_effect,
 )
+from hil_harness.effects.user_effects import load_effect_library
 
 __all__ = [
     "Effect",
