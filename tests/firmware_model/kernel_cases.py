@@ -94,6 +94,7 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
         "mode": draw(st.sampled_from(["wheel", "gyro", "blend"])),
         "blend_weight": draw(st.floats(0.0, 1.0)),
         "integration": draw(st.sampled_from(["euler_before", "midpoint", "euler_after"])),
+        "stale_heading_ticks": draw(st.sampled_from([0, 0, 0, 1, 2, 3, 4])),
         "position": {
             "word_bits": draw(st.sampled_from([64, 48, 32, 24, 16]) | st.integers(8, 64)),
             "frac_bits": draw(st.integers(max(product_bits - 61, 0), min(product_bits, 48))),
@@ -134,6 +135,7 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
             "offset_frac_bits": draw(st.integers(0, 16)),
             "sensitivity_frac_bits": draw(_seldom(20, 50)),
             "rounding": draw(_ROUNDING),
+            "auto_zero_rad_s": draw(st.just(0.0) | st.floats(0.0, 1.0)),
         },
         "standstill": {
             "ticks": draw(st.integers(1, 8)),

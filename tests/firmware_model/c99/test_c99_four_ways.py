@@ -9,30 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_cases import ROBOT, config_of, configs, inputs
-from machines import assert_as_the_kernel, job_of, run_sanitized
-from test_c99_bit_equal import LIMITS, MODES, RULES, formats
+from machines import assert_four_ways, assert_same, job_of, oracle, run_program
+from test_c99_bit_equal import FORMATS, LIMITS, MODES, RULES, formats
 from test_kernel_bit_equal import random_ticks
 
-from firmware_model import FirmwareDescription, KernelConfig, build_config, run_batch_c99
-from firmware_model.cortex_m import Answer, Job, measure, run_jobs
-from firmware_model.state import STATE_FIELDS
+from firmware_model import FirmwareDescription, KernelConfig, build_config
+from firmware_model.cortex_m import Job, measure, run_jobs
 from hil_harness.assembly import load_wire
 from hil_harness.effect_runs import run_with_effects
 from hil_harness.firmware_program import FirmwareProgram
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario, scenario_names
 
-WAYS = {"sanitized": run_sanitized, "cortex_m3": run_jobs}
-
-
-@pytest.fixture(params=WAYS)
-def answers(request: pytest.FixtureRequest) -> object:
-    return WAYS[request.param]
-
-
-def check(answers: object, jobs: list[Job]) -> None:
-    for job, answer in zip(jobs, answers(jobs), strict=True):  # type: ignore[operator]
-        assert_as_the_kernel(job, answer)
+pytestmark = pytest.mark.xdist_group("c99")  # programs and images are built once
 
 
 @given(st.data())
@@ -40,7 +29,7 @@ def check(answers: object, jobs: list[Job]) -> None:
 def test_random_configurations_and_extreme_inputs_break_no_rule_of_c(data: st.DataObject) -> None:
     config = data.draw(configs())
     job = job_of(config, data.draw(inputs(config)))
-    assert_as_the_kernel(job, run_sanitized([job])[0], "python")
+    assert_same(run_program([job])[0], oracle(job), "sanitizers")
 
 
 @given(st.data())
@@ -50,10 +39,10 @@ def test_random_configurations_and_extreme_inputs_are_the_same_on_the_emulated_c
 ) -> None:
     config = data.draw(configs())
     job = job_of(config, data.draw(inputs(config)))
-    assert_as_the_kernel(job, run_jobs([job])[0], "python")
+    assert_same(run_jobs([job])[0], oracle(job), "cortex_m3")
 
 
-def test_every_mode_rule_and_rounding_is_the_same(answers: object, size: str) -> None:
+def test_every_mode_rule_and_rounding_is_the_same(size: str) -> None:
     count = 1_500 if size == "small" else 50_000
     jobs = []
     for place, (mode, rule) in enumerate((mode, rule) for mode in MODES for rule in RULES):
@@ -63,23 +52,29 @@ def test_every_mode_rule_and_rounding_is_the_same(answers: object, size: str) ->
             config_of(mode=mode, stale_heading_ticks=place % 5, **formats(place + 1)),
         ):
             jobs.append(Job(config, random_ticks(config, place, count)))
-    check(answers, jobs)
+    assert_four_ways(jobs)
 
 
-def test_every_scenario_is_the_same_in_every_mode(answers: object, size: str) -> None:
+def test_every_scenario_is_the_same_in_every_mode_and_format(size: str) -> None:
+    """Small: its first 6 s, in the default formats and one other. Full: whole, in all of them."""
     robot, wire = load_robot(None), load_wire(None, None)
     constants = FirmwareProgram(robot, wire.signal_map, wire.tick_period_us).described.constants
-    jobs = []
+    place = 0
     for name in scenario_names():
         ticks = 600 if size == "small" else None
         run = run_with_effects(scenario(name), robot, wire, [((), 1)], ticks=ticks)[0]
         columns = np.zeros((len(run.left_count), 5), dtype=np.int64)
         columns[:, 0], columns[:, 1], columns[:, 3] = run.left_count, run.right_count, run.gyro_code
+        tables: list[dict[str, object]] = []
         for mode in MODES:
-            described = robot.firmware.model_dump() | {"mode": mode}
-            config = build_config(FirmwareDescription.from_table(described), constants)
-            jobs.append(Job(config, columns))
-    check(answers, jobs)
+            others = [place % FORMATS] if size == "small" else list(range(FORMATS))
+            tables += [{"mode": mode}, *[{"mode": mode, **formats(other)} for other in others]]
+            place += 1
+        described = [
+            FirmwareDescription.from_table(robot.firmware.model_dump() | table) for table in tables
+        ]
+        assert_four_ways([Job(build_config(one, constants), columns) for one in described])
+    assert place >= FORMATS
 
 
 def sweep(config: KernelConfig) -> list[tuple[int, ...]]:
@@ -114,7 +109,7 @@ def sweep(config: KernelConfig) -> list[tuple[int, ...]]:
     return ticks
 
 
-def test_every_edge_of_every_input_is_the_same(answers: object) -> None:
+def test_every_edge_of_every_input_is_the_same() -> None:
     jobs = []
     for bits in (8, 16, 32):
         robot = replace(ROBOT, counter_bits=bits, ticks_per_rev=360, max_wheel_rate_rad_s=20.0)
@@ -125,10 +120,10 @@ def test_every_edge_of_every_input_is_the_same(answers: object) -> None:
             table |= formats(place) if bits == 8 else {}
             config = build_config(FirmwareDescription.from_table(table), robot, allow_overflow=True)
             jobs.append(job_of(config, sweep(config)))
-    check(answers, jobs)
+    assert_four_ways(jobs)
 
 
-def test_words_at_the_limits_of_32_and_64_bits_wrap_and_saturate_alike(answers: object) -> None:
+def test_words_at_the_limits_of_32_and_64_bits_wrap_and_saturate_alike() -> None:
     jobs = []
     for word_bits, frac_bits in ((64, 48), (32, 31), (32, 30), (33, 32), (62, 48), (63, 48)):
         for overflow in ("wrap", "saturate"):
@@ -137,23 +132,14 @@ def test_words_at_the_limits_of_32_and_64_bits_wrap_and_saturate_alike(answers: 
             config = build_config(FirmwareDescription.from_table(table), ROBOT, allow_overflow=True)
             drive = [(400 * tick, 400 * tick, 0, 32768, 0) for tick in range(3_000)]
             jobs.append(job_of(config, drive))
-    check(answers, jobs)
-    assert any(answer.state["overflow_count"] for answer in run_sanitized(jobs))
+    assert any(answer.state["overflow_count"] for answer in assert_four_ways(jobs))
 
 
-def test_a_long_drive_is_the_same_on_the_emulated_core(size: str) -> None:
-    """Small: a quarter of an hour at 100 Hz. Full: 24 h, 8.64 million ticks."""
-    config = config_of()
-    ticks = random_ticks(config, seed=24, count=90_000 if size == "small" else 8_640_000)
-    answer: Answer = run_jobs([Job(config, ticks)])[0]
-    columns = ticks.T[:, None, :]
-    batch = run_batch_c99(config, columns[0], columns[1], columns[3], columns[2], columns[4])
-    assert batch.pose_q is not None
-    assert batch.status is not None
-    for place, name in enumerate(("x_m_q", "y_m_q", "heading_turn_q")):
-        assert np.array_equal(answer.records[name], batch.pose_q[0, :, place])
-    assert np.array_equal(answer.records["status"], batch.status[0])
-    assert answer.state == dict(zip(STATE_FIELDS, batch.final_states[0].item(), strict=True))
+def test_a_day_of_motion_in_one_run_is_the_same_all_four_ways(size: str) -> None:
+    """Small: 100 s at 100 Hz. Full: 24 h, 8.64 million ticks; counters wrap and words with them."""
+    config = config_of(position={"word_bits": 32, "frac_bits": 21})
+    ticks = random_ticks(config, seed=24, count=10_000 if size == "small" else 8_640_000)
+    assert_four_ways([Job(config, ticks)])
 
 
 def test_the_emulated_core_counts_the_same_instructions_each_time() -> None:
