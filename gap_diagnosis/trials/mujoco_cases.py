@@ -1,0 +1,140 @@
+"""Cases of the other engine on disk, as a lab would have them: nulls and physical causes.
+
+`python -m gap_diagnosis.trials.mujoco_cases OUT [CAUSE]… [--seed N] [--drive KIND]` writes
+OUT/CAUSE-N/ with `bus.log`, `robot.toml`, `reference.tum`, and beside them `truth/CAUSE-N.json`:
+what the engine did, measured from its state.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gap_diagnosis.trials.drives import FAMILIAR, NEW, drive
+from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
+from gap_diagnosis.trials.logs import measured, tum_lines, write_log
+from gap_diagnosis.trials.mujoco_engine import drive_through
+from gap_diagnosis.trials.mujoco_sensors import Engine
+from gap_diagnosis.trials.mujoco_truth import Calibrated, calibrated, truth_of
+from gap_diagnosis.trials.mujoco_world import Patch, World
+from gap_diagnosis.trials.reference_noise import draw_levels
+from hil_harness.assembly import Wire, commands_on_the_wire, load_wire
+from hil_harness.effect_runs import run_with_effects
+from hil_harness.robot import Robot, load_robot
+from sim_plant import PlantDescription
+
+FASTEST_M_S: Final = 0.4
+"""So that no acceleration reaches a tenth of what the floor gives."""
+_TYRES: Final = 40_000.0
+
+_ROBOT_TEXT: Final = """\
+schema = 1
+
+[robot]
+name = "mujoco"
+
+[wheels]
+radius_m = {radius_m:.9f}
+wheelbase_m = {wheelbase_m:.9f}
+"""
+
+CAUSES: Final[Mapping[str, Mapping[str, Any]]] = {
+    "null": {},
+    "small_wheels": {"radius_left_m": 0.0492, "radius_right_m": 0.0492},
+    "small_right_wheel": {"radius_right_m": 0.0495},
+    "wide_track": {"track_m": 0.306},
+    "icy_patch": {"patch": Patch("left", 0.02, 0.5, 0.01)},
+    "load_on_the_left": {"load_kg": 4.0, "load_at_m": (0.0, 0.1, 0.1)},
+    "soft_tyres": {"soft_s": 0.03},
+    "tilted_floor": {"slope_rad": 0.05, "downhill_rad": 0.7, "soft_s": 0.02},
+    "weak_motors": {"torque_nm": 0.05},
+    "scrubbing_tyres": {"scrub_m": 0.01},
+}
+"""By cause, what is different from the robot that was calibrated."""
+
+
+def nominal_world(seed: int) -> World:
+    """Return a robot: mass, balance, scrub, floor and caster are its own; its wheels are alike."""
+    draw = np.random.default_rng([seed, 1])
+    return World(
+        mass_kg=float(draw.uniform(5, 12)),
+        middle_x_m=float(draw.uniform(-0.08, -0.03)),
+        scrub_m=float(draw.uniform(0.0, 0.002)),
+        trail_m=float(draw.uniform(0.01, 0.025)),
+        caster_friction=float(draw.uniform(0.4, 0.8)),
+    )
+
+
+def world_with(cause: str, seed: int) -> tuple[World, World]:
+    """Return the robot as it was calibrated, and as it is with a cause."""
+    nominal = nominal_world(seed)
+    if cause == "load_on_the_left":
+        nominal = replace(nominal, tyre_n_per_m=_TYRES)
+    if cause == "tilted_floor":
+        nominal = replace(nominal, soft_s=0.02)
+    return nominal, replace(nominal, **CAUSES[cause])
+
+
+def calibrate(
+    world: World, plant: PlantDescription, wire: Wire, seconds: float = 40.0
+) -> Calibrated:
+    """Return what a lab's calibration drive in this engine gives."""
+    scenario = drive("calibration", np.random.default_rng(7), FASTEST_M_S)
+    ticks = min(
+        scenario.tick_count(wire.tick_period_us), round(seconds * 1e6) // wire.tick_period_us
+    )
+    commands = commands_on_the_wire(scenario, ticks, wire)
+    return calibrated(drive_through(world, plant, commands, wire.tick_period_us))
+
+
+def write_case(
+    cause: str, seed: int, folder: Path, *, kind: str = "calibration", noise: str = "white"
+) -> dict[str, Any]:
+    """Write one case; return the truth, measured from the engine's state."""
+    folder.mkdir(parents=True)
+    wire, plant = load_wire(), load_robot(None).plant
+    nominal, world = world_with(cause, seed)
+    described = calibrate(nominal, plant, wire)
+    text = _ROBOT_TEXT.format(radius_m=described.radius_m, wheelbase_m=described.wheelbase_m)
+    (folder / ROBOT).write_text(text, encoding="ascii")
+    robot: Robot = load_robot(folder / ROBOT)
+    draw = np.random.default_rng([seed, 2])
+    scenario = drive(kind, draw, FASTEST_M_S)
+    engine = Engine(world)
+    (run,) = run_with_effects(scenario, robot, wire, [((), seed)], simulator=engine)
+    write_log(folder / LOG, run, robot, wire)
+    reference = measured(run, draw_levels(noise, draw), draw, seed)
+    (folder / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
+    assert engine.driven is not None  # it was driven just now
+    return {"cause": cause, "seed": seed, "drive": kind, "noise": noise} | {
+        "truth": truth_of(engine.driven, world, described)
+    }
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write the cases that are asked for; all causes by default."""
+    parser = argparse.ArgumentParser(prog="mujoco_cases", description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("causes", nargs="*", metavar="CAUSE", default=list(CAUSES))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drive", choices=(*FAMILIAR, *NEW), default="calibration")
+    given = parser.parse_args(arguments)
+    for cause in given.causes:
+        name = f"{cause}-{given.seed}"
+        truth = write_case(cause, given.seed, given.out / name, kind=given.drive)
+        (given.out / "truth").mkdir(exist_ok=True)
+        text = json.dumps(truth, indent=1) + "\n"
+        (given.out / "truth" / f"{name}.json").write_text(text, encoding="ascii")
+        print(name, {key: round(value, 6) for key, value in truth["truth"].items()}, flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
