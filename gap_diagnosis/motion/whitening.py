@@ -135,26 +135,24 @@ def _whiten(
     ticks: Floats,
 ) -> tuple[Floats, float, int]:
     nodes, width = columns.shape[1], columns.shape[2]
-    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading.
-    n = 10
-    slow_s = levels[8]
+    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading. The
+    # covariance is one flat row of 10 × 10 numbers: with sizes known, its loops are vectorised.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     position, heading, slow_position, slow_heading = levels[4], levels[5], levels[6], levels[7]
-    covariance = np.zeros((n, n))
-    state = np.zeros((n, width))
+    slow_s = levels[8]
+    covariance = np.zeros(100)
+    state = np.zeros((10, width))
     for i in range(4):
-        covariance[i, i] = 25.0
-    covariance[4, 4] = 1e-12
-    covariance[7, 7] = slow_position**2
-    covariance[8, 8] = slow_position**2
-    covariance[9, 9] = slow_heading**2
+        covariance[11 * i] = 25.0
+    covariance[44] = 1e-12
+    covariance[77] = slow_position**2
+    covariance[88] = slow_position**2
+    covariance[99] = slow_heading**2
     quantum_variance = quantum_m**2
     out = np.empty((4 * nodes, width))
     rows = 0
     log_determinant = 0.0
-    h = np.zeros(n)
-    gain = np.zeros(n)
-    ph = np.zeros(n)
+    gain = np.zeros(10)
     for k in range(nodes):
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
@@ -163,116 +161,101 @@ def _whiten(
                 state[1, j] -= dy * state[0, j]
                 state[2, j] += dx * state[0, j]
                 state[3, j] += dt * state[4, j]
-            for j in range(n):
-                covariance[1, j] -= dy * covariance[0, j]
-                covariance[2, j] += dx * covariance[0, j]
-                covariance[3, j] += dt * covariance[4, j]
-            for i in range(n):
-                covariance[i, 1] -= dy * covariance[i, 0]
-                covariance[i, 2] += dx * covariance[i, 0]
-                covariance[i, 3] += dt * covariance[i, 4]
+            for j in range(10):
+                covariance[10 + j] -= dy * covariance[j]
+                covariance[20 + j] += dx * covariance[j]
+                covariance[30 + j] += dt * covariance[40 + j]
+            for i in range(10):
+                covariance[10 * i + 1] -= dy * covariance[10 * i]
+                covariance[10 * i + 2] += dx * covariance[10 * i]
+                covariance[10 * i + 3] += dt * covariance[10 * i + 4]
             decay = np.exp(-dt / slow_s)
             for i in range(7, 10):
                 for j in range(width):
                     state[i, j] *= decay
-                for j in range(n):
-                    covariance[i, j] *= decay
-                for j in range(n):
-                    covariance[j, i] *= decay
+                _scale_state(covariance, i, decay)
             fresh = 1.0 - decay * decay
-            covariance[7, 7] += fresh * slow_position**2
-            covariance[8, 8] += fresh * slow_position**2
-            covariance[9, 9] += fresh * slow_heading**2
+            covariance[77] += fresh * slow_position**2
+            covariance[88] += fresh * slow_position**2
+            covariance[99] += fresh * slow_heading**2
             left = contact * contact * left_path[k]
             right = contact * contact * right_path[k]
             c, s = cosine[k], sine[k]
-            turn = (left + right) / (wheelbase_m * wheelbase_m)
             along = 0.25 * (left + right)
             cross = 0.5 * (right - left) / wheelbase_m
             side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
-            covariance[0, 0] += turn
-            covariance[1, 1] += c * c * along + s * s * side
-            covariance[2, 2] += s * s * along + c * c * side
-            covariance[1, 2] += c * s * (along - side)
-            covariance[2, 1] += c * s * (along - side)
-            covariance[0, 1] += c * cross
-            covariance[1, 0] += c * cross
-            covariance[0, 2] += s * cross
-            covariance[2, 0] += s * cross
-            covariance[3, 3] += gyro_noise * gyro_noise * dt
-            covariance[4, 4] += walk * walk * dt
-        for side_index in range(2):
-            q = 5 + side_index
-            moved = left_moved[k] if side_index == 0 else right_moved[k]
-            keep = 0.0 if k == 0 else max(1.0 - moved, np.exp(-dt_s[k] / quantum_s))
+            covariance[0] += (left + right) / (wheelbase_m * wheelbase_m)
+            covariance[11] += c * c * along + s * s * side
+            covariance[22] += s * s * along + c * c * side
+            covariance[12] += c * s * (along - side)
+            covariance[21] += c * s * (along - side)
+            covariance[1] += c * cross
+            covariance[10] += c * cross
+            covariance[2] += s * cross
+            covariance[20] += s * cross
+            covariance[33] += gyro_noise * gyro_noise * dt
+            covariance[44] += walk * walk * dt
+        stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
+        for q in range(5, 7):
+            moved = left_moved[k] if q == 5 else right_moved[k]
+            keep = 0.0 if k == 0 else max(1.0 - moved, stays)
             for j in range(width):
                 state[q, j] *= keep
-            for j in range(n):
-                covariance[q, j] *= keep
-            for j in range(n):
-                covariance[j, q] *= keep
-            covariance[q, q] += (1.0 - keep * keep) * quantum_variance
+            _scale_state(covariance, q, keep)
+            covariance[11 * q] += (1.0 - keep * keep) * quantum_variance
         c, s = cosine[k], sine[k]
         for channel in range(4):
-            value = columns[channel, k, 0]
-            if np.isnan(value):
+            if np.isnan(columns[channel, k, 0]):
                 continue
-            h[:] = 0.0
+            # Every channel is the sum of two states and a share of each wheel's quantum.
             if channel == 0:
-                h[1] = 1.0
-                h[5] = -0.5 * c
-                h[6] = -0.5 * c
-                h[7] = 1.0
+                first, second, left_share, right_share = 1, 7, -0.5 * c, -0.5 * c
                 noise = position * position / samples[k] + 1e-12
             elif channel == 1:
-                h[2] = 1.0
-                h[5] = -0.5 * s
-                h[6] = -0.5 * s
-                h[8] = 1.0
+                first, second, left_share, right_share = 2, 8, -0.5 * s, -0.5 * s
                 noise = position * position / samples[k] + 1e-12
             elif channel == 2:
-                h[0] = 1.0
-                h[5] = 1.0 / wheelbase_m
-                h[6] = -1.0 / wheelbase_m
-                h[9] = 1.0
+                first, second = 0, 9
+                left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
                 noise = heading * heading / samples[k] + 1e-12
             else:
-                h[0] = 1.0
-                h[3] = 1.0
-                h[5] = 1.0 / wheelbase_m
-                h[6] = -1.0 / wheelbase_m
+                first, second = 0, 3
+                left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
                 averaged = min(max(left_moved[k], right_moved[k], 1.0), ticks[k])
                 fast = 2.0 * quantum_variance / (wheelbase_m * wheelbase_m) / averaged
                 noise = gyro_floor * gyro_floor + fast
-            variance = noise
-            for i in range(n):
-                total = 0.0
-                for j in range(n):
-                    if h[j] != 0.0:
-                        total += covariance[i, j] * h[j]
-                ph[i] = total
-            for i in range(n):
-                if h[i] != 0.0:
-                    variance += h[i] * ph[i]
-            scale = 1.0 / np.sqrt(variance)
-            for i in range(n):
-                gain[i] = ph[i] / variance
+            one, two = 10 * first, 10 * second
+            for i in range(10):
+                gain[i] = (
+                    covariance[one + i]
+                    + covariance[two + i]
+                    + left_share * covariance[50 + i]
+                    + right_share * covariance[60 + i]
+                )
+            variance = noise + gain[first] + gain[second]
+            variance += left_share * gain[5] + right_share * gain[6]
             log_determinant += np.log(variance)
+            scale = 1.0 / np.sqrt(variance)
+            for i in range(10):
+                gain[i] *= scale
             for j in range(width):
-                innovation = columns[channel, k, j]
-                for i in range(n):
-                    if h[i] != 0.0:
-                        innovation -= h[i] * state[i, j]
-                out[rows, j] = innovation * scale
-            for i in range(n):
-                if gain[i] != 0.0:
-                    amount = gain[i] / scale
-                    for j in range(width):
-                        state[i, j] += amount * out[rows, j]
-            for i in range(n):
-                for j in range(i, n):
-                    value = covariance[i, j] - gain[i] * ph[j]
-                    covariance[i, j] = value
-                    covariance[j, i] = value
+                expected = state[first, j] + state[second, j]
+                expected += left_share * state[5, j] + right_share * state[6, j]
+                out[rows, j] = (columns[channel, k, j] - expected) * scale
+            for i in range(10):
+                amount = gain[i]
+                for j in range(width):
+                    state[i, j] += amount * out[rows, j]
+                for j in range(10):
+                    covariance[10 * i + j] -= amount * gain[j]
             rows += 1
     return out[:rows], log_determinant, rows
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _scale_state(covariance: Floats, place: int, factor: float) -> None:
+    """Scale one state: its row and its column of the flat covariance."""
+    for j in range(10):
+        covariance[10 * place + j] *= factor
+    for j in range(10):
+        covariance[10 * j + place] *= factor
