@@ -13,6 +13,7 @@ import can
 from can_bus.database import Database, identifier_key
 from can_bus.errors import CanBusError
 from can_bus.frames import MICROSECONDS_PER_S
+from can_bus.strikes import Strikes, check_chance
 
 FaultKind = Literal["drop", "delay", "corrupt", "duplicate", "silence"]
 FAULT_KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
@@ -52,41 +53,35 @@ class Fault:
             raise CanBusError("fault 'silence' needs the name of a node")
         if self.kind == "delay" and self.delay_us <= 0:
             raise CanBusError(f"fault 'delay': delay_us = {self.delay_us}: expected more than 0")
-        if not 0.0 <= self.probability <= 1.0:
-            raise CanBusError(f"fault: probability = {self.probability}: expected 0 to 1")
-        if self.count is not None and self.count < 0:
-            raise CanBusError(f"fault: count = {self.count}: expected 0 or more")
+        check_chance("fault", self.probability, self.count)
         if self.bit is not None and self.bit < 0:
             raise CanBusError(f"fault 'corrupt': bit = {self.bit}: expected 0 or more")
 
 
 class _ActiveFault:
-    """A fault with the identifiers it strikes, what it has left, and its own random stream."""
+    """A fault with the identifiers it strikes and its own random stream."""
 
-    __slots__ = ("fault", "keys", "random", "remaining")
+    __slots__ = ("_strikes", "fault", "keys", "random")
 
     def __init__(self, fault: Fault, keys: frozenset[int] | None, stream: random.Random) -> None:
         self.fault = fault
         self.keys = keys
-        self.remaining = fault.count
         self.random = stream
+        self._strikes = Strikes(
+            start=fault.start_us,
+            stop=fault.stop_us,
+            count=fault.count,
+            probability=fault.probability,
+            stream=stream,
+        )
 
     def strikes(self, now_us: int, message: can.Message) -> bool:
         """Decide about one frame; draws only for frames that the fault could strike."""
-        fault = self.fault
-        if now_us < fault.start_us or (fault.stop_us is not None and now_us >= fault.stop_us):
-            return False
-        if self.remaining == 0:
-            return False
         if self.keys is not None:
             key = identifier_key(message.arbitration_id, message.is_extended_id)
             if key not in self.keys:
                 return False
-        if fault.probability < 1.0 and self.random.random() >= fault.probability:
-            return False
-        if self.remaining is not None:
-            self.remaining -= 1
-        return True
+        return self._strikes.strike(now_us)
 
 
 class FaultInjector:

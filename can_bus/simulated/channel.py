@@ -1,0 +1,414 @@
+"""The wire between the nodes of one channel: its clock, arbitration, and what becomes of frames.
+
+Time moves from event to event and only on request (`step`). Frames queued at one time all take
+part in the arbitration at that time, since arbitration is held when the clock moves on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from heapq import heappop, heappush
+from typing import Final
+
+import can
+
+from can_bus.errors import CanBusError
+from can_bus.simulated.confinement import RECOVERY_SEQUENCE_BITS
+from can_bus.simulated.controller import NS_PER_S, Controller
+from can_bus.simulated.disturbed_frame import Station, play
+from can_bus.simulated.error_frames import error_message, restart_message
+from can_bus.simulated.faults import ActiveFault, BusFault, FaultPlan
+from can_bus.simulated.frame_bits import FrameContent
+from can_bus.simulated.messages import copy_of, message_of
+from can_bus.simulated.queues import Pending, TransmitQueue, arbitration_key
+from can_bus.timing import INTERFRAME_BITS, frame_length_bits
+
+NEVER_NS: Final = 1 << 80
+"""Later than any time."""
+
+SUSPEND_BITS: Final = 8
+"""Suspend transmission: an error-passive transmitter waits so much longer."""
+
+
+class _Event:
+    """Something that happens at a time, unless it is cancelled."""
+
+    __slots__ = ("action",)
+
+    def __init__(self, action: Callable[[], None] | None) -> None:
+        self.action = action
+
+
+class _Flight:
+    """A frame on the wire; `stations` where its bits were played one by one."""
+
+    __slots__ = ("end_ns", "entrants", "pendings", "present", "stations")
+
+    def __init__(
+        self,
+        end_ns: int,
+        present: list[Controller],
+        entrants: list[Controller],
+        pendings: list[Pending],
+        stations: list[Station] | None,
+    ) -> None:
+        self.end_ns = end_ns
+        self.present = present
+        self.entrants = entrants
+        self.pendings = pendings
+        self.stations = stations
+
+
+class Channel:
+    """All that one wire does.
+
+    Args:
+        bitrate: in bit/s.
+
+    Attributes:
+        now_ns: simulated time since the channel was opened.
+        controllers: the nodes on it.
+        faults: the faults that are on.
+        busy_bits: bit times that frames, error frames and intermissions have taken.
+
+    Raises CanBusError for a bit rate that classic CAN does not have.
+    """
+
+    def __init__(self, bitrate: int) -> None:
+        """Start at time 0 with an idle bus and no node."""
+        if not 1 <= bitrate <= 1_000_000:
+            raise CanBusError(f"bitrate = {bitrate}: expected 1 to 1000000 [bit/s]")
+        self.bitrate = bitrate
+        self.now_ns = 0
+        self.controllers: list[Controller] = []
+        self.faults = FaultPlan()
+        self.busy_bits = 0
+        self._events: list[tuple[int, int, _Event]] = []
+        self._numbers = itertools.count()
+        self._flight: _Flight | None = None
+        self._free_ns = 0
+        self._idle_since_ns = 0
+        self._carry = 0
+
+    def add(self, controller: Controller) -> None:
+        """Put a node on the bus."""
+        self.controllers.append(controller)
+
+    def remove(self, controller: Controller) -> None:
+        """Take a node off the bus; a frame of it that is on the wire is still finished."""
+        self.controllers.remove(controller)
+
+    def at(self, time_ns: int, action: Callable[[], None]) -> _Event:
+        """Have something done at a time; set the event's `action` to None to cancel it."""
+        event = _Event(action)
+        heappush(self._events, (max(time_ns, self.now_ns), next(self._numbers), event))
+        return event
+
+    # --- sending and faults ----------------------------------------------------------------------
+
+    def send(self, controller: Controller, pending: Pending) -> None:
+        """Queue a frame at the current time, or as faults have it."""
+        if not self.faults.queueing:
+            controller.queue.push(pending)
+            return
+        delay_ns, copies = 0, 1
+        for active in self.faults.queueing:
+            message = pending.message
+            if active.concerns(controller.name, message) and active.strike(self.now_ns):
+                kind = active.fault.kind
+                if kind == "duplication":
+                    copies += 1
+                elif kind == "reordering":
+                    active.held.append((controller, pending))
+                    return
+                else:
+                    delay_ns += active.draw_delay_ns()
+        batch = [pending, *(_twin(pending) for _ in range(copies - 1))]
+        for active in self.faults.queueing:
+            batch += active.release(controller, pending)
+        for one in batch:
+            if delay_ns:
+                self.at(self.now_ns + delay_ns, _push_of(controller, one))
+            else:
+                controller.queue.push(one)
+
+    def inject(self, fault: BusFault, seed: int) -> ActiveFault:
+        """Switch a fault on."""
+        active = self.faults.add(fault, seed)
+        for time_ns in (active.start_ns, active.stop_ns):
+            if time_ns is not None:  # the wire looks again at who is silent
+                self.at(time_ns, _nothing)
+        if fault.kind == "babbling":
+            self._babble(active)
+        return active
+
+    def _babble(self, active: ActiveFault) -> None:
+        fault = active.fault
+        name, frame_id = fault.node or "", fault.arbitration_id or 0
+        node = next((one for one in self.controllers if one.name == name), None)
+        if node is None:
+            node = Controller(name, TransmitQueue("priority"))
+            self.add(node)
+        babbler = node
+        length = frame_length_bits(frame_id, fault.is_extended, fault.data)
+        key = arbitration_key(frame_id, fault.is_extended, False)
+        content = FrameContent(frame_id, fault.is_extended, False, len(fault.data), fault.data)
+
+        def babble() -> None:
+            if active.is_on and active.strike(self.now_ns):
+                pending = Pending(key, message_of(content, 0.0), length, again)
+                babbler.queue.push(pending)
+
+        def again() -> None:
+            self.at(self.now_ns + round(fault.delay_s * NS_PER_S), babble)
+
+        self.at(active.start_ns, babble)
+
+    # --- the clock -------------------------------------------------------------------------------
+
+    def step(self, limit_ns: int) -> bool:
+        """Do the next thing that happens until then; if there is none, go there and say so."""
+        event_ns = self._events[0][0] if self._events else NEVER_NS
+        flight = self._flight
+        if flight is not None:
+            if flight.end_ns <= event_ns:
+                if flight.end_ns > limit_ns:
+                    self._go(limit_ns)
+                    return False
+                self.now_ns = flight.end_ns
+                self._flight = None
+                self._finish(flight)
+                return True
+        else:
+            recovery_ns = self._next_recovery_ns()
+            start_ns = self._next_start_ns()
+            if recovery_ns < event_ns and recovery_ns <= min(limit_ns, start_ns):
+                self.now_ns = max(recovery_ns, self.now_ns)
+                self._count_idle(self.now_ns)
+                return True
+            if start_ns < event_ns and start_ns < limit_ns:
+                self.now_ns = start_ns
+                self._start(start_ns, min(limit_ns, event_ns))
+                return True
+        if event_ns <= limit_ns:
+            self._go(event_ns)
+            action = heappop(self._events)[2].action
+            if action is not None:
+                action()
+            return True
+        self._go(limit_ns)
+        return False
+
+    def _go(self, time_ns: int) -> None:
+        if self.now_ns < time_ns < NEVER_NS:
+            self.now_ns = time_ns
+
+    def _is_present(self, controller: Controller) -> bool:
+        return not controller.confinement.is_off and not (
+            self.faults.silence and self.faults.is_silent(controller.name, self.now_ns)
+        )
+
+    def _next_start_ns(self) -> int:
+        """Return when the next start of frame can be, if nothing happens before."""
+        earliest = NEVER_NS
+        for controller in self.controllers:
+            if controller.queue.head is not None and self._is_present(controller):
+                earliest = min(earliest, controller.suspended_until_ns)
+        return earliest if earliest == NEVER_NS else max(earliest, self._free_ns, self.now_ns)
+
+    # --- one frame -------------------------------------------------------------------------------
+
+    def _start(self, start_ns: int, limit_ns: int) -> None:
+        """Hold arbitration, and put the winner on the wire."""
+        present = [one for one in self.controllers if self._is_present(one)]
+        entrants = [
+            one
+            for one in present
+            if one.queue.head is not None and one.suspended_until_ns <= start_ns
+        ]
+        winner = entrants[0]
+        is_tie = False
+        if len(entrants) > 1:
+            keys = [one.queue.head.key for one in entrants if one.queue.head is not None]
+            best = min(keys)
+            winner = entrants[keys.index(best)]
+            is_tie = keys.count(best) > 1
+        head = winner.queue.head
+        assert head is not None
+        inverted = {}
+        if self.faults.corruption:
+            names = [one.name for one in present]
+            inverted = self.faults.inverted(winner.name, head.message, names, start_ns)
+        if start_ns > self._free_ns:
+            self._count_idle(start_ns)
+            self._carry = 0
+        if len(present) > 1 and not is_tie and not inverted:
+            end_ns = self._occupy(start_ns, head.length_bits)
+            self._flight = _Flight(end_ns, present, [winner], [winner.queue.start()], None)
+            return
+        if winner.stuck_on is head and len(present) == 1 and not inverted:
+            start_ns = self._pass_stuck(winner, start_ns, limit_ns)
+        pendings = [one.queue.start() for one in entrants]
+        contents = {id(o): p.content for o, p in zip(entrants, pendings, strict=True)}
+        stations = [Station(one.confinement, contents.get(id(one))) for one in present]
+        end_ns = self._occupy(start_ns, play(stations, inverted))
+        self._flight = _Flight(end_ns, present, entrants, pendings, stations)
+
+    def _occupy(self, start_ns: int, bits: int) -> int:
+        """Take the wire for a frame; return its end. Bits never drift against the clock."""
+        end_ns = start_ns + (bits * NS_PER_S + self._carry) // self.bitrate
+        self.busy_bits += bits + INTERFRAME_BITS
+        taken_ns, self._carry = divmod(
+            (bits + INTERFRAME_BITS) * NS_PER_S + self._carry, self.bitrate
+        )
+        self._free_ns = self._idle_since_ns = start_ns + taken_ns
+        return end_ns
+
+    def _finish(self, flight: _Flight) -> None:
+        if flight.stations is None:
+            sender = flight.entrants[0]
+            sender.confinement.count_sent()
+            for controller in flight.present:
+                if controller is not sender and controller.confinement.rec:
+                    controller.confinement.count_received()
+            self._sent(sender, flight.pendings[0])
+            self._deliver(flight.present, sender, flight.pendings[0].message)
+        else:
+            self._finish_disturbed(flight, flight.stations)
+        for controller in flight.present:
+            if controller.is_off and controller.restarts:
+                controller.start_recovery()
+        self._count_sequences(1)
+
+    def _finish_disturbed(self, flight: _Flight, stations: list[Station]) -> None:
+        waiting = dict(zip(map(id, flight.entrants), flight.pendings, strict=True))
+        messages = []
+        for controller, station in zip(flight.present, stations, strict=True):
+            before = (controller.confinement.tec, controller.confinement.rec)
+            controller.confinement = station.confinement
+            pending = waiting.get(id(controller))
+            if pending is not None:
+                self._settle(controller, pending, station, before)
+            if station.errors and controller.take is not None and controller.stuck_on is None:
+                stamp_s = controller.local_s(self.now_ns)
+                messages += [
+                    (controller, error_message(error, station.confinement, stamp_s))
+                    for error in station.errors
+                ]
+        sender = next(
+            (o for o, s in zip(flight.present, stations, strict=True) if s.has_sent),
+            flight.entrants[0],
+        )
+        for controller, station in zip(flight.present, stations, strict=True):
+            if station.received is not None:
+                self._deliver_to(controller, sender, message_of(station.received, 0.0))
+            elif station.has_sent:
+                self._echo(controller, waiting[id(controller)].message)
+        for controller, message in messages:
+            if controller.take is not None:
+                controller.take(message)
+
+    def _settle(
+        self, controller: Controller, pending: Pending, station: Station, before: tuple[int, int]
+    ) -> None:
+        """Decide what becomes of a frame that a node tried to send."""
+        after = (station.confinement.tec, station.confinement.rec)
+        if station.has_sent:
+            self._sent(controller, pending)
+            return
+        has_failed = any(error.is_transmitter for error in station.errors)
+        if has_failed and not controller.retransmits:
+            controller.queue.finish()
+            return
+        controller.queue.take_back(pending)
+        if has_failed:
+            self._suspend(controller)
+            if before == after and controller.is_passive:
+                controller.stuck_on = controller.stuck_on or pending
+
+    def _sent(self, controller: Controller, pending: Pending) -> None:
+        controller.queue.finish()
+        controller.stuck_on = None
+        if controller.is_passive:
+            self._suspend(controller)
+        if pending.on_sent is not None:
+            pending.on_sent()
+
+    def _suspend(self, controller: Controller) -> None:
+        if controller.is_passive:
+            wait_ns = SUSPEND_BITS * NS_PER_S // self.bitrate
+            controller.suspended_until_ns = self._free_ns + wait_ns
+
+    def _pass_stuck(self, controller: Controller, start_ns: int, limit_ns: int) -> int:
+        """Skip attempts that change nothing: nobody else is there and no counter moves."""
+        head = controller.queue.head
+        assert head is not None
+        station = Station(controller.confinement, head.content)
+        bits = play([station], {}) + INTERFRAME_BITS + SUSPEND_BITS
+        attempts = (limit_ns - start_ns) * self.bitrate // (bits * NS_PER_S)
+        if limit_ns >= NEVER_NS or attempts < 1:
+            return start_ns
+        self.busy_bits += (bits - SUSPEND_BITS) * (attempts - 1)
+        return start_ns + (attempts - 1) * bits * NS_PER_S // self.bitrate
+
+    # --- receiving -------------------------------------------------------------------------------
+
+    def _deliver(self, present: list[Controller], sender: Controller, message: can.Message) -> None:
+        for controller in present:
+            if controller is not sender and controller.take is not None:
+                self._deliver_to(controller, sender, message)
+        self._echo(sender, message)
+
+    def _echo(self, sender: Controller, message: can.Message) -> None:
+        if sender.echo is not None:
+            own = copy_of(message, sender.local_s(self.now_ns))
+            own.is_rx = False
+            sender.echo(own)
+
+    def _deliver_to(self, controller: Controller, sender: Controller, message: can.Message) -> None:
+        if controller.take is None:
+            return
+        if self.faults.loss and self.faults.loses(
+            sender.name, controller.name, message, self.now_ns
+        ):
+            return
+        controller.take(copy_of(message, controller.local_s(self.now_ns)))
+
+    # --- bus-off recovery ------------------------------------------------------------------------
+
+    def _next_recovery_ns(self) -> int:
+        """Return when an idle bus has brought the next node back from bus-off."""
+        left = [one.recovery_left for one in self.controllers if one.recovery_left is not None]
+        if not left:
+            return NEVER_NS
+        bits = min(left) * RECOVERY_SEQUENCE_BITS
+        return self._idle_since_ns + math.ceil(bits * NS_PER_S / self.bitrate)
+
+    def _count_idle(self, now_ns: int) -> None:
+        """Count the recessive sequences of an idle bus."""
+        idle_ns = now_ns - self._idle_since_ns
+        sequences = idle_ns * self.bitrate // (RECOVERY_SEQUENCE_BITS * NS_PER_S)
+        if sequences > 0:
+            self._idle_since_ns += math.ceil(
+                sequences * RECOVERY_SEQUENCE_BITS * NS_PER_S / self.bitrate
+            )
+            self._count_sequences(sequences)
+
+    def _count_sequences(self, sequences: int) -> None:
+        for controller in self.controllers:
+            if controller.count_recessive(sequences) and controller.take is not None:
+                controller.take(restart_message(controller.local_s(self.now_ns)))
+
+
+def _nothing() -> None:
+    """Happen."""
+
+
+def _push_of(controller: Controller, pending: Pending) -> Callable[[], None]:
+    return lambda: controller.queue.push(pending)
+
+
+def _twin(pending: Pending) -> Pending:
+    return Pending(pending.key, copy_of(pending.message, 0.0), pending.length_bits)
