@@ -13,7 +13,7 @@ import numpy as np
 
 from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
 from gap_diagnosis.motion.model import MotionModel, Refitted
@@ -119,12 +119,13 @@ class MotionBlock:
     def _noisy(self, effects: frozenset[str]) -> Fit:
         """Fit a set with one level of noise set free; a level within twice the described is none.
 
-        Beside an effect that does not lead, the noise is taken to gain what it gains alone.
+        Beside an effect that does not lead, the noise is taken to gain what it gains alone. Beside
+        a mistake of the set-up no level is told: a factor multiplies the errors of the wheels too.
         """
         noises = frozenset(effects & NOISES.keys())
         quiet = effects - noises
         names = tuple(sorted(effects))
-        if len(noises) > 1:
+        if len(noises) > 1 or quiet & GROSS:
             return Fit(names, _IMPOSSIBLE, _IMPOSSIBLE)
         (name,) = noises
         if quiet and quiet != self._leader:
