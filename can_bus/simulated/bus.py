@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
+from threading import get_ident
 from typing import Final
 
 import can
@@ -121,9 +122,11 @@ class SimulatedBus(can.BusABC):
         self._seed = seed
         self._name: Hashable = channel
         self._is_open = False
+        self._reader: int | None = None
         try:
             planned = [] if faults is None else load_faults(faults)
             self._wire = _open_wire(channel, bitrate)
+            self._channel, self._pace = self._wire.channel, self._wire.pace
             try:
                 controller = self._controller = Controller(
                     node if node is not None else self._numbered_name(),
@@ -155,7 +158,7 @@ class SimulatedBus(can.BusABC):
         CanOperationError if there is none, or if the handle is closed; CanBusError for a frame
         that classic CAN does not have.
         """
-        with self._wire.pace.changed:
+        with self._pace.lock:
             self._check_open()
             if msg.is_error_frame or msg.is_fd:
                 raise CanBusError("the simulated bus sends classic data and remote frames only")
@@ -166,28 +169,29 @@ class SimulatedBus(can.BusABC):
                 msg.data,
                 remote_dlc=msg.dlc if is_remote else None,
             )
-            if self._controller.queue.is_full:
+            queue = self._controller.queue
+            if queue.capacity is not None and queue.is_full:
                 self._wait_for_room(timeout)
             key = arbitration_key(msg.arbitration_id, msg.is_extended_id, is_remote)
             message = copy_of(msg, 0.0)
             message.channel = self._name  # type: ignore[assignment]
-            self._wire.channel.send(self._controller, Pending(key, message, length_bits))
-            self._wire.pace.ring()
+            self._channel.send(self._controller, Pending(key, message, length_bits))
+            self._pace.ring()
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next completed frame, or let `timeout` pass on the simulated clock."""
         return self._recv_internal(timeout)[0]
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        pace, received = self._wire.pace, self._received
-        with pace.changed:
-            self._check_open()
-            pace.note_reader(id(self))
+        received = self._received
+        with self._pace.lock:
+            if not self._is_open or self._reader != get_ident():
+                self._note_reader()
             if received:
                 return received.popleft(), True
             if timeout is not None and timeout <= 0:
                 return None, True
-            self._wait(lambda: bool(received), timeout)
+            self._pace.wait_for(received, self._deadline_ns(timeout), self._is_given_up)
             self._check_open()
             return (received.popleft() if received else None), True
 
@@ -212,22 +216,22 @@ class SimulatedBus(can.BusABC):
     def state(self, new_state: can.BusState) -> None:
         if new_state is not can.BusState.ACTIVE:
             raise NotImplementedError("the error counters decide: only ACTIVE can be asked for")
-        with self._wire.pace.changed:
-            self._controller.start_recovery()
+        with self._pace.lock:
+            self._channel.recover(self._controller)
 
     def flush_tx_buffer(self) -> None:
         """Drop what waits to be sent; a frame on the wire is finished."""
-        with self._wire.pace.changed:
+        with self._pace.lock:
             self._controller.queue.clear()
 
     def shutdown(self) -> None:
         """Leave the bus; may be called twice."""
         super().shutdown()
         if self._is_open:
-            with self._wire.pace.changed:
+            with self._pace.lock:
                 self._is_open = False
-                self._wire.channel.remove(self._controller)
-                self._wire.pace.forget_reader(id(self))
+                self._channel.remove(self._controller)
+                self._pace.forget_reader(id(self))
             _close_wire(self._name)
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
@@ -248,22 +252,22 @@ class SimulatedBus(can.BusABC):
     @property
     def bitrate(self) -> int:
         """The channel's bit rate, bit/s."""
-        return self._wire.channel.bitrate
+        return self._channel.bitrate
 
     @property
     def now_ns(self) -> int:
         """The bus's clock, ns; no node's own."""
-        return self._wire.channel.now_ns
+        return self._channel.now_ns
 
     @property
     def now_s(self) -> float:
         """This node's clock, s."""
-        return self._controller.local_s(self._wire.channel.now_ns)
+        return self._controller.local_s(self._channel.now_ns)
 
     @property
     def busy_bits(self) -> int:
         """Bit times that frames, error frames and intermissions have taken on the channel."""
-        return self._wire.channel.busy_bits
+        return self._channel.busy_bits
 
     @property
     def error_counters(self) -> tuple[int, int]:
@@ -277,29 +281,26 @@ class SimulatedBus(can.BusABC):
 
     def pass_time(self, duration_s: float) -> None:
         """Let time pass on this node's clock; what arrives is kept for `recv`."""
-        with self._wire.pace.changed:
-            self._check_open()
-            self._wire.pace.note_reader(id(self))
-            self._wait(lambda: not self._is_open, duration_s)
+        with self._pace.lock:
+            self._note_reader()
+            self._pace.wait_for((), self._deadline_ns(duration_s), self._is_given_up)
 
     def pass_until_ns(self, time_ns: int) -> None:
         """Let time pass until then on the bus's clock; what arrives is kept for `recv`."""
-        pace = self._wire.pace
-        with pace.changed:
-            self._check_open()
-            pace.note_reader(id(self))
-            pace.wait(lambda: not self._is_open, time_ns, lambda: False)
+        with self._pace.lock:
+            self._note_reader()
+            self._pace.wait_for((), time_ns, self._is_given_up)
 
     def inject(self, fault: BusFault) -> ActiveFault:
         """Switch a fault of the channel on, from now on or in its window."""
-        with self._wire.pace.changed:
+        with self._pace.lock:
             self._check_open()
-            return self._wire.channel.inject(fault, self._seed)
+            return self._channel.inject(fault, self._seed)
 
     def clear(self, fault: ActiveFault) -> None:
         """Switch a fault off; frames that it delays still come."""
-        with self._wire.pace.changed:
-            self._wire.channel.faults.remove(fault)
+        with self._pace.lock:
+            self._channel.faults.remove(fault)
 
     def to_bus_ns(self, duration_s: float) -> int:
         """Return a duration on this node's clock in nanoseconds of the bus."""
@@ -307,9 +308,9 @@ class SimulatedBus(can.BusABC):
 
     def at_ns(self, time_ns: int, action: Callable[[], None]) -> None:
         """Have something done at a time of the bus."""
-        with self._wire.pace.changed:
-            self._wire.channel.at(time_ns, action)
-            self._wire.pace.ring()
+        with self._pace.lock:
+            self._channel.at(time_ns, action)
+            self._pace.ring()
 
     # --- inside ----------------------------------------------------------------------------------
 
@@ -321,11 +322,15 @@ class SimulatedBus(can.BusABC):
         elif self._filters is None or self._matches_filters(message):
             self._received.append(message)
 
-    def _wait(self, is_ready: Callable[[], bool], timeout: float | None) -> None:
-        deadline_ns = NEVER_NS
-        if timeout is not None:
-            deadline_ns = self.now_ns + max(self._controller.bus_ns(timeout), 0)
-        self._wire.pace.wait(is_ready, deadline_ns, self._is_given_up)
+    def _note_reader(self) -> None:
+        self._check_open()
+        self._reader = get_ident()
+        self._pace.note_reader(id(self))
+
+    def _deadline_ns(self, timeout: float | None) -> int:
+        if timeout is None:
+            return NEVER_NS
+        return self._channel.now_ns + max(self._controller.bus_ns(timeout), 0)
 
     def _is_given_up(self) -> bool:
         return not self._is_open or is_notifier_stopped(self)
@@ -333,7 +338,8 @@ class SimulatedBus(can.BusABC):
     def _wait_for_room(self, timeout: float | None) -> None:
         queue = self._controller.queue
         if timeout is not None and timeout > 0:
-            self._wait(lambda: not queue.is_full, timeout)
+            deadline_ns = self._deadline_ns(timeout)
+            self._pace.wait(lambda: not queue.is_full, deadline_ns, self._is_given_up)
             self._check_open()
         if queue.is_full:
             raise can.CanOperationError(f"the transmit queue of {self.node} is full")
@@ -347,8 +353,8 @@ class SimulatedBus(can.BusABC):
         return f"node-{self._wire.names}"
 
     def _join(self, controller: Controller) -> None:
-        with self._wire.pace.changed:
-            channel = self._wire.channel
+        with self._pace.lock:
+            channel = self._channel
             if any(one.name == controller.name for one in channel.controllers):
                 raise CanBusError(f"there is a node {controller.name!r} on this channel already")
             channel.add(controller)

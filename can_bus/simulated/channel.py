@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from heapq import heappop, heappush
 from typing import Final
 
@@ -91,14 +91,16 @@ class Channel:
         self._free_ns = 0
         self._idle_since_ns = 0
         self._carry = 0
+        self._is_calm = True  # every error counter is at 0
+        self._recovering = 0
 
     def add(self, controller: Controller) -> None:
         """Put a node on the bus."""
-        self.controllers.append(controller)
+        self.controllers = [*self.controllers, controller]  # a frame on the wire keeps its list
 
     def remove(self, controller: Controller) -> None:
         """Take a node off the bus; a frame of it that is on the wire is still finished."""
-        self.controllers.remove(controller)
+        self.controllers = [one for one in self.controllers if one is not controller]
 
     def at(self, time_ns: int, action: Callable[[], None]) -> _Event:
         """Have something done at a time; set the event's `action` to None to cancel it."""
@@ -168,6 +170,17 @@ class Channel:
 
     # --- the clock -------------------------------------------------------------------------------
 
+    def run(self, limit_ns: int, awaited: Sized, steps: int) -> bool:
+        """Let things happen until something is in `awaited` or until then.
+
+        Returns True if so many things have happened that others should be let in before more do.
+        """
+        step = self.step
+        for _ in range(steps):
+            if not step(limit_ns) or awaited:
+                return False
+        return True
+
     def step(self, limit_ns: int) -> bool:
         """Do the next thing that happens until then; if there is none, go there and say so."""
         event_ns = self._events[0][0] if self._events else NEVER_NS
@@ -182,12 +195,13 @@ class Channel:
                 self._finish(flight)
                 return True
         else:
-            recovery_ns = self._next_recovery_ns()
             start_ns = self._next_start_ns()
-            if recovery_ns < event_ns and recovery_ns <= min(limit_ns, start_ns):
-                self.now_ns = max(recovery_ns, self.now_ns)
-                self._count_idle(self.now_ns)
-                return True
+            if self._recovering:
+                recovery_ns = self._next_recovery_ns()
+                if recovery_ns < event_ns and recovery_ns <= min(limit_ns, start_ns):
+                    self.now_ns = max(recovery_ns, self.now_ns)
+                    self._count_idle(self.now_ns)
+                    return True
             if start_ns < event_ns and start_ns < limit_ns:
                 self.now_ns = start_ns
                 self._start(start_ns, min(limit_ns, event_ns))
@@ -210,40 +224,45 @@ class Channel:
             self.faults.silence and self.faults.is_silent(controller.name, self.now_ns)
         )
 
+    def _present(self) -> list[Controller]:
+        """Return the nodes that take part in what happens on the wire."""
+        if self._is_calm and not self.faults.silence:
+            return self.controllers
+        return [one for one in self.controllers if self._is_present(one)]
+
     def _next_start_ns(self) -> int:
         """Return when the next start of frame can be, if nothing happens before."""
         earliest = NEVER_NS
-        for controller in self.controllers:
-            if controller.queue.head is not None and self._is_present(controller):
-                earliest = min(earliest, controller.suspended_until_ns)
-        return earliest if earliest == NEVER_NS else max(earliest, self._free_ns, self.now_ns)
+        for controller in self._present():
+            if controller.queue.held and controller.suspended_until_ns < earliest:
+                earliest = controller.suspended_until_ns
+        if earliest == NEVER_NS:
+            return NEVER_NS
+        earliest = max(earliest, self._free_ns)
+        return earliest if earliest > self.now_ns else self.now_ns
 
     # --- one frame -------------------------------------------------------------------------------
 
     def _start(self, start_ns: int, limit_ns: int) -> None:
         """Hold arbitration, and put the winner on the wire."""
-        present = [one for one in self.controllers if self._is_present(one)]
-        entrants = [
-            one
-            for one in present
-            if one.queue.head is not None and one.suspended_until_ns <= start_ns
-        ]
+        present = self._present()
+        entrants = [one for one in present if one.queue.held and one.suspended_until_ns <= start_ns]
         winner = entrants[0]
         is_tie = False
         if len(entrants) > 1:
-            keys = [one.queue.head.key for one in entrants if one.queue.head is not None]
+            keys = [one.queue.held[0][2].key for one in entrants]
             best = min(keys)
             winner = entrants[keys.index(best)]
             is_tie = keys.count(best) > 1
-        head = winner.queue.head
-        assert head is not None
+        head = winner.queue.held[0][2]
         inverted = {}
         if self.faults.corruption:
             names = [one.name for one in present]
             inverted = self.faults.inverted(winner.name, head.message, names, start_ns)
         if start_ns > self._free_ns:
-            self._count_idle(start_ns)
             self._carry = 0
+            if self._recovering:
+                self._count_idle(start_ns)
         if len(present) > 1 and not is_tie and not inverted:
             end_ns = self._occupy(start_ns, head.length_bits)
             self._flight = _Flight(end_ns, present, [winner], [winner.queue.start()], None)
@@ -267,22 +286,46 @@ class Channel:
         return end_ns
 
     def _finish(self, flight: _Flight) -> None:
-        if flight.stations is None:
-            sender = flight.entrants[0]
-            sender.confinement.count_sent()
-            for controller in flight.present:
-                if controller is not sender and controller.confinement.rec:
-                    controller.confinement.count_received()
-            self._sent(sender, flight.pendings[0])
-            self._deliver(flight.present, sender, flight.pendings[0].message)
-        else:
+        if flight.stations is not None:
             self._finish_disturbed(flight, flight.stations)
+        else:
+            sender = flight.entrants[0]
+            if not self._is_calm:
+                sender.confinement.count_sent()
+                for controller in flight.present:
+                    if controller is not sender:
+                        controller.confinement.count_received()
+            self._sent(sender, flight.pendings[0])
+            message = flight.pendings[0].message
+            if sender.echo is not None:
+                self._echo(sender, message)
+            self._deliver(flight.present, sender, message)
+        if not self._is_calm:
+            self._look_at_counters(flight)
+
+    def _look_at_counters(self, flight: _Flight) -> None:
+        """After a frame: who has gone off, who comes back, and whether all is well again."""
+        if self._recovering:
+            self._count_sequences(1)
         for controller in flight.present:
-            if controller.is_off and controller.restarts:
+            if controller.restarts:
                 controller.start_recovery()
-        self._count_sequences(1)
+        self._take_stock()
+
+    def _take_stock(self) -> None:
+        self._recovering = sum(one.recovery_left is not None for one in self.controllers)
+        self._is_calm = all(one.confinement.is_clear for one in self.controllers)
+
+    def recover(self, controller: Controller) -> None:
+        """Let a node begin to come back from bus-off."""
+        if self._flight is None:
+            self._count_idle(self.now_ns)
+            self._idle_since_ns = max(self._idle_since_ns, self.now_ns)
+        controller.start_recovery()
+        self._take_stock()
 
     def _finish_disturbed(self, flight: _Flight, stations: list[Station]) -> None:
+        self._is_calm = False
         waiting = dict(zip(map(id, flight.entrants), flight.pendings, strict=True))
         messages = []
         for controller, station in zip(flight.present, stations, strict=True):
@@ -303,7 +346,7 @@ class Channel:
         )
         for controller, station in zip(flight.present, stations, strict=True):
             if station.received is not None:
-                self._deliver_to(controller, sender, message_of(station.received, 0.0))
+                self._deliver([controller], sender, message_of(station.received, 0.0))
             elif station.has_sent:
                 self._echo(controller, waiting[id(controller)].message)
         for controller, message in messages:
@@ -331,7 +374,7 @@ class Channel:
     def _sent(self, controller: Controller, pending: Pending) -> None:
         controller.queue.finish()
         controller.stuck_on = None
-        if controller.is_passive:
+        if not self._is_calm:
             self._suspend(controller)
         if pending.on_sent is not None:
             pending.on_sent()
@@ -343,8 +386,7 @@ class Channel:
 
     def _pass_stuck(self, controller: Controller, start_ns: int, limit_ns: int) -> int:
         """Skip attempts that change nothing: nobody else is there and no counter moves."""
-        head = controller.queue.head
-        assert head is not None
+        head = controller.queue.held[0][2]
         station = Station(controller.confinement, head.content)
         bits = play([station], {}) + INTERFRAME_BITS + SUSPEND_BITS
         attempts = (limit_ns - start_ns) * self.bitrate // (bits * NS_PER_S)
@@ -356,25 +398,20 @@ class Channel:
     # --- receiving -------------------------------------------------------------------------------
 
     def _deliver(self, present: list[Controller], sender: Controller, message: can.Message) -> None:
+        loss, now_ns = self.faults.loss, self.now_ns
         for controller in present:
-            if controller is not sender and controller.take is not None:
-                self._deliver_to(controller, sender, message)
-        self._echo(sender, message)
+            take = controller.take
+            if controller is sender or take is None:
+                continue
+            if loss and self.faults.loses(sender.name, controller.name, message, now_ns):
+                continue
+            take(copy_of(message, controller.local_s(now_ns)))
 
     def _echo(self, sender: Controller, message: can.Message) -> None:
         if sender.echo is not None:
             own = copy_of(message, sender.local_s(self.now_ns))
             own.is_rx = False
             sender.echo(own)
-
-    def _deliver_to(self, controller: Controller, sender: Controller, message: can.Message) -> None:
-        if controller.take is None:
-            return
-        if self.faults.loss and self.faults.loses(
-            sender.name, controller.name, message, self.now_ns
-        ):
-            return
-        controller.take(copy_of(message, controller.local_s(self.now_ns)))
 
     # --- bus-off recovery ------------------------------------------------------------------------
 

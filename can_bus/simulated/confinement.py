@@ -47,6 +47,11 @@ class Confinement:
             return ErrorState.PASSIVE
         return ErrorState.ACTIVE
 
+    @property
+    def is_clear(self) -> bool:
+        """Tell whether nothing has gone wrong, or all of it is forgiven."""
+        return not (self.tec or self.rec or self.is_off)
+
     def copy(self) -> Confinement:
         """Return counters of their own, equal to these."""
         return Confinement(self.tec, self.rec, self.is_off)

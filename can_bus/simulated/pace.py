@@ -8,7 +8,8 @@ frame or deadline that somebody waits for. A thread that has ended holds nobody 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sized
+from threading import get_ident
 from typing import Final
 
 import can
@@ -36,24 +37,49 @@ class _Waiter:
 class Pace:
     """Moves the clock of one channel for the threads that wait on it.
 
-    `changed` is the lock of everything on the channel, and the bell that says it has changed.
+    Attributes:
+        lock: of everything on the channel.
+        changed: the bell, with that lock, that says it has changed.
     """
 
     def __init__(self, channel: Channel) -> None:
         """Start with nobody waiting."""
-        self.changed = threading.Condition(threading.RLock())
+        self.lock = threading.RLock()
+        self.changed = threading.Condition(self.lock)
         self._channel = channel
         self._readers: dict[int, threading.Thread] = {}
         self._waiters: list[_Waiter] = []
+        self._only_reader: int | None = None
 
     def note_reader(self, handle: int) -> None:
         """Note that this thread is the one that reads a handle."""
         self._readers[handle] = threading.current_thread()
+        self._count_readers()
 
     def forget_reader(self, handle: int) -> None:
         """Note that a handle is closed."""
         self._readers.pop(handle, None)
+        self._count_readers()
         self.changed.notify_all()
+
+    def _count_readers(self) -> None:
+        idents = {thread.ident for thread in self._readers.values()}
+        self._only_reader = idents.pop() if len(idents) == 1 else None
+
+    def wait_for(self, received: Sized, deadline_ns: int, is_given_up: Callable[[], bool]) -> None:
+        """Block until something is received, the deadline, or, now and then, `is_given_up`.
+
+        The lock is held by the caller, who is a reader.
+        """
+        while self._only_reader == get_ident() and not self._waiters:
+            if not self._channel.run(deadline_ns, received, _STEPS_IN_A_GO):
+                if received or deadline_ns < NEVER_NS:
+                    return
+                break
+            self.changed.wait(0)  # others may send in between
+            if is_given_up():
+                return
+        self.wait(lambda: bool(received), deadline_ns, is_given_up)
 
     def ring(self) -> None:
         """Say that something has changed."""

@@ -78,8 +78,14 @@ class TransmitQueue:
             mailbox is not taken back for a more urgent one that waits behind.
         backlog: how many more wait behind the mailboxes, in the order sent; None: no limit.
 
+    Attributes:
+        held: the frames in the mailboxes as a heap of (rank, turn, frame); not to be changed.
+        capacity: how many frames there is room for; None: no limit.
+
     Raises CanBusError for an order that there is not, or counts that make no sense.
     """
+
+    __slots__ = ("_behind", "_count", "_is_fifo", "_mailboxes", "_sending", "capacity", "held")
 
     def __init__(
         self, order: TransmitOrder, mailboxes: int | None = None, backlog: int | None = None
@@ -93,39 +99,34 @@ class TransmitQueue:
             raise CanBusError(f"tx_backlog = {backlog}: expected 0 or more")
         self._is_fifo = order == "fifo"
         self._mailboxes = mailboxes
-        self._capacity = None if mailboxes is None or backlog is None else mailboxes + backlog
-        self._held: list[tuple[int, int, Pending]] = []
+        self.capacity = None if mailboxes is None or backlog is None else mailboxes + backlog
+        self.held: list[tuple[int, int, Pending]] = []
         self._behind: deque[Pending] = deque()
         self._count = 0
         self._sending = 0
 
     def __len__(self) -> int:
         """Return how many frames there are, the one on the wire included."""
-        return len(self._held) + len(self._behind) + self._sending
+        return len(self.held) + len(self._behind) + self._sending
 
     @property
     def is_full(self) -> bool:
         """Tell whether there is no room for another frame."""
-        return self._capacity is not None and len(self) >= self._capacity
-
-    @property
-    def head(self) -> Pending | None:
-        """The frame that takes part in the next arbitration."""
-        return self._held[0][2] if self._held else None
+        return self.capacity is not None and len(self) >= self.capacity
 
     def push(self, pending: Pending) -> None:
         """Take a frame in."""
         pending.number = self._count
         self._count += 1
-        if self._mailboxes is None or len(self._held) + self._sending < self._mailboxes:
-            self._hold(pending)
+        if self._mailboxes is None or len(self.held) + self._sending < self._mailboxes:
+            heappush(self.held, (0 if self._is_fifo else pending.key, pending.number, pending))
         else:
             self._behind.append(pending)
 
     def start(self) -> Pending:
         """Take the head out: it is on the wire, still in its mailbox."""
         self._sending += 1
-        return heappop(self._held)[2]
+        return heappop(self.held)[2]
 
     def finish(self) -> None:
         """Free the mailbox of the frame that was on the wire."""
@@ -140,9 +141,9 @@ class TransmitQueue:
 
     def clear(self) -> None:
         """Drop all that is not on the wire."""
-        self._held.clear()
+        self.held.clear()
         self._behind.clear()
 
     def _hold(self, pending: Pending) -> None:
         key = 0 if self._is_fifo else pending.key
-        heappush(self._held, (key, pending.number, pending))
+        heappush(self.held, (key, pending.number, pending))
