@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from firmware_model.batch_inputs import BatchInputs, Int64Array
 from firmware_model.c99_kernel import c99_batch
+from firmware_model.c99_library import FLAGS
 from firmware_model.compiled import compiled_batch
 from firmware_model.config import CONFIG_DTYPE, KernelConfig
 from firmware_model.errors import FirmwareError
@@ -164,8 +165,9 @@ def run_batch_c99(
     *,
     history: bool = True,
     workers: int | None = None,
+    flags: Sequence[str] = FLAGS,
 ) -> BatchRuns:
-    """Do as `run_batch` does, by the C99 kernel and without the float twin.
+    """Do as `run_batch` does, by the C99 kernel built with *flags* and without the float twin.
 
     Raises:
         FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources.
@@ -173,7 +175,7 @@ def run_batch_c99(
     given = BatchInputs.of(
         config, left_count, right_count, gyro_code, encoder_validity, gyro_validity
     )
-    batch, c_states = c99_batch(given.configs)
+    batch, c_states = c99_batch(given.configs, flags)
     pose_q, status, source = _history(given.runs if history else 0, given.ticks)
     inputs = (given.left, given.right, given.encoder, given.gyro, given.gyro_valid)
     _in_threads(lambda part: batch(part, inputs, (pose_q, status, source)), given.runs, workers)

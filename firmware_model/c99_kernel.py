@@ -121,7 +121,10 @@ def c99_batch(
     status and heading_source [runs, ticks, …] or arrays of no runs; ticks lie side by side.
     """
     loaded = library(tuple(flags))
-    unique = {id(config): c99_config(config) for config in configs}
+    unique: dict[int, C99Config] = {}
+    for config in configs:
+        if id(config) not in unique:
+            unique[id(config)] = c99_config(config)
     states = np.zeros(len(configs), struct_dtype("chiplog_state"))
 
     def batch(part: slice, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:

@@ -1,0 +1,1 @@
+"""How accurate the motion block is, given the right name: worlds, fits, bounds, figures, page."""
