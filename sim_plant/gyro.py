@@ -13,6 +13,7 @@ from sim_plant.mechanisms import Mechanisms
 
 PARAMETERS = [
     ("gyro_lag_share", "f8"),
+    ("gyro_lag_trail", "f8"),
     ("gyro_quadratic", "f8"),
     ("gyro_cubic", "f8"),
     ("gyro_asymmetry", "f8"),
@@ -56,9 +57,12 @@ def parameters(
     noise_density = max(gyro.noise_density_rad_per_sqrt_s, m.gyro_noise_rad_per_sqrt_s)
     walk_density = max(gyro.bias_walk_density_rad_s_per_sqrt_s, m.gyro_bias_walk_rad_s_per_sqrt_s)
     lag_share = -math.expm1(-tick_s / m.gyro_lag_s) if m.gyro_lag_s > 0.0 else 1.0
+    # Of a gap that closes exponentially, the tick's mean is share·lag/tick of what it began with.
+    lag_trail = lag_share * m.gyro_lag_s / tick_s
     tilt = math.cos(m.gyro_roll_rad) * math.cos(m.gyro_pitch_rad)
     return {
         "gyro_lag_share": lag_share,
+        "gyro_lag_trail": lag_trail,
         "gyro_quadratic": m.gyro_quadratic_s_per_rad,
         "gyro_cubic": m.gyro_cubic_s2_per_rad2,
         "gyro_asymmetry": m.gyro_asymmetry,
@@ -90,8 +94,10 @@ def observe_gyro(p: Any, s: Any, out: Any, time_s: float, tick_s: float) -> None
     """Write the analogue reading, without bias walk and noise, for the tick that ends now."""
     rate = s.yaw_rate_rad_s
     if p.gyro_lag_share < 1.0:
-        s.gyro_filtered_rad_s += p.gyro_lag_share * (rate - s.gyro_filtered_rad_s)
-        rate = s.gyro_filtered_rad_s
+        # The tick's mean, as without a lag: the heading trails by the lag however fine the ticks.
+        gap = s.gyro_filtered_rad_s - rate
+        s.gyro_filtered_rad_s -= p.gyro_lag_share * gap
+        rate += p.gyro_lag_trail * gap
     else:
         s.gyro_filtered_rad_s = rate
 

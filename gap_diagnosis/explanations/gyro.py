@@ -1,17 +1,30 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
+from typing import Final
+
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from gap_diagnosis.prediction import Prediction
 
+_SHARP_S: Final = 0.01
+"""What a lag takes off is the finest part of a turn: it must not be smoothed away before."""
+
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
-    """Trail the true rate: a first-order filter."""
-    step = float(np.median(p.motion.dt_s[1:]))
-    share = -np.expm1(-step / time_constant) if time_constant > 0 else 1.0
-    start = p.gyro_rad_s[:1] * (1 - share)
-    p.gyro_rad_s = np.asarray(lfilter([share], [1, share - 1], p.gyro_rad_s, zi=start)[0])
+    """Trail the true rate: a first-order filter, and of what it shows the mean over each tick."""
+    if time_constant <= 0:
+        return
+    m = p.motion
+    step = float(np.median(m.dt_s[1:]))
+    turn = np.diff(m.heading_rad, prepend=m.heading_rad[0])
+    rate = gaussian_filter1d(turn / np.maximum(m.dt_s, 1e-9), _SHARP_S / step)
+    share = -np.expm1(-step / time_constant)
+    filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]
+    # The filter's exact mean over a tick in which the rate is constant.
+    gap = np.append(rate[0], filtered[:-1]) - rate
+    p.gyro_rad_s = p.gyro_rad_s + share * time_constant / step * gap
 
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:

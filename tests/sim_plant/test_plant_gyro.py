@@ -85,8 +85,23 @@ def test_vibration_is_zero_at_rest_and_grows_with_the_wheels_squares() -> None:
 def test_a_lagging_gyro_answers_a_step_exponentially(lag_s: float) -> None:
     rates = drive(held(0.0, 1.0, 60), Mechanisms(gyro_lag_s=lag_s)).gyro_rate_rad_s
     assert rates is not None
-    expected = 1 - np.exp(-np.arange(60) * PERIOD_S / lag_s)
-    assert rates[0] == pytest.approx(expected, abs=1e-12)
+    # The angle that a first-order filter shows at each tick; a sample is its mean rate since then.
+    time_s = np.arange(60) * PERIOD_S
+    angle_rad = time_s - lag_s * (1 - np.exp(-time_s / lag_s))
+    assert rates[0, 1:] == pytest.approx(np.diff(angle_rad) / PERIOD_S, abs=1e-12)
+
+
+@pytest.mark.parametrize("lag_s", [0.004, 0.1])
+@pytest.mark.parametrize("period_us", [1000, 5000, 10_000])
+def test_the_heading_of_a_lagging_gyro_trails_by_the_lag_at_any_tick(
+    lag_s: float, period_us: int
+) -> None:
+    commands = held(0.0, 1.0, 2_000_000 // period_us)
+    cases = [Mechanisms(), Mechanisms(gyro_lag_s=lag_s)]
+    rates = simulate(quiet(), cases, commands, [1, 1], tick_period_us=period_us).gyro_rate_rad_s
+    assert rates is not None
+    lost = (rates[0] - rates[1]).sum() * period_us * 1e-6
+    assert lost == pytest.approx(lag_s, rel=1e-6)
 
 
 @given(limit=st.floats(0.1, 10.0), w=st.floats(-8.0, 8.0))

@@ -81,6 +81,9 @@ def surroundings(effect: str) -> tuple[EffectSetting, ...]:
     return SAGGING if effect == "supply_ratio" else ()
 
 
+LAGS_S = (0.005, 0.02, 0.05, 0.1)
+
+
 @cache
 def recordings() -> dict[str, tuple[Recording, Recording]]:
     """Return by effect the recording with it and the same drive without it."""
@@ -148,3 +151,16 @@ def test_the_size_that_fits_best_is_the_size_that_was_simulated(effect):
     column = nominal - explained(recording, effect, SIZED[effect])
     best = float(nominal @ column / (column @ column))
     assert abs(best - 1.0) < 0.02 + 0.2 / np.sqrt(energy(column))
+
+
+def test_a_lag_is_read_to_a_twentieth_of_a_millisecond():
+    """The tick is 10 ms: a filter taken for its value at the tick's end reads 5 ms off."""
+    cases = [((EffectSetting("gyro_lag", (("time_constant", lag),)),), 3) for lag in LAGS_S]
+    runs = synthetic_recordings(without_noise(ROBOT), WIRE, DRIVE, cases, reference=EXACT)
+    for lag_s, run in zip(LAGS_S, runs, strict=True):
+        low, middle, high = (
+            energy(explained(run, "gyro_lag", {"time_constant": one}))
+            for one in (lag_s - 0.002, lag_s, lag_s + 0.002)
+        )
+        best = lag_s + 0.001 * (low - high) / (low - 2 * middle + high)
+        assert abs(best - lag_s) < 5e-5
