@@ -109,7 +109,8 @@ def bounds(world: World, model: MotionModel, effect: str, truth: Truth) -> dict[
     term = exactly(nearest(model.columns.terms, truth), truth)
     values = dict(truth)
     if effect == "ticks_per_rev":
-        values = {"scale": 1 / (1 + float(truth["scale"])) - 1}
+        smaller = 1 / (1 + float(truth["scale"])) - 1
+        values = {"scale": smaller}
     if effect == "frame_latency":
         values = {"offset": -float(truth["delay"])}
     coefficients = as_coefficients(term.variant, values)
@@ -123,7 +124,7 @@ def bounds(world: World, model: MotionModel, effect: str, truth: Truth) -> dict[
         sds = np.sqrt(np.diag(covariance))
         sizes = dict(zip(_parameters(effect, names), (float(sd) for sd in sds), strict=True))
         if effect == "ticks_per_rev":
-            sizes["scale"] /= (1 + values["scale"]) ** 2
+            sizes["scale"] /= (1 + float(values["scale"])) ** 2
         return sizes
     a, b = coefficients
     size = math.hypot(a, b)
