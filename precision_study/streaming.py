@@ -1,0 +1,94 @@
+"""Runs of one configuration, some ticks at a time: memory does not grow with the ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model import FRESH, KernelConfig
+from firmware_model.compiled import compiled_batch
+from firmware_model.kernel import config_record, initial_state
+from firmware_model.state import STATE_DTYPE
+from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+CHUNK_TICKS = 4096
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Some ticks of every run; the arrays are overwritten by the next stretch.
+
+    Attributes:
+        start: the first tick.
+        pose_q: int64[runs, n, 3], x_m_q, y_m_q and heading_turn_q after each tick.
+        twin_pose: float64[runs, n, 3], x_m, y_m and the unwrapped heading_rad of the float twin.
+        status: int32[runs, n], the status word.
+        overflow_count: int64[runs], overflows since power-on.
+    """
+
+    start: int
+    pose_q: Ints
+    twin_pose: Floats
+    status: NDArray[np.int32]
+    overflow_count: Ints
+
+
+def stream(
+    config: KernelConfig,
+    left_count: Ints,
+    right_count: Ints,
+    gyro_code: Ints,
+    *,
+    chunk_ticks: int = CHUNK_TICKS,
+) -> Iterator[Stretch]:
+    """Yield what `firmware_model.run_batch` would return with history, a stretch at a time.
+
+    Args:
+        config: of all runs.
+        left_count, right_count, gyro_code: int64[runs, ticks], all fresh; the ticks of a run lie
+            beside each other in memory.
+        chunk_ticks: how many ticks are held at once.
+    """
+    runs, ticks = left_count.shape
+    records = np.repeat(config_record(config), runs)
+    table = np.array(config.table, dtype=np.int64)
+    states = np.zeros(runs, STATE_DTYPE)
+    states[:] = astuple(initial_state(config))
+    twin_configs = np.zeros(runs, TWIN_CONFIG_DTYPE)
+    twin_configs[:] = astuple(build_twin_config(config))
+    twins = np.zeros(runs, TWIN_DTYPE)
+    longest = min(chunk_ticks, ticks)
+    fresh = np.broadcast_to(np.full((1, longest), FRESH, np.int8), (runs, longest))
+    batch = compiled_batch()
+    size = 0
+    for start in range(0, ticks, longest):
+        part = slice(start, min(start + longest, ticks))
+        if part.stop - start != size:
+            size = part.stop - start
+            pose_q = np.empty((runs, size, 3), dtype=np.int64)
+            twin_pose = np.empty((runs, size, 3), dtype=np.float64)
+            status = np.empty((runs, size), dtype=np.int32)
+            source = np.empty((runs, size), dtype=np.int8)
+        batch(
+            states,
+            records,
+            table,
+            left_count[:, part],
+            right_count[:, part],
+            fresh[:, :size],
+            gyro_code[:, part],
+            fresh[:, :size],
+            twins,
+            twin_configs,
+            pose_q,
+            status,
+            source,
+            twin_pose,
+        )
+        yield Stretch(start, pose_q, twin_pose, status, states["overflow_count"])

@@ -1,0 +1,244 @@
+"""The configurations of a study: a base description and the values that each axis takes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from typing import Any, Final
+
+from firmware_model import FirmwareDescription, FirmwareError, KernelConfig, build_config
+from hil_harness.robot import Robot
+from precision_study.errors import StudyError
+from sim_plant import PlantDescription, PlantError
+
+TICK_RATE: Final = "tick_rate_hz"
+ADC_BITS: Final = "adc.bits"
+TOGETHER: Final[dict[str, tuple[str, ...]]] = {
+    "rounding": ("position", "step", "heading", "turn_step", "trig", "gyro"),
+    "overflow": ("position", "step", "turn_step"),
+    "carry_remainder": ("position", "step", "heading", "turn_step"),
+}
+"""Axes that set one field in several tables of [firmware]."""
+
+DEFAULT_AXES: Final[dict[str, tuple[Any, ...]]] = {
+    "position.frac_bits": (12, 16, 20, 24),
+    "heading.frac_bits": (16, 20, 24, 32),
+    "rounding": ("floor", "half_up"),
+    "trig.entries": (64, 256, 1024),
+    "trig.interpolated": (True, False),
+    "integration": ("euler_before", "midpoint"),
+}
+MAX_POINTS: Final = 100_000
+MAX_TABLE_BYTES: Final = 65_536
+"""Largest sine table that is taken unless the user says what his flash holds."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One configuration of a study.
+
+    Attributes:
+        values: (axis, value) in the order of the axes.
+        firmware: the table [firmware].
+        plant: the robot, with its ADC and what its codes mean.
+        tick_period_us: of the firmware's tick.
+    """
+
+    values: tuple[tuple[str, Any], ...]
+    firmware: FirmwareDescription
+    plant: PlantDescription
+    tick_period_us: int
+
+    @cached_property
+    def key(self) -> str:
+        """A name that two points share only when their firmware, robot and tick are the same."""
+        whole = {
+            "firmware": self.firmware.model_dump(),
+            "plant": self.plant.model_dump(),
+            "tick_period_us": self.tick_period_us,
+        }
+        return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def words(self) -> str:
+        """Return the values of the axes as a person reads them."""
+        return ", ".join(f"{axis} = {_said(value)}" for axis, value in self.values)
+
+
+def parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
+    """Return axis and values of ``position.frac_bits=12,16`` or ``trig.entries=64..1024``.
+
+    ``a..b`` doubles from a to b for trig.entries and counts by one for anything else.
+
+    Raises:
+        StudyError: another form, an unknown axis, or a value twice.
+    """
+    name, equals, listed = text.partition("=")
+    name = name.strip().removeprefix("firmware.")
+    words = [word.strip() for word in listed.split(",")]
+    if not equals or not all(words):
+        raise StudyError(
+            f"--sweep {text!r}: expected FIELD=VALUE,VALUE,… as in position.frac_bits=12,16,20"
+        )
+    if name not in known_axes():
+        raise StudyError(f"--sweep {text!r}: no axis {name!r}: expected one of {_axes_said()}")
+    values = [value for word in words for value in _values(name, word)]
+    if len(set(map(repr, values))) != len(values):
+        raise StudyError(f"--sweep {text!r}: a value stands twice: expected each once")
+    return name, tuple(values)
+
+
+def known_axes() -> tuple[str, ...]:
+    """Return the name of everything that can be swept."""
+    fields: list[str] = []
+    for name, field in FirmwareDescription.model_fields.items():
+        inner = getattr(field.annotation, "model_fields", None)
+        fields += [name] if inner is None else [f"{name}.{one}" for one in inner]
+    return (TICK_RATE, ADC_BITS, *TOGETHER, *fields)
+
+
+def _axes_said() -> str:
+    return f"{TICK_RATE}, {ADC_BITS}, {', '.join(TOGETHER)}, or a field of [firmware]"
+
+
+def _values(name: str, word: str) -> list[Any]:
+    first, dots, last = word.partition("..")
+    if dots and first.isdigit() and last.isdigit():
+        if name == "trig.entries":
+            low, high = int(first).bit_length() - 1, int(last).bit_length()
+            return [1 << n for n in range(low, high) if int(first) <= 1 << n <= int(last)]
+        return list(range(int(first), min(int(last), int(first) + MAX_POINTS) + 1))
+    try:
+        return [tomllib.loads(f"x = {word}")["x"]]
+    except tomllib.TOMLDecodeError:
+        return [word]
+
+
+def build_points(
+    robot: Robot, axes: Mapping[str, Sequence[Any]], tick_period_us: int
+) -> list[Point]:
+    """Return every combination of the values, in the order of the axes.
+
+    Raises:
+        StudyError: a value that its field does not take, no values, or too many combinations.
+    """
+    count = math.prod(len(values) for values in axes.values())
+    if not 1 <= count <= MAX_POINTS:
+        raise StudyError(f"--sweep: {count} configurations: expected 1 to {MAX_POINTS}")
+    return [
+        _point(robot, tuple(zip(axes, values, strict=True)), tick_period_us)
+        for values in itertools.product(*axes.values())
+    ]
+
+
+def _point(robot: Robot, values: tuple[tuple[str, Any], ...], period_us: int) -> Point:
+    firmware: dict[str, Any] = {}
+    plant = robot.plant
+    for axis, value in values:
+        if axis == TICK_RATE:
+            period_us = _period_us(value)
+        elif axis == ADC_BITS:
+            plant = with_adc_bits(plant, value)
+        elif axis in TOGETHER:
+            for table in TOGETHER[axis]:
+                firmware.setdefault(table, {})[axis] = value
+        else:
+            table, _, field = axis.rpartition(".")
+            (firmware.setdefault(table, {}) if table else firmware)[field] = value
+    whole = robot.firmware.model_dump()
+    for name, given in firmware.items():
+        whole[name] = whole[name] | given if isinstance(given, dict) else given
+    try:
+        return Point(values, FirmwareDescription.from_table(whole), plant, period_us)
+    except FirmwareError as error:
+        raise StudyError(str(error)) from None
+
+
+def _period_us(rate_hz: Any) -> int:
+    is_number = isinstance(rate_hz, int | float) and not isinstance(rate_hz, bool)
+    period_us = round(1e6 / rate_hz) if is_number and 1 <= rate_hz <= 1e4 else 0
+    if period_us == 0 or abs(period_us * rate_hz - 1e6) > 1e-6:
+        raise StudyError(
+            f"{TICK_RATE} = {rate_hz!r}: expected 1 to 10000 whose period is a whole number of µs"
+        )
+    return period_us
+
+
+def with_adc_bits(plant: PlantDescription, bits: Any) -> PlantDescription:
+    """Return the robot with another converter: codes at rest and per unit scale with its range.
+
+    Raises:
+        StudyError: a number of bits that the description does not take, or with which a code at
+            rest is no longer whole.
+    """
+    tables: dict[str, dict[str, Any]] = plant.model_dump()
+    is_number = isinstance(bits, int) and not isinstance(bits, bool) and 1 <= bits <= 64
+    change = bits - plant.adc.bits if is_number else 0
+    for table in tables.values():
+        for name, value in table.items():
+            if name.startswith("sensitivity_lsb_per_"):
+                table[name] = math.ldexp(value, change)
+            elif name in ("zero_rate_code", "zero_code", "code_at_298_k"):
+                table[name] = round(math.ldexp(value, change))
+    tables["adc"]["bits"] = bits
+    try:
+        return PlantDescription.from_tables(tables)
+    except PlantError as error:
+        raise StudyError(str(error)) from None
+
+
+def build(point: Point, robot: Robot, *, force: bool = False) -> KernelConfig:
+    """Return the kernel's integers of a point. Raises FirmwareError for formats that do not fit."""
+    known = replace(robot, plant=point.plant).firmware_constants(point.tick_period_us)
+    return build_config(point.firmware, known, allow_overflow=force)
+
+
+def refuse(point: Point, robot: Robot, *, distance_m: float, table_bytes: int, force: bool) -> None:
+    """Refuse what cannot do the study: an overflow, a table that does not fit, a scale of zero.
+
+    Args:
+        point: the configuration.
+        robot: whose it is.
+        distance_m: farthest that a robot gets from its start.
+        table_bytes: largest table that fits.
+        force: let words that overflow pass.
+
+    Raises:
+        StudyError: field, value and what would be right.
+    """
+    try:
+        config = build(point, robot, force=force)
+    except FirmwareError as error:
+        raise StudyError(str(error)) from None
+    size = 4 * len(config.table)
+    if size > table_bytes:
+        field = "iterations" if point.firmware.trig.method == "cordic" else "entries"
+        value = getattr(point.firmware.trig, field)
+        raise StudyError(
+            f"firmware.trig.{field} = {value}: a table of {size} bytes does not fit "
+            f"--table-bytes {table_bytes}: expected at most {_fitting(table_bytes)}"
+        )
+    farthest_q = math.ceil(math.ldexp(distance_m, config.position_frac_bits)) + 1
+    least = farthest_q.bit_length() + 1
+    word = point.firmware.position.word_bits
+    if least > word and not force:
+        raise StudyError(
+            f"firmware.position.word_bits = {word}: {distance_m:g} m do not fit with "
+            f"{config.position_frac_bits} fraction bits: expected at least {least}, or at most "
+            f"{config.position_frac_bits - (least - word)} frac_bits"
+        )
+
+
+def _fitting(table_bytes: int) -> int:
+    entries = table_bytes // 4 - 1
+    return 1 << max(entries.bit_length() - 1, 0)
+
+
+def _said(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
