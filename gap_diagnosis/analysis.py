@@ -67,6 +67,9 @@ def analyse(
     *library* a user's own."""
     motion = None
     blocks: list[Block] = []
+    # What a stale producer said again, only the ECU took for news.
+    bus = bus_block(recording, wire) if recording.frames else None
+    as_received, recording = recording, recording if bus is None else bus.without_stale()
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
         gross = looks_gross(recording, robot)
@@ -80,14 +83,13 @@ def analyse(
     if drive is not None:
         blocks.append(drive)
     progress("bus and converter", 0.6)
-    bus = bus_block(recording, wire) if recording.frames else None
     if bus is not None:
         blocks.append(bus)
     codes = codes_block(recording, robot)
     if codes is not None:
         blocks.append(codes)
     progress("odometry against replay", 0.65)
-    firmware = firmware_block(recording, robot, wire)
+    firmware = firmware_block(as_received, robot, wire)
     if firmware is not None:
         blocks.append(
             firmware if not _is_disturbed(bus) else Reduced(firmware, firmware.effects - _LATE)
@@ -95,7 +97,7 @@ def analyse(
     progress("what no effect explains", 0.7)
     others = [] if motion is None else _alternatives(motion)
     return Analysis(
-        recording,
+        as_received,
         motion,
         tuple(_without(one, without) for one in blocks),
         tuple(others),

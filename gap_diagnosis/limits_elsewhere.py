@@ -62,7 +62,7 @@ def _clock_skew(recordings: Sequence[Recording]) -> float:
         if math.isfinite(one.clock_skew_sd) and one.clock_skew_sd > 0
     ]
     sd = math.fsum(weights) ** -0.5 if weights else 0.0
-    return max(bus.SKEW_TOLERANCE, math.sqrt(THRESHOLD) * sd)
+    return max(bus.SKEW.tolerance, math.sqrt(THRESHOLD) * sd)
 
 
 _ANY: Final = _at(0.0)
@@ -78,12 +78,12 @@ _LIMITS: Final[Mapping[str, Limit]] = {
     "gyro_frozen": _ANY,
     "adc_missing_code": _ANY,
     "adc_stuck_bit": _ANY,
-    "frame_loss": _of_frames(bus.LOSS_PRESENT[0]),
-    "frame_duplication": _of_frames(bus.DUPLICATION_PRESENT[0]),
-    "frame_reordering": _of_frames(bus.REORDERING_PRESENT[0]),
-    "stale_producer": _of_frames(bus.STALE_PRESENT[0]),
+    "frame_loss": _of_frames(bus.present("frame_loss")[0]),
+    "frame_duplication": _of_frames(bus.present("frame_duplication")[0]),
+    "frame_reordering": _of_frames(bus.present("frame_reordering")[0]),
+    "stale_producer": _of_frames(bus.present("stale_producer")[0]),
     "frame_jitter": _at(bus.JITTER_PRESENT_S[0]),
-    "frame_latency": _at(bus.LATENCY_TOLERANCE_S),
+    "frame_latency": _at(bus.LATENCY.tolerance),
     "reception_stamp": _at(bus.POLL_PERIOD_S[0]),
     "bus_gap": _ANY,
     "clock_skew": _clock_skew,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -36,6 +36,17 @@ class ParameterPrior:
         """
         return np.geomspace(max(self.tolerance, 1e-3 * self.high), self.high, count)
 
+    def log_density(self, value: Floats) -> Floats:
+        """Return the log density of the mixture's positive half."""
+        scales = self.scales()
+        ratio = value[..., np.newaxis] / scales
+        logs = -0.5 * ratio**2 - np.log(scales) + 0.5 * np.log(2 / np.pi)
+        return np.asarray(np.logaddexp.reduce(logs, axis=-1) - np.log(len(scales)))
+
+
+Range = tuple[float, float]
+"""Even in the logarithm between two ends."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -45,11 +56,15 @@ class Prior:
         effects: probability of 0, 1, 2, 3 effects.
         unknown: probability that the cause is not in the library.
         parameters: by effect, one prior for all of its coefficients or one by coefficient.
+        ranges: by effect, of thresholds, rates and levels.
+        nuisances: by name, what is free beside every effect.
     """
 
     effects: tuple[float, ...]
     unknown: float
     parameters: Mapping[str, Mapping[str, ParameterPrior]]
+    ranges: Mapping[str, Mapping[str, Range]] = field(default_factory=dict)
+    nuisances: Mapping[str, ParameterPrior] = field(default_factory=dict)
 
     def of(self, effect: str, coefficient: str) -> ParameterPrior:
         """Return the prior of one coefficient."""
@@ -90,11 +105,20 @@ def default_prior() -> Prior:
 
 
 def _prior(table: Mapping[str, Any]) -> Prior:
-    parameters = {
-        effect: {
-            name: ParameterPrior(float(one["tolerance"]), float(one["high"]))
-            for name, one in coefficients.items()
-        }
-        for effect, coefficients in table["parameters"].items()
-    }
-    return Prior(tuple(table["effects"]), float(table["unknown"]), parameters)
+    return Prior(
+        tuple(table["effects"]),
+        float(table["unknown"]),
+        {
+            effect: {name: _size(one) for name, one in coefficients.items()}
+            for effect, coefficients in table["parameters"].items()
+        },
+        {
+            effect: {name: (float(low), float(high)) for name, (low, high) in spans.items()}
+            for effect, spans in table["ranges"].items()
+        },
+        {name: _size(one) for name, one in table["nuisances"].items()},
+    )
+
+
+def _size(one: Mapping[str, Any]) -> ParameterPrior:
+    return ParameterPrior(float(one["tolerance"]), float(one["high"]))

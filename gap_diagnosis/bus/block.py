@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -15,19 +15,28 @@ from scipy.special import logsumexp
 from can_bus import SENSORS
 from gap_diagnosis.bus import prior
 from gap_diagnosis.bus.counting import Rate, loss_of, rate_of
-from gap_diagnosis.bus.events import Message, Staleness, classify, staleness
+from gap_diagnosis.bus.events import Message, Staleness, as_sent, classify, staleness
 from gap_diagnosis.bus.gaps import silent_windows
-from gap_diagnosis.bus.stamps import Choice, jitter, latencies, polling, skew
+from gap_diagnosis.bus.polls import polling
+from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
+from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.sensor_frames import SENSOR_ROLES
+from hil_harness.signal_roles import Role
 
 Floats = NDArray[np.float64]
 Windows = tuple[tuple[float, float], ...]
 
 _SAMPLES: Final = 2000
 _MOST_GAPS: Final = 3
+_SURELY_STALE: Final = 3.0
+_EXPLAINED_BY: Final = {
+    "frame_jitter": frozenset({"reception_stamp"}),
+    "frame_latency": frozenset({"reception_stamp", "frame_jitter"}),
+}
+"""A poll explains spread and delay of the stamps, a jitter the delay in the mean."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +67,7 @@ class BusBlock:
 
     def __init__(self, recording: Recording, wire: Wire) -> None:
         self._recording = recording
+        self._wire = wire
         sensors = {
             mapped.message.name
             for role in SENSOR_ROLES
@@ -67,7 +77,12 @@ class BusBlock:
             classify(name, frames, recording, is_sensor=name in sensors)
             for name, frames in sorted(recording.frames.items())
         ]
-        self._messages = [one for one in found if one is not None]
+        answers = {
+            mapped.message.name
+            for role in ODOMETRY_ROLES
+            if (mapped := wire.signal_map.get(role)) is not None
+        }
+        self._messages = as_sent([one for one in found if one is not None], answers)
         self._counted = [one for one in self._messages if one.has_counter]
         self._random = np.random.default_rng(0)
         self._options: dict[tuple[str, Windows], list[_Option]] = {}
@@ -111,8 +126,8 @@ class BusBlock:
             logs = np.array([one.log_evidence for one in options])
             best = max(options, key=lambda one: one.log_evidence)
             weighed = float(logsumexp(logs)) - math.log(len(logs))
-            if name == "frame_jitter" and "reception_stamp" in effects:
-                weighed = min(weighed, -1.0)  # the poll explains the spread already
+            if effects & _EXPLAINED_BY.get(name, frozenset()):
+                weighed = min(weighed, -1.0)
             log_evidence += weighed
             log_ratio += best.log_ratio
             parameters |= _estimates(name, options)
@@ -125,10 +140,10 @@ class BusBlock:
             make: Mapping[str, Callable[[], list[_Option]]] = {
                 "frame_loss": lambda: self._losses(excluded),
                 "frame_duplication": lambda: self._rates(
-                    self._messages, lambda one: one.doubled, prior.DUPLICATION_PRESENT
+                    self._messages, lambda one: one.repeated, effect
                 ),
                 "frame_reordering": lambda: self._rates(
-                    self._counted, lambda one: one.swapped, prior.REORDERING_PRESENT
+                    self._counted, lambda one: one.swapped, effect
                 ),
                 "stale_producer": self._stale,
                 "frame_jitter": self._jitters,
@@ -148,8 +163,8 @@ class BusBlock:
         made = []
         for frame, messages in self._groups(self._counted):
             runs = [one.runs(excluded) for one in messages]
-            news = loss_of(runs, prior.LOSS_PRESENT, prior.BURST)
-            usual = [loss_of([one], prior.LOSS_USUAL, prior.BURST) for one in runs]
+            news = loss_of(runs, prior.present("frame_loss"), prior.BURST)
+            usual = [loss_of([one], prior.usual("frame_loss"), prior.BURST) for one in runs]
             draws = {
                 "probability": news.draw(self._random, _SAMPLES),
                 "burst": news.draw_burst(self._random, _SAMPLES),
@@ -161,28 +176,30 @@ class BusBlock:
         self,
         of: Sequence[Message],
         happened: Callable[[Message], NDArray[np.bool_]],
-        span: tuple[float, float],
+        effect: str,
     ) -> list[_Option]:
         made = []
+        span = prior.present(effect)
         for frame, messages in self._groups(of):
             counts = [(int(np.count_nonzero(happened(one))), one.frames) for one in messages]
             news = rate_of(sum(a for a, _ in counts), sum(b for _, b in counts), span)
-            usual = [rate_of(*one, prior.RARE_USUAL) for one in counts]
+            usual = [rate_of(*one, prior.usual(effect)) for one in counts]
             draws = {"probability": news.draw(self._random, _SAMPLES)}
             made.append(_against(frame, news, usual, draws))
         return made
 
     def _stale(self) -> list[_Option]:
         sensors = [one for one in self._messages if one.is_sensor]
-        found: dict[str, Staleness] = {one.name: staleness(one, self._recording) for one in sensors}
+        found = self._staleness
         made = []
+        effect = "stale_producer"
         for frame, messages in self._groups(sensors):
             several = [found[one.name] for one in messages]
             lengths = np.concatenate([one.lengths for one in several])
             events, chances = len(lengths), sum(one.chances for one in several)
-            news = rate_of(min(events, chances), chances, prior.STALE_PRESENT)
+            news = rate_of(min(events, chances), chances, prior.present(effect))
             usual = [
-                rate_of(min(len(one.lengths), one.chances), one.chances, prior.RARE_USUAL)
+                rate_of(min(len(one.lengths), one.chances), one.chances, prior.usual(effect))
                 for one in several
             ]
             cycles = float(np.median(lengths)) if events else 1.0
@@ -194,44 +211,79 @@ class BusBlock:
             made.append(_against(frame, news, usual, draws, windows))
         return made or [_Option(None, 0.0, 0.0, {})]
 
+    @cached_property
+    def _staleness(self) -> dict[str, Staleness]:
+        sensors = [one for one in self._messages if one.is_sensor]
+        gyro = self._carrier("gyro")
+        return {
+            one.name: staleness(one, self._recording, has_gyro=one.name == gyro) for one in sensors
+        }
+
+    def _carrier(self, role: Role) -> str | None:
+        mapped = self._wire.signal_map.get(role)
+        return None if mapped is None else mapped.message.name
+
+    def without_stale(self) -> Recording:
+        """Return the recording without what a stale producer said again: those rows are empty.
+
+        Only where it is likelier than not that one did.
+        """
+        recording = self._recording
+        if self.fit(frozenset({"stale_producer"})).log_evidence < _SURELY_STALE:
+            return recording
+        rows = {
+            name: np.isin(recording.tick, _within(one.ticks))
+            for name, one in self._staleness.items()
+        }
+        none = np.zeros(len(recording.tick), dtype=np.bool_)
+        gyro = rows.get(self._carrier("gyro") or "", none)
+        wheels = rows.get(self._carrier("left_count") or "", none)
+        return replace(
+            recording,
+            left_ticks=np.where(wheels, np.nan, recording.left_ticks),
+            right_ticks=np.where(wheels, np.nan, recording.right_ticks),
+            gyro_code=_but(recording.gyro_code, gyro),
+            gyro_rate_rad_s=_but(recording.gyro_rate_rad_s, gyro),
+        )
+
     def _jitters(self) -> list[_Option]:
         return [
-            self._chosen(frame, "sigma", jitter(messages))
+            self._chosen(frame, "sigma", jitter(messages), is_late=True)
             for frame, messages in self._groups(self._counted)
         ]
 
     def _polls(self) -> list[_Option]:
-        each = {one.name: polling(one, self._recording.clock_skew) for one in self._counted}
-        made = [self._chosen(one.name, "period", each[one.name]) for one in self._counted]
-        sensors = [each[one.name] for one in self._counted if one.is_sensor]
-        if len(sensors) > 1:
-            # One period for all: the weights multiply, one prior over periods is paid back.
-            weight = np.prod([one.weight for one in sensors], axis=0)
-            total = float(weight.sum())
-            again = (len(sensors) - 1) * math.log(len(weight))
-            together = sum(one.log_evidence for one in sensors)
-            together += math.log(total) + again if total > 0 else -math.inf
-            ratio = sum(one.log_ratio for one in sensors)
-            weight = weight / total if total > 0 else sensors[0].weight
-            common = Choice(together, ratio, sensors[0].value, weight)
-            made.append(self._chosen(SENSORS, "period", common))
-        return made
+        return [
+            self._chosen(frame, "period", polling(messages), is_late=True)
+            for frame, messages in self._groups(self._counted)
+        ]
 
     def _latencies(self) -> list[_Option]:
         sensors = [one for one in self._counted if one.is_sensor]
         made = [self._chosen(name, "delay", choice) for name, choice in latencies(sensors).items()]
         # A delay common to all sensors leaves no trace in the stamps: it is as likely as before.
-        scales = np.geomspace(prior.LATENCY_TOLERANCE_S, prior.LATENCY_HIGH_S, 6)
+        scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, 6)
         drawn = np.abs(self._random.standard_normal(_SAMPLES))
         delay = drawn * self._random.choice(scales, _SAMPLES)
         return [*made, _Option(SENSORS, 0.0, 0.0, {"delay": delay})]
 
-    def _chosen(self, frame: str, parameter: str, choice: Choice) -> _Option:
+    def _chosen(
+        self, frame: str, parameter: str, choice: Choice, *, is_late: bool = False
+    ) -> _Option:
+        """Return an option of one parameter; *is_late*: where it acts, frames are late on average.
+
+        Delays are never early, so that a poll or a jitter explains the delay in the mean as well.
+        """
+        besides = 0.0
+        if is_late and choice.log_evidence > 0:
+            options = self._of_frames("frame_latency", ())
+            besides = max([0.0, *(one.log_evidence for one in options if one.frame == frame)])
         value = self._random.choice(choice.value, size=_SAMPLES, p=choice.weight)
         if parameter == "sigma":
             step = math.log(choice.value[1] / choice.value[0])
             value = value * np.exp(self._random.uniform(-0.5, 0.5, _SAMPLES) * step)
-        return _Option(frame, choice.log_evidence, choice.log_ratio, {parameter: value})
+        evidence, ratio = choice.log_evidence + besides, choice.log_ratio + besides
+        return _Option(frame, evidence, ratio, {parameter: value})
 
     def _skew(self) -> _Option:
         recording = self._recording
@@ -262,9 +314,17 @@ class BusBlock:
 
     def _usual_losses(self, excluded: Windows) -> float:
         return sum(
-            loss_of([one.runs(excluded)], prior.LOSS_USUAL, prior.BURST).log_evidence
+            loss_of([one.runs(excluded)], prior.usual("frame_loss"), prior.BURST).log_evidence
             for one in self._counted
         )
+
+
+def _within(ticks: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
+    return np.array([one for start, stop in ticks for one in range(start, stop)], dtype=np.int64)
+
+
+def _but(values: Floats | None, rows: NDArray[np.bool_]) -> Floats | None:
+    return None if values is None else np.where(rows, np.nan, values)
 
 
 def _against(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,8 @@ _TOGETHER: Final = 0.3
 """Of a cycle: a repeat that comes sooner is a duplicate where no counter tells."""
 _CONTEXT: Final = 40
 _CHANGING: Final = 0.8
-_LONGEST_STALE: Final = 60
+LONGEST_STALE_S: Final = 0.3
+"""What repeats for longer is frozen: that is the sensor's fault, not its sender's."""
 _BY_CHANCE: Final = 0.01
 _SURE_LENGTH: Final = 3
 _WANDER_FRAMES: Final = 501
@@ -40,6 +42,7 @@ class Message:
         doubled, swapped: bool[f].
         late_s: float64[f], stamp less the clock's line; NaN where there is no line.
         changes: bool[f], the payload differs from that of the frame before it.
+        not_sent, sent_twice: ticks in which its sender said nothing, or spoke twice.
     """
 
     name: str
@@ -52,6 +55,8 @@ class Message:
     swapped: Bools
     late_s: Floats
     changes: Bools
+    not_sent: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    sent_twice: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def frames(self) -> int:
@@ -62,12 +67,25 @@ class Message:
         """Return the losses outside windows (start, stop) of log time."""
         tick, first = np.unique(self.tick[~self.doubled], return_index=True)
         stamp = self.t_s[~self.doubled][first]
+        if len(self.not_sent):
+            stamp = np.interp(np.union1d(tick, self.not_sent), tick, stamp)
+            tick = np.union1d(tick, self.not_sent)
         lost = np.rint(np.diff(tick) / self.cycle).astype(np.int64) - 1
         outside = np.ones(len(lost), dtype=np.bool_)
         for start, stop in windows:
             outside &= ~((stamp[:-1] <= start + 1e-3) & (stamp[1:] >= stop - 1e-3))
         lengths = lost[(lost > 0) & outside]
         return Runs(len(tick), lengths)
+
+    @property
+    def repeated(self) -> Bools:
+        """Mark frames that came twice though they were sent once."""
+        return self.doubled & ~np.isin(self.tick, self.sent_twice)
+
+    def lost_ticks(self) -> Ints:
+        """Return the ticks within its time whose frame never came."""
+        came = np.unique(self.tick)
+        return np.setdiff1d(np.arange(came[0], came[-1], self.cycle), came)
 
     def steady(self) -> Bools:
         """Mark frames whose stamps tell of jitter: neither doubled nor swapped."""
@@ -105,6 +123,28 @@ def classify(
     return Message(
         name, is_sensor, frames.t_s, tick, cycle, has_counter, doubled, swapped, late, changes
     )
+
+
+def as_sent(messages: Sequence[Message], answers: Collection[str]) -> list[Message]:
+    """Return the messages, those of the ECU with what it did not send, or sent twice.
+
+    A bus loses and doubles each message on its own. What all of the ECU's answers show in the same
+    tick it did itself: it missed the tick, or counted on while no encoder frame came. Of a single
+    answer nobody can tell.
+    """
+    own = [one for one in messages if one.name in answers and one.has_counter]
+    if not own:
+        return list(messages)
+    lost, twice = own[0].lost_ticks(), own[0].tick[own[0].doubled]
+    for one in own[1:]:
+        lost = np.intersect1d(lost, one.lost_ticks())
+        twice = np.intersect1d(twice, one.tick[one.doubled])
+    return [
+        replace(one, not_sent=lost, sent_twice=np.unique(twice))
+        if one.name in answers and one.has_counter
+        else one
+        for one in messages
+    ]
 
 
 def _doubled(
@@ -148,18 +188,21 @@ class Staleness:
         lengths: int64[r], cycles for which the payload was repeated.
         chances: cycles in which a run could have begun.
         windows: (start, stop) of each run.
+        ticks: the first repeated tick of each run, and the first with news.
     """
 
     lengths: Ints
     chances: int
     windows: tuple[tuple[float, float], ...]
+    ticks: tuple[tuple[int, int], ...]
 
 
-def staleness(message: Message, recording: Recording) -> Staleness:
+def staleness(message: Message, recording: Recording, *, has_gyro: bool) -> Staleness:
     """Find the stale runs of a sensor message.
 
     A run counts where the payload changes nearly always around it and the wheels turn before and
-    after; where the counts themselves stood still, they must leap by what they missed.
+    after; where the counts themselves stood still, they must leap by what they missed. A gyro at
+    the end of its range says the same for another reason.
     """
     good = ~message.doubled & ~message.swapped
     tick, changes, stamp = message.tick[good], message.changes[good], message.t_s[good]
@@ -172,11 +215,12 @@ def staleness(message: Message, recording: Recording) -> Staleness:
     )
     chances = int(np.count_nonzero(moving & (near > _CHANGING / 2)))
     edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
-    lengths: list[int] = []
-    windows: list[tuple[float, float]] = []
+    at_limit = _at_limit(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
+    longest = LONGEST_STALE_S / (message.cycle * recording.tick_period_s)
+    found: list[tuple[int, int, int]] = []
     for start, stop in edges.reshape(-1, 2):
         length = int(stop - start)
-        if length > _LONGEST_STALE or stop >= len(changes) - 1 or start < 2:
+        if length > longest or stop >= len(changes) - 1 or start < 2 or at_limit[row[start]]:
             continue
         before = slice(max(0, start - _CONTEXT), start)
         after = slice(stop, stop + _CONTEXT)
@@ -186,12 +230,23 @@ def staleness(message: Message, recording: Recording) -> Staleness:
             continue
         if np.mean(turning) < 0.5 or not _leaps(recording, row[start - 1], row[stop], length):
             continue
-        lengths.append(length)
-        windows.append((float(stamp[start]), float(stamp[stop])))
-    least = _beyond_chance(lengths, chances)
-    windows = [one for one, length in zip(windows, lengths, strict=True) if length >= least]
-    lengths = [length for length in lengths if length >= least]
-    return Staleness(np.array(lengths, dtype=np.int64), max(chances, 1), tuple(windows))
+        found.append((length, int(start), int(stop)))
+    least = _beyond_chance([length for length, _, _ in found], chances)
+    kept = [one for one in found if one[0] >= least]
+    return Staleness(
+        np.array([length for length, _, _ in kept], dtype=np.int64),
+        max(chances, 1),
+        tuple((float(stamp[start]), float(stamp[stop])) for _, start, stop in kept),
+        tuple((int(tick[start]), int(tick[stop])) for _, start, stop in kept),
+    )
+
+
+def _at_limit(recording: Recording) -> Bools:
+    """Mark rows in which the gyro says the highest or the lowest that it ever says."""
+    code = recording.gyro_code
+    if code is None or not np.isfinite(code).any():
+        return np.zeros(len(recording.tick), dtype=np.bool_)
+    return np.asarray((code == np.nanmax(code)) | (code == np.nanmin(code)))
 
 
 def _beyond_chance(lengths: list[int], chances: int) -> int:

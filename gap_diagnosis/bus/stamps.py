@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 _GRID: Final = 200
 _CLIP: Final = 8.0
 _STAMP_STEP_S: Final = 1e-6
-_MOST_STAMPS: Final = 3000
-_ON_LATTICE: Final = 0.98
 _SCALES: Final = 6
+MOST_INDEPENDENT: Final = 400
+"""Stamps are late together: a log says no more of its jitter than so many stamps on their own."""
 
 
 @dataclass(frozen=True)
@@ -47,75 +47,32 @@ def spread_of(message: Message) -> tuple[float, int]:
     return max(float(np.std(clipped)), _STAMP_STEP_S / 3), len(late)
 
 
-def jitter(messages: Sequence[Message]) -> Choice:
-    """Return the evidence that messages jitter beyond the usual, with a common level."""
+def log_usual_spread(messages: Sequence[Message]) -> tuple[float, float]:
+    """Return the log evidence of latenesses that are as usual, and the log likelihood at best."""
     usual: Floats = np.geomspace(*prior.JITTER_USUAL_S, _GRID, dtype=np.float64)
-    news: Floats = np.geomspace(*prior.JITTER_PRESENT_S, _GRID, dtype=np.float64)
-    log_news, log_usual = np.zeros(_GRID), 0.0
-    best = 0.0
+    evidence = best = 0.0
     for message in messages:
         sd, count = spread_of(message)
-        told = min(count, prior.MOST_INDEPENDENT)
-        if told == 0:
-            continue
-        log_news = log_news + _log_spread(news, sd, told)
-        as_usual = _log_spread(usual, sd, told)
-        log_usual += float(logsumexp(as_usual)) - math.log(_GRID)
-        best -= float(as_usual.max())
-    total = float(logsumexp(log_news)) - math.log(_GRID)
-    return Choice(total - log_usual, best + float(log_news.max()), news, _weights(log_news))
+        logs = _log_spread(usual, sd, min(count, MOST_INDEPENDENT))
+        evidence += float(logsumexp(logs)) - math.log(_GRID)
+        best += float(logs.max())
+    return evidence, best
+
+
+def jitter(messages: Sequence[Message]) -> Choice:
+    """Return the evidence that messages jitter beyond the usual, with a common level."""
+    news: Floats = np.geomspace(*prior.JITTER_PRESENT_S, _GRID, dtype=np.float64)
+    logs = np.zeros(_GRID)
+    for message in messages:
+        sd, count = spread_of(message)
+        logs = logs + _log_spread(news, sd, min(count, MOST_INDEPENDENT))
+    usual, best = log_usual_spread(messages)
+    total = float(logsumexp(logs)) - math.log(_GRID)
+    return Choice(total - usual, float(logs.max()) - best, news, _weights(logs))
 
 
 def _log_spread(sigma: Floats, sd: float, count: int) -> Floats:
     return -count * (np.log(sigma) + 0.5 * (sd / sigma) ** 2)
-
-
-def polling(message: Message, clock_skew: float) -> Choice:
-    """Return the evidence that a message's stamps lie on the lattice of a poll.
-
-    The period is a whole number of tenths of a millisecond, on the log's clock or the ECU's. Only a
-    lateness that varies can tell.
-    """
-    low, high = prior.POLL_PERIOD_S
-    periods = np.arange(round(low * 1e4), round(high * 1e4) + 1, dtype=np.float64) * 1e-4
-    good = message.steady()
-    stamps, late = message.t_s[good], message.late_s[good]
-    nothing = Choice(
-        -math.log(len(periods)),
-        0.0,
-        periods,
-        np.full(len(periods), 1 / len(periods), dtype=np.float64),
-    )
-    spread, count = spread_of(message)
-    if count < 50 or spread < 20 * _STAMP_STEP_S:
-        return nothing
-    # Any rows, not every second one: those would lie on lattices of their own.
-    chosen = np.random.default_rng(0).integers(0, len(stamps), min(len(stamps), _MOST_STAMPS))
-    ecu = 1.0 + (clock_skew if math.isfinite(clock_skew) else 0.0)
-    since = stamps[chosen] - stamps[0]
-    strength = np.max(
-        [
-            np.abs(np.exp(2j * math.pi * np.outer(rate / periods, since)).mean(axis=1))
-            for rate in (1.0, ecu)
-        ],
-        axis=0,
-    )
-    free = np.exp(2j * math.pi * np.outer(1 / periods, late[chosen]))
-    chance = np.abs(free.mean(axis=1))
-    told = min(len(stamps[chosen]), prior.MOST_INDEPENDENT)
-    # Off a lattice the strength is what the lateness alone gives; on it, nearly one.
-    on = strength > _ON_LATTICE
-    gain = np.where(
-        on & (chance < 0.9), 0.5 * told * np.log((1 - chance**2) / (1 - strength**2 + 1e-3)), 0.0
-    )
-    # Every divisor of the period is a lattice as well; on the coarsest one it is no accident.
-    accident = told * np.log(periods / periods[0])
-    logs = np.where(gain > 0, gain.max() + accident, -np.inf)
-    if not np.isfinite(logs).any():
-        return nothing
-    return Choice(
-        float(gain.max()) - math.log(len(periods)), float(gain.max()), periods, _weights(logs)
-    )
 
 
 def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
@@ -128,8 +85,8 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
     found: dict[str, Choice] = {}
     if len(seen) < 2:
         return found
-    scales = np.geomspace(prior.LATENCY_TOLERANCE_S, prior.LATENCY_HIGH_S, _SCALES)
-    value = np.concatenate(([0.0], np.geomspace(1e-5, 2 * prior.LATENCY_HIGH_S, 4 * _GRID)))
+    scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, _SCALES)
+    value = np.concatenate(([0.0], np.geomspace(1e-5, 2 * prior.LATENCY.high, 4 * _GRID)))
     width = np.gradient(value)
     density = np.mean(
         2 * np.exp(-0.5 * (value[:, np.newaxis] / scales) ** 2) / (scales * math.sqrt(2 * math.pi)),
@@ -156,9 +113,9 @@ def skew(measured: float, sd: float) -> tuple[float, float, Floats, Floats]:
     The clock's rate is usual within half the tolerance; beyond it is news. The last column is the
     scale's weight; the second array the scales.
     """
-    scales = np.geomspace(prior.SKEW_TOLERANCE, prior.SKEW_HIGH, _SCALES)
+    scales = np.geomspace(prior.SKEW.tolerance, prior.SKEW.high, _SCALES)
     noise = math.hypot(sd, 2e-6)
-    usual = math.hypot(noise, 0.5 * prior.SKEW_TOLERANCE)
+    usual = math.hypot(noise, 0.5 * prior.SKEW.tolerance)
     null = -0.5 * (measured / usual) ** 2 - math.log(usual)
     wide = np.hypot(scales, noise)
     logs = -0.5 * (measured / wide) ** 2 - np.log(wide)

@@ -10,7 +10,8 @@ import numpy as np
 
 from gap_diagnosis.codes.data import CodeData, stretches
 
-_LEAST_RUN: Final = 5
+_LEAST_S: Final = 0.3
+"""What repeats for less is a stale producer: the bus tells."""
 _CLUSTERED: Final = 0.7
 """Repeats come in clusters: a run says less than as many repeats on their own."""
 _CONTRADICTION_NATS: Final = 4.0
@@ -36,7 +37,7 @@ def frozen_run(data: CodeData) -> Frozen | None:
     again = same[1:] & same[:-1]
     turning = data.turns[2:]
     best: Frozen | None = None
-    runs = [one for one in stretches(same) if one[1] - one[0] >= _LEAST_RUN]
+    runs = [one for one in stretches(same) if data.t_s[one[1]] - data.t_s[one[0]] >= _LEAST_S]
     extremes = {data.code.min(), data.code.max()}
     for start, stop in sorted(runs, key=lambda one: one[0] - one[1])[:20]:
         if data.code[start] in extremes:

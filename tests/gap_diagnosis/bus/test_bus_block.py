@@ -61,6 +61,8 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ("stale_producer", {"frame": "IMU", "cycles": 4, "probability": 0.004}),
     ("frame_jitter", {"frame": "IMU", "sigma": 0.002}),
     ("reception_stamp", {"frame": "ENCODER", "delay": 0.001, "period": 0.004}),
+    ("reception_stamp", {"frame": "IMU", "delay": 0.0, "period": 0.008835}),
+    ("reception_stamp", {"frame": "sensors", "delay": 0.0003, "period": 0.013077}),
     ("frame_latency", {"frame": "IMU", "delay": 0.012}),
     ("clock_skew", {"skew": -0.0012}),
     ("bus_gap", {"start_s": 20.0, "stop_s": 20.3}),
@@ -76,6 +78,7 @@ def test_each_effect_is_found_measured_and_its_frame_named(
     assert fit.log_evidence > 8
     rest = block.effects - {effect}
     if effect == "reception_stamp":
+        assert fit.log_evidence > evidence(block, "frame_jitter") + 100
         rest = rest - {"frame_jitter", "frame_latency"}  # it is their twin
     if effect == "bus_gap":
         rest = rest - {"frame_loss"}  # the lost frames are lost
@@ -87,6 +90,44 @@ def test_each_effect_is_found_measured_and_its_frame_named(
             assert found.value == value
         elif found is not None:
             assert abs(float(found.value) - value) < max(5 * found.sd, 0.02 * abs(value))
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("missed_deadline", {"probability": 0.01}),
+        ("gyro_saturation", {"limit": 0.4}),
+        ("gyro_frozen", {"start_s": 20.0, "stop_s": 22.0}),
+    ],
+)
+def test_what_the_ecu_or_the_gyro_does_is_not_laid_at_the_door_of_the_bus(
+    effect: str, values: dict[str, Any]
+) -> None:
+    block = block_of(recording(3, **{effect: values}))
+    assert max(evidence(block, one) for one in block.effects) < 0.5
+
+
+@pytest.mark.parametrize("effect", ["frame_reordering", "frame_duplication"])
+def test_two_events_are_enough_where_none_should_be(effect: str) -> None:
+    values = {"frame": "IMU", "probability": 2.5e-4}
+    for seed in range(1, 30):
+        made = recording(seed, **{effect: values})
+        counter = made.frames["IMU"].counter
+        if np.count_nonzero(np.diff(counter) < 1) == 2:
+            break
+    assert evidence(block_of(made), effect) > 4
+
+
+def test_stale_rows_are_left_out_of_what_is_believed() -> None:
+    stale = {"frame": "IMU", "cycles": 6, "probability": 0.004}
+    made = recording(3, stale_producer=stale)
+    told = block_of(made).without_stale().gyro_code
+    assert told is not None
+    assert made.gyro_code is not None
+    dropped = np.isnan(told)
+    assert 0 < np.count_nonzero(dropped) < 6 * 60
+    assert np.array_equal(told[~dropped], made.gyro_code[~dropped])
+    assert block_of(recording(3)).without_stale().gyro_code is not None
 
 
 def test_a_gap_explains_its_own_lost_frames() -> None:
