@@ -9,8 +9,11 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.drive.block import DriveBlock
+from gap_diagnosis.drive.data import drive_data
 from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.firmware import replayed_pose
+from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
@@ -26,7 +29,7 @@ from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.ranking import Effects
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
@@ -94,10 +97,7 @@ def shrink(
     firmware = None
     if where.odometry_x_m is not None:
         firmware = Replayed(before=replayed_pose(where, robot, wire))
-    drive = None
-    commanded = commanded_path(where, robot)
-    if commanded is not None:
-        drive = Replayed(before=commanded, after=_driven(analysis, effects, where, robot))
+    drive = _driven(analysis, effects, where, robot)
     metrics = measure(
         where,
         robot,
@@ -124,19 +124,25 @@ def shrink(
     )
 
 
-def _driven(analysis: Analysis, effects: Effects, where: Recording, robot: Robot) -> Floats | None:
-    """Return the path that the commands lead to through the explained drive."""
-    drive = next((block for block in analysis.blocks if block.name == "drive"), None)
+def _driven(
+    analysis: Analysis, effects: Effects, where: Recording, robot: Robot
+) -> Replayed | None:
+    """Return the paths that the commands lead to through the described and the explained drive."""
+    commanded, data = commanded_path(where, robot), drive_data(where, robot)
+    block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
+    if commanded is None or data is None or block is None:
+        return None
     stages = catalogue()
     own = frozenset(e for e in effects if e in stages and stages[e].stage == "actuation")
-    if drive is None or not own:
-        return None
+    noise = DriveNoise.of(data, block.levels_with(own))
+    if not own:
+        return Replayed(before=commanded, noise=noise)
     values = {
         key: float(one.value)
-        for key, one in drive.fit(own).parameters.items()
+        for key, one in block.fit(own).parameters.items()
         if isinstance(one.value, int | float)
     }
-    return commanded_path(where, robot, values)
+    return Replayed(before=commanded, after=commanded_path(where, robot, values), noise=noise)
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:

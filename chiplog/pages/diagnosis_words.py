@@ -10,6 +10,7 @@ from chiplog.pages.findings import Words
 from gap_diagnosis.criterion import Judgement
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
 from gap_diagnosis.result_parts import (
+    CLOSABLE,
     Candidate,
     ChoiceEstimate,
     EffectSet,
@@ -113,12 +114,23 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
     name = metric_name(gap.metric)
     text = f"{name[:1].upper()}{name[1:]}, RMS on {where}: {gap_arrow(gap)}"
     if gap.closed is None:
-        return f"{text}; too close to the floor to say how much closed."
+        return f"{text}; {_why_not_closed(diagnosis, gap)}."
     interval = ""
     if gap.ci95 is not None:
         low, high = (100 * bound for bound in gap.ci95)
         interval = f" (95 %: {low:.0f} to {high:.0f} %)"
     return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
+
+
+def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:
+    """Return why no share is closed: the gap may be none, or nothing listed may close it."""
+    if gap.floor is None:
+        return "what noise alone would leave is not known"
+    if gap.before < CLOSABLE * gap.floor:
+        return "too close to the floor to say how much closed"
+    if diagnosis.verdict == NO_GAP:
+        return "what stands above the floor lies within tolerance"
+    return "no listed effect closes it"
 
 
 def metric_name(metric: str) -> str:

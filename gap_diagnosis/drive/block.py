@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.columns import DISCRETE, LINEAR, SHARED, Variant, is_possible, variants
+from gap_diagnosis.drive.columns import LINEAR, SHARED, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
 from gap_diagnosis.drive.linear import Grams, draw_linear
+from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import (
     STARTS,
     Levels,
@@ -31,6 +32,8 @@ from hil_harness.robot import Robot
 Floats = NDArray[np.float64]
 
 _SAMPLES: Final = 2000
+_LOOKED_AT_AGAIN: Final = 3
+_UNLIKELY: Final = 1e-9
 _FREE_SD: Final = 0.3
 """Of linear coefficients while noise levels and best likelihoods are sought."""
 _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005, "delay": 0.004}
@@ -38,10 +41,15 @@ _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005, "delay"
 between a command's reception by log and by drive."""
 
 
-def drive_block(recording: Recording, robot: Robot) -> DriveBlock | None:
-    """Return the block, or None where the log holds no commands or no motion."""
+def drive_block(
+    recording: Recording, robot: Robot, doubted: frozenset[str] = COMMANDS | COUNTS
+) -> DriveBlock | None:
+    """Return the block, or None where the log holds no commands or no motion.
+
+    *doubted*: the signals of which a mistake of the set-up may be.
+    """
     data = drive_data(recording, robot)
-    return None if data is None else DriveBlock(data, robot)
+    return None if data is None else DriveBlock(data, robot, doubted)
 
 
 @dataclass(frozen=True)
@@ -74,33 +82,34 @@ class _Setting:
         """Return residual, gain columns: float64[1 + 2 or 1, 2, m]."""
         angle = self.shapes.angle(values)
         measured = self.variant.data.angle
-        residual = (measured - self.variant.freeze(angle))[np.newaxis]
+        residual = (measured - angle)[np.newaxis]
         if not self.has_gain:
             return residual
-        gains = self.shapes.gain_columns(values, angle)
-        return np.concatenate((residual, np.stack([self.variant.freeze(one) for one in gains])))
+        return np.concatenate((residual, self.shapes.gain_columns(values, angle)))
 
 
 class DriveBlock:
     """Evidence for effects between recorded commands and recorded wheel angles.
 
-    Besides the actuation effects it weighs errors of counting and set-up (`SHARED`), which bend the
-    same residuals; of these it returns no parameters.
+    Besides the actuation effects it weighs errors of counting (`SHARED`), of which it returns no
+    parameters, and mistakes of the set-up, of which it does where the commands may be wrong.
     """
 
     name = "drive"
 
-    def __init__(self, data: DriveData, robot: Robot) -> None:
+    def __init__(self, data: DriveData, robot: Robot, doubted: frozenset[str]) -> None:
         self._data = data
+        self._doubted = doubted
         self._robot = robot
         shapes = Shapes(data, robot)
         # What scales with the counts is what a gain adds: a column that bent otherwise would let
         # counting errors explain the drive's dynamics.
         self._nominal = np.sum(shapes.gain_columns({}, shapes.angle({})), axis=0)
         self._fits: dict[frozenset[str], Fit] = {}
+        self._levels_with: dict[frozenset[str], Floats] = {}
         self._levels: Floats = STARTS[0]
         self._null = 0.0
-        setting = self._setting(variants(data, self._nominal, ())[0], frozenset())
+        setting = self._setting(Variant(data, np.zeros((0, *self._nominal.shape)), ()), frozenset())
         found = [self._fit_levels(setting, {}, start) for start in STARTS]
         self._levels, self._null = max(found, key=lambda one: one[1])
         self._null_evidence = self._evidence(setting, self._levels)[0]
@@ -109,13 +118,18 @@ class DriveBlock:
     @property
     def effects(self) -> frozenset[str]:
         """The effects that this log's drive residuals can tell."""
-        found = {*BENT, *LINEAR, *(one for one in DISCRETE if is_possible(self._data, one))}
-        return frozenset(found)
+        dead = {"encoder_dead"} if may_be_dead(self._data) else set[str]()
+        return frozenset({*BENT, *LINEAR, *dead, *possible(self._doubted)})
 
     @property
     def levels(self) -> Levels:
         """The noise levels without any effect."""
         return Levels.of(self._levels, self._data.tick_rad)
+
+    def levels_with(self, effects: frozenset[str]) -> Levels:
+        """The noise levels under these effects."""
+        self.fit(effects)
+        return Levels.of(self._levels_with.get(effects, self._levels), self._data.tick_rad)
 
     def fit(self, effects: frozenset[str]) -> Fit:
         """Return the fit of these effects."""
@@ -139,31 +153,71 @@ class DriveBlock:
         return Fit((), evidence, max(free - self._null, 0.0))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
-        names = sorted(effects)
-        settings = [
-            self._setting(one, effects) for one in variants(self._data, self._nominal, names)
-        ]
+        settings = [self._setting(one, effects) for one in self._variants(effects)]
         # The variant is chosen at the noise levels of no effect, then they are estimated anew.
         best, others, point = 0, 0.0, np.zeros(0)
+        weights = np.ones(1)
         if len(settings) == 1:
             point = self._locate(settings[0])
         else:
             quick = [self._evidence(setting, self._levels, rough=True) for setting in settings]
             logs = np.array([one[0] for one in quick])
+            if effects & set(SETUP):
+                logs = self._anew(settings, logs)
             best = int(np.argmax(logs))
-            others = float(np.logaddexp.reduce(logs - logs[best])) - np.log(len(settings))
+            weights = np.exp(logs - logs[best])
+            others = float(np.log(weights.sum())) - np.log(len(settings))
             point = quick[best][1].best
-        values = settings[best].values(point)
-        levels, free = self._fit_levels(settings[best], values, self._levels)
+        levels, free = self._levels_of(settings[best], settings[best].values(point))
+        self._levels_with[effects] = levels
         total, grid, scale_weights = self._evidence(settings[best], levels, start=point)
-        total += others
+        parameters = self._parameters(settings[best], levels, grid, scale_weights)
+        if self._doubted >= COMMANDS:
+            parameters |= _choices(effects, [one.variant for one in settings], weights)
         return Fit(
-            effects=tuple(names),
-            log_evidence=total - self._null_evidence,
+            effects=tuple(sorted(effects)),
+            log_evidence=total + others - self._null_evidence,
             log_likelihood=max(free - self._null, 0.0),
-            parameters=self._parameters(settings[best], levels, grid, scale_weights),
+            parameters=parameters,
             pareto_k=grid.pareto_k,
         )
+
+    def _variants(self, effects: frozenset[str]) -> list[Variant]:
+        """Return the variants of a set; of a mistake beside other effects the best one alone."""
+        made = variants(self._data, self._nominal, sorted(effects), self._doubted)
+        wrong = effects & set(SETUP)
+        if not wrong or wrong == effects:
+            return made
+        found = self.fit(wrong).parameters
+        known = {name: one.value for name, one in found.items()}
+        same = [
+            one
+            for one in made
+            if all(
+                known.get(f"{effect}.{n}", v) == v
+                for effect in wrong
+                for n, v in one.values.items()
+            )
+        ]
+        return same or made
+
+    def _anew(self, settings: Sequence[_Setting], logs: Floats) -> Floats:
+        """Return log evidences of the best few at noise levels of their own; the rest are lost.
+
+        A wrong unit makes the noise of no effect so large that all units look alike.
+        """
+        found = np.full(len(logs), -np.inf)
+        for place in np.argsort(-logs)[:_LOOKED_AT_AGAIN]:
+            levels, _ = self._levels_of(settings[place], {})
+            found[place] = self._evidence(settings[place], levels, rough=True)[0]
+        return found
+
+    def _levels_of(self, setting: _Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
+        """Return noise levels, sought from those of no effect and, for a mistake, from others."""
+        starts = [self._levels, *(STARTS if setting.variant.values else ())]
+        found = [self._fit_levels(setting, values, start) for start in starts]
+        levels, free = max(found, key=lambda one: one[1])
+        return levels, free + setting.variant.log_constant
 
     def _setting(self, variant: Variant, effects: frozenset[str]) -> _Setting:
         shapes = Shapes(variant.data, self._robot)
@@ -180,7 +234,7 @@ class DriveBlock:
                 sds.append(step)
         nuisances = np.zeros((0, *nominal.shape))
         if columns:
-            nuisances = np.stack([variant.freeze(one) for one in columns])
+            nuisances = np.stack(columns)
         return _Setting(
             variant,
             shapes,
@@ -224,7 +278,7 @@ class DriveBlock:
         levels = Levels.of(logs, data.tick_rad)
         fixed = np.concatenate((setting.variant.columns, setting.nuisances))
         white_fixed, log_determinant = whitened(data, fixed, levels)
-        constant = log_level_prior(logs) - 0.5 * log_determinant
+        constant = log_level_prior(logs) - 0.5 * log_determinant + setting.variant.log_constant
         sd = _scale_products(setting.linear_sizes, setting.nuisance_sd, count=2 if rough else 4)
 
         def log_density(points: Floats) -> Floats:
@@ -266,6 +320,23 @@ class DriveBlock:
             found["drive_gain.left"] = _estimate(gains[:, 0])
             found["drive_gain.right"] = _estimate(gains[:, 1])
         return found
+
+
+def _choices(
+    effects: frozenset[str], made: Sequence[Variant], weights: Floats
+) -> dict[str, Estimate]:
+    """Return what the variants say of mistakes: each parameter with its probabilities."""
+    found: dict[str, Estimate] = {}
+    best = made[int(np.argmax(weights))]
+    for effect in effects & set(SETUP):
+        for name, value in best.values.items():
+            shares: dict[str, float] = {}
+            for one, weight in zip(made, weights / weights.sum(), strict=True):
+                key = str(one.values[name])
+                shares[key] = shares.get(key, 0.0) + float(weight)
+            likely = {key: share for key, share in shares.items() if share > _UNLIKELY}
+            found[f"{effect}.{name}"] = Estimate(value, probabilities=likely)
+    return found
 
 
 def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int) -> Floats:

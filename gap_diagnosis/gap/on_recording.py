@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.gap.drive_floor import DriveNoise, drive_floor
 from gap_diagnosis.gap.floor import DRAWS, Floor, NoiseLevels, noise_floor
 from gap_diagnosis.gap.how_far import Compared, metric_of
 from gap_diagnosis.gap.metrics import (
@@ -46,10 +47,12 @@ class Replayed:
     Attributes:
         before: as described, float64[n, 3].
         after: with the winning effects on; None where there are none.
+        noise: of the drive behind them; None where only counting errs.
     """
 
     before: Floats
     after: Floats | None = None
+    noise: DriveNoise | None = None
 
 
 def levels_of(levels: Floats, robot: Robot) -> NoiseLevels:
@@ -99,12 +102,11 @@ def measure(
     if drive is not None:
         wheels = predict(motion)
         measured = Path(motion.t_s, *wheels.path())
-        quantum_m = motion.radius_m * _quantum_rad(robot)
-        compared["drive_position_m"] = _replayed(motion.t_s, drive, measured, windows, quantum_m)
+        compared["drive_position_m"] = _replayed(motion, drive, measured, windows, robot)
     if firmware is not None:
         odometry = recorded_odometry(recording)
         if odometry is not None:
-            compared["firmware_position_m"] = _replayed(motion.t_s, firmware, odometry, windows)
+            compared["firmware_position_m"] = _replayed(motion, firmware, odometry, windows)
     if recording.frames:
         compared["timing_s"] = _timing(
             recording.frames, windows, clock_skew, explained or clock_skew != 0.0
@@ -219,21 +221,35 @@ def _floor_of(floor: Floor, name: str) -> Floats:
 
 
 def _replayed(
-    t_s: Floats,
+    motion: Motion,
     replayed: Replayed,
     measured: Path,
     windows: Sequence[Window],
-    noise_m: float = 0.0,
+    robot: Robot | None = None,
 ) -> Compared:
-    """Compare simulations with a measured path whose samples are off by white noise only."""
+    """Compare simulations with a measured path; with *robot*, one of wheels that are counted."""
 
-    def errors(columns: Floats) -> WindowErrors:
+    def path(columns: Floats) -> Path:
         good = np.isfinite(columns).all(1)
-        return path_errors(Path(t_s[good], *columns[good].T), measured, windows).position
+        return Path(motion.t_s[good], *columns[good].T)
 
-    before = errors(replayed.before)
-    after = None if replayed.after is None else errors(replayed.after)
-    return Compared(before, after, np.full((1, len(before.mean_square)), noise_m**2))
+    before = path_errors(path(replayed.before), measured, windows).position
+    after = best = None
+    if replayed.after is not None:
+        best = path(replayed.after)
+        after = path_errors(best, measured, windows).position
+    floor = np.zeros((1, len(before.mean_square)))
+    if robot is not None:
+        floor += (motion.radius_m * _quantum_rad(robot)) ** 2
+    if replayed.noise is not None:
+        floor = drive_floor(
+            best or path(replayed.before),
+            replayed.noise,
+            [windows[place] for place in before.window],
+            radius_m=motion.radius_m,
+            wheelbase_m=motion.wheelbase_m,
+        )
+    return Compared(before, after, floor)
 
 
 def _timing(
