@@ -26,12 +26,19 @@ from can_bus.e2e import (
 from can_bus.errors import CanBusError
 from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
 from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
-from can_bus.logs.columns import LogColumns, columns_of, read_log_columns
+from can_bus.logs.columns import read_log_columns
+from can_bus.logs.log_columns import LogColumns, columns_of
 from can_bus.logs.reader import read_log
 from can_bus.logs.writer import LOG_SUFFIXES, LogWriter, open_log_writer
+from can_bus.response_time import QueuedFrame, ResponseTime, response_times
 from can_bus.signals import Raw, SignalSpec
 from can_bus.specs import MessageSpec, protect
-from can_bus.timing import INTERFRAME_BITS, frame_length_bits, frame_length_bits_array
+from can_bus.timing import (
+    INTERFRAME_BITS,
+    frame_length_bits,
+    frame_length_bits_array,
+    worst_length_bits,
+)
 
 __all__ = [
     "CONNECTING_INTERFACES",
@@ -59,9 +66,11 @@ __all__ = [
     "LogColumns",
     "LogWriter",
     "MessageSpec",
+    "QueuedFrame",
     "QuickMessage",
     "Raw",
     "Reason",
+    "ResponseTime",
     "SignalSpec",
     "Traffic",
     "check_interface",
@@ -81,7 +90,9 @@ __all__ = [
     "protect",
     "read_log",
     "read_log_columns",
+    "response_times",
     "shipped_path",
     "timestamp_us",
     "vcan_commands",
+    "worst_length_bits",
 ]

@@ -27,6 +27,8 @@ _CRC_MASK: Final = (1 << _CRC_BITS) - 1
 _TAIL_BITS: Final = 10  # CRC delimiter, ACK slot, ACK delimiter, 7 × end of frame
 _MAX_RUN: Final = 5
 _MAX_BYTES: Final = 8
+_STANDARD_STUFFABLE: Final = 34  # start of frame to data length code, and the CRC
+_EXTENDED_STUFFABLE: Final = 54
 _RTR_FROM_END: Final = 6  # two reserved or format bits and the data length code follow it
 
 
@@ -107,6 +109,7 @@ class _Head(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def _head(frame_id: int, is_extended: bool, dlc: int, is_remote: bool) -> _Head:
+    _require_classic(frame_id, is_extended, dlc)
     if is_extended:
         # SOF 0, base identifier 11, SRR 1, IDE 1, extension 18, RTR, r1 0, r0 0, DLC 4
         base, extension = frame_id >> 18, frame_id & (1 << 18) - 1
@@ -134,7 +137,8 @@ def frame_length_bits(
     """
     is_remote = remote_dlc is not None
     dlc = len(data) if remote_dlc is None else remote_dlc
-    _require_classic(frame_id, is_extended, dlc, len(data) if is_remote else 0)
+    if is_remote and data:
+        raise CanBusError(f"{len(data)} bytes: a remote frame has none")
     length, crc, inserted, state = _head(frame_id, is_extended, dlc, is_remote)
     for byte in data:
         crc = (crc << 8 & _CRC_MASK) ^ _CRC_LIST[crc >> 7 ^ byte]
@@ -153,7 +157,6 @@ def frame_length_bits_array(
     `data` is uint8[frames, bytes] with 0 to 8 bytes. Same rule and errors as `frame_length_bits`.
     """
     frames, size = data.shape
-    _require_classic(frame_id, is_extended, size, 0)
     head = _head(frame_id, is_extended, size, False)
     crc = np.full(frames, head.crc, dtype=np.uint16)
     state = np.full(frames, head.state, dtype=np.uint8)
@@ -168,11 +171,21 @@ def frame_length_bits_array(
     return inserted.astype(np.int64) + head.length_bits
 
 
-def _require_classic(frame_id: int, is_extended: bool, dlc: int, remote_bytes: int) -> None:
+def worst_length_bits(is_extended: bool, size_bytes: int) -> int:
+    """Return the length of the longest data frame of so many bytes, intermission not included.
+
+    Davis, Burns, Bril, Lukkien (2007), equation 1: as many stuff bits as bits can force.
+
+    Raises CanBusError for data that no classic frame carries.
+    """
+    _require_classic(0, is_extended, size_bytes)
+    stuffable = (_EXTENDED_STUFFABLE if is_extended else _STANDARD_STUFFABLE) + 8 * size_bytes
+    return stuffable + _TAIL_BITS + (stuffable - 1) // (_MAX_RUN - 1)
+
+
+def _require_classic(frame_id: int, is_extended: bool, dlc: int) -> None:
     width = 29 if is_extended else 11
     if not 0 <= frame_id < 1 << width:
         raise CanBusError(f"identifier {frame_id:#x} does not fit {width} bits")
-    if not 0 <= dlc <= _MAX_BYTES or remote_bytes:
-        raise CanBusError(
-            f"{max(dlc, remote_bytes)} bytes: a classic data frame has 0 to 8, a remote frame 0"
-        )
+    if not 0 <= dlc <= _MAX_BYTES:
+        raise CanBusError(f"{dlc} bytes: a classic data frame has 0 to 8")

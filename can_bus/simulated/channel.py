@@ -90,6 +90,7 @@ class Channel:
         self._flight: _Flight | None = None
         self._free_ns = 0
         self._idle_since_ns = 0
+        self._bit_ns = 0 if NS_PER_S % bitrate else NS_PER_S // bitrate  # 0: no whole number
         self._carry = 0
         self._is_calm = True  # every error counter is at 0
         self._recovering = 0
@@ -175,11 +176,11 @@ class Channel:
 
         Returns True if so many things have happened that others should be let in before more do.
         """
-        step = self.step
-        for _ in range(steps):
-            if not step(limit_ns) or awaited:
-                return False
-        return True
+        while self.step(limit_ns) and not awaited:
+            steps -= 1
+            if not steps:
+                return True
+        return False
 
     def step(self, limit_ns: int) -> bool:
         """Do the next thing that happens until then; if there is none, go there and say so."""
@@ -246,7 +247,7 @@ class Channel:
     def _start(self, start_ns: int, limit_ns: int) -> None:
         """Hold arbitration, and put the winner on the wire."""
         present = self._present()
-        entrants = [one for one in present if one.queue.held and one.suspended_until_ns <= start_ns]
+        entrants = [o for o in present if o.queue.held and o.suspended_until_ns <= start_ns]
         winner = entrants[0]
         is_tie = False
         if len(entrants) > 1:
@@ -264,8 +265,9 @@ class Channel:
             if self._recovering:
                 self._count_idle(start_ns)
         if len(present) > 1 and not is_tie and not inverted:
+            winner.queue.start()
             end_ns = self._occupy(start_ns, head.length_bits)
-            self._flight = _Flight(end_ns, present, [winner], [winner.queue.start()], None)
+            self._flight = _Flight(end_ns, present, [winner], [head], None)
             return
         if winner.stuck_on is head and len(present) == 1 and not inverted:
             start_ns = self._pass_stuck(winner, start_ns, limit_ns)
@@ -277,11 +279,13 @@ class Channel:
 
     def _occupy(self, start_ns: int, bits: int) -> int:
         """Take the wire for a frame; return its end. Bits never drift against the clock."""
+        taken_bits = bits + INTERFRAME_BITS
+        self.busy_bits += taken_bits
+        if self._bit_ns:
+            self._free_ns = self._idle_since_ns = start_ns + taken_bits * self._bit_ns
+            return start_ns + bits * self._bit_ns
         end_ns = start_ns + (bits * NS_PER_S + self._carry) // self.bitrate
-        self.busy_bits += bits + INTERFRAME_BITS
-        taken_ns, self._carry = divmod(
-            (bits + INTERFRAME_BITS) * NS_PER_S + self._carry, self.bitrate
-        )
+        taken_ns, self._carry = divmod(taken_bits * NS_PER_S + self._carry, self.bitrate)
         self._free_ns = self._idle_since_ns = start_ns + taken_ns
         return end_ns
 
@@ -399,13 +403,18 @@ class Channel:
 
     def _deliver(self, present: list[Controller], sender: Controller, message: can.Message) -> None:
         loss, now_ns = self.faults.loss, self.now_ns
+        last: Controller | None = None
         for controller in present:
-            take = controller.take
-            if controller is sender or take is None:
+            if controller is sender or controller.take is None:
                 continue
             if loss and self.faults.loses(sender.name, controller.name, message, now_ns):
                 continue
-            take(copy_of(message, controller.local_s(now_ns)))
+            if last is not None and last.take is not None:
+                last.take(copy_of(message, last.local_s(now_ns)))
+            last = controller
+        if last is not None and last.take is not None:  # the last one gets the frame itself
+            message.timestamp = last.local_s(now_ns)
+            last.take(message)
 
     def _echo(self, sender: Controller, message: can.Message) -> None:
         if sender.echo is not None:
