@@ -71,7 +71,18 @@ def measure(config: KernelConfig, drives: Drives) -> Errors:
                 fallen = part.status[row, :count] & _FALLEN_BACK
                 fallback[row] += np.count_nonzero(fallen)
                 overflows[row] = part.overflow_count[row]
-    return Errors(*final.tolist(), *largest.tolist(), overflows.tolist(), fallback.tolist())
+    return Errors(
+        arithmetic_position_m=final[0].tolist(),
+        arithmetic_heading_rad=final[1].tolist(),
+        total_position_m=final[2].tolist(),
+        total_heading_rad=final[3].tolist(),
+        largest_arithmetic_position_m=largest[0].tolist(),
+        largest_arithmetic_heading_rad=largest[1].tolist(),
+        largest_total_position_m=largest[2].tolist(),
+        largest_total_heading_rad=largest[3].tolist(),
+        overflows=overflows.tolist(),
+        fallback_ticks=fallback.tolist(),
+    )
 
 
 def _errors(

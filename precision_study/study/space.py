@@ -32,7 +32,7 @@ DEFAULT_AXES: Final[dict[str, tuple[Any, ...]]] = {
     "rounding": ("floor", "half_up"),
     "trig.entries": (64, 256, 1024),
     "trig.interpolated": (True, False),
-    "integration": ("euler_before", "midpoint"),
+    "carry_remainder": (True, False),
 }
 MAX_POINTS: Final = 100_000
 MAX_TABLE_BYTES: Final = 65_536
@@ -199,28 +199,45 @@ def build(point: Point, robot: Robot, *, force: bool = False) -> KernelConfig:
     return build_config(point.firmware, known, allow_overflow=force)
 
 
-def refuse(point: Point, robot: Robot, *, distance_m: float, table_bytes: int, force: bool) -> None:
-    """Refuse what cannot do the study: an overflow, a table that does not fit, a scale of zero.
+def refuse_unfit(
+    points: Sequence[Point],
+    robot: Robot,
+    *,
+    distance_m: float,
+    table_bytes: int = MAX_TABLE_BYTES,
+    force: bool = False,
+) -> None:
+    """Refuse a study of which a configuration overflows, has no room or rounds a scale to zero.
 
     Args:
-        point: the configuration.
-        robot: whose it is.
+        points: the configurations.
+        robot: whose they are.
         distance_m: farthest that a robot gets from its start.
         table_bytes: largest table that fits.
         force: let words that overflow pass.
 
     Raises:
-        StudyError: field, value and what would be right.
+        StudyError: field, value and what would be right, for the first such configuration.
     """
+    for point in points:
+        wrong = _unfit(point, robot, distance_m, table_bytes, force)
+        if wrong is not None:
+            where = f" (with {point.words})" if point.values else ""
+            raise StudyError(f"{wrong}{where}")
+
+
+def _unfit(
+    point: Point, robot: Robot, distance_m: float, table_bytes: int, force: bool
+) -> str | None:
     try:
         config = build(point, robot, force=force)
     except FirmwareError as error:
-        raise StudyError(str(error)) from None
+        return str(error)
     size = 4 * len(config.table)
     if size > table_bytes:
         field = "iterations" if point.firmware.trig.method == "cordic" else "entries"
         value = getattr(point.firmware.trig, field)
-        raise StudyError(
+        return (
             f"firmware.trig.{field} = {value}: a table of {size} bytes does not fit "
             f"--table-bytes {table_bytes}: expected at most {_fitting(table_bytes)}"
         )
@@ -228,11 +245,11 @@ def refuse(point: Point, robot: Robot, *, distance_m: float, table_bytes: int, f
     least = farthest_q.bit_length() + 1
     word = point.firmware.position.word_bits
     if least > word and not force:
-        raise StudyError(
+        return (
             f"firmware.position.word_bits = {word}: {distance_m:g} m do not fit with "
-            f"{config.position_frac_bits} fraction bits: expected at least {least}, or at most "
-            f"{config.position_frac_bits - (least - word)} frac_bits"
+            f"{config.position_frac_bits} fraction bits: expected at least {least} bits"
         )
+    return None
 
 
 def _fitting(table_bytes: int) -> int:
