@@ -1,66 +1,40 @@
-"""Candump logs at array speed: the plain lines, which nearly all lines are, many at a time.
-
-A plain line is ``(seconds.microseconds) channel id#data``, with or without ``R`` or ``T`` behind
-it: a classic data frame. A block of lines with any other in it (remote, error and CAN FD frames,
-faulty lines) is read line by line instead, so that nothing is understood or refused differently.
-"""
+"""Candump logs at array speed: data frames many at a time, all other lines one by one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
-Places = NDArray[np.int64]
+from can_bus.frames import timestamp_us
+from can_bus.logs.frame_block import CLASSIC_BYTES, FD_BYTES
+from can_bus.logs.log_columns import LogColumns, empty_columns, joined
+from can_bus.logs.reader import read_candump_line
 
-_BLOCK_BYTES: Final = 1 << 22
-_MAX_SECONDS_DIGITS: Final = 12
-_MICROSECOND_DIGITS: Final = 6
-_DATA_DIGITS: Final = 16
-_NO_DIGIT: Final = 255
-_EXACT_STAMP_US: Final = 2**32 * 10**6
-"""As floats, which is how lines are read, later stamps do not tell microseconds apart."""
-_SHORTEST: Final = len("(0.000000) c 123#\n")
-_LONGEST: Final = 500
+_BLOCK_BYTES: Final = 1 << 20
+SCANNED: Final = ("timestamp_us", "frame_id", "is_extended", "data", "length", "is_rx")
+"""The columns that the pass over data frames fills, in the order in which it takes them."""
 
 
-def _hex_values() -> Bytes:
-    values = np.full(256, _NO_DIGIT, dtype=np.uint8)
-    for digit in b"0123456789abcdefABCDEF":
-        values[digit] = int(chr(digit), 16)
-    return values
+def read_candump_columns(path: Path, refuse_beyond: Callable[[int], None]) -> LogColumns:
+    """Read a candump log. Raises CanBusError naming file and line, as `read_log` does.
 
-
-_HEX: Final = _hex_values()
-
-
-@dataclass(frozen=True)
-class PlainBlock:
-    """The frames of a block of plain lines, one row each.
-
-    Attributes:
-        timestamp_us: int64[lines].
-        frame_id: uint32[lines].
-        is_extended: bool[lines].
-        is_rx: bool[lines].
-        length: uint8[lines].
-        data: uint8[lines, 8], zero padded.
+    Args:
+        refuse_beyond: is told after each block how many frames there are, and may raise.
     """
+    parts: list[LogColumns] = []
+    line = frames = 0
+    for block in _text_blocks(path):
+        parts.append(_columns(path, block, line + 1))
+        frames += len(parts[-1])
+        refuse_beyond(frames)
+        line += block.count(b"\n")
+    return joined(parts)
 
-    timestamp_us: NDArray[np.int64]
-    frame_id: NDArray[np.uint32]
-    is_extended: NDArray[np.bool_]
-    is_rx: NDArray[np.bool_]
-    length: Bytes
-    data: Bytes
 
-
-def text_blocks(path: Path) -> Iterator[bytes]:
+def _text_blocks(path: Path) -> Iterator[bytes]:
     """Yield a file in blocks of whole lines; the last may lack its line end."""
     rest = b""
     with path.open("rb") as file:
@@ -77,107 +51,32 @@ def text_blocks(path: Path) -> Iterator[bytes]:
         yield rest
 
 
-def parse_plain(block: bytes) -> PlainBlock | None:
-    """Return the frames of a block, None where any line of it is not plain."""
+def _columns(path: Path, block: bytes, line: int) -> LogColumns:
+    """Return the frames of whole lines; `line` is the number of the first."""
+    # numba takes a quarter of a second to import: only who reads whole logs pays for it.
+    from can_bus.logs.candump_lines import read_lines  # noqa: PLC0415
+
     text = np.frombuffer(block, dtype=np.uint8)
-    stops = np.flatnonzero(text == ord("\n"))
-    hashes = np.flatnonzero(text == ord("#"))
-    dots = np.flatnonzero(text == ord("."))
-    if not len(stops) or stops[-1] != len(text) - 1:
-        return None
-    if len(hashes) != len(stops) or len(dots) != len(stops):
-        return None
-    starts = np.concatenate(([0], stops[:-1] + 1))
-    sizes = stops - starts
-    if np.any(sizes < _SHORTEST - 1) or np.any(sizes > _LONGEST):
-        return None
-    if not (np.all(dots > starts + 1) and np.all(dots + 8 < hashes) and np.all(hashes < stops)):
-        return None
-    stamps = _stamps(text, starts, dots)
-    names = _identifiers(text, dots, hashes)
-    frames = _data(text, hashes, stops)
-    if stamps is None or names is None or frames is None:
-        return None
-    identifiers, is_extended = names
-    is_rx, length, data = frames
-    return PlainBlock(stamps, identifiers, is_extended, is_rx, length, data)
-
-
-def _stamps(text: Bytes, starts: Places, dots: Places) -> NDArray[np.int64] | None:
-    digits = dots - starts - 1
-    most = int(digits.max())
-    is_framed = (text[starts] == ord("(")) & (text[dots + _MICROSECOND_DIGITS + 1] == ord(")"))
-    if most > _MAX_SECONDS_DIGITS or not is_framed.all():
-        return None
-    stamp = np.zeros(len(starts), dtype=np.int64)
-    scale = 10**_MICROSECOND_DIGITS
-    for place in range(1, most + 1):
-        there = digits >= place
-        digit = np.where(there, text[np.where(there, dots - place, starts + 1)] - ord("0"), 0)
-        if np.any(digit > 9):
-            return None
-        stamp += digit.astype(np.int64) * scale
-        scale *= 10
-    scale = 10 ** (_MICROSECOND_DIGITS - 1)
-    for place in range(1, _MICROSECOND_DIGITS + 1):
-        digit = text[dots + place] - ord("0")
-        if np.any(digit > 9):
-            return None
-        stamp += digit.astype(np.int64) * scale
-        scale //= 10
-    return stamp if int(stamp.max()) < _EXACT_STAMP_US else None
-
-
-def _identifiers(
-    text: Bytes, dots: Places, hashes: Places
-) -> tuple[NDArray[np.uint32], NDArray[np.bool_]] | None:
-    """Return identifiers of three or eight digits, one word of a channel before them."""
-    short = text[hashes - 4] == ord(" ")
-    is_extended = ~short
-    before = hashes - np.where(short, 4, 9)
-    channel = dots + _MICROSECOND_DIGITS + 3
-    if np.any(before <= channel) or np.any(text[before] != ord(" ")):
-        return None
-    if np.any(text[channel - 1] != ord(" ")):
-        return None
-    # Between the two spaces stands the channel: one word, for which there are as many spaces in
-    # the block as fields.
-    identifier = np.zeros(len(hashes), dtype=np.uint32)
-    for place in range(8):
-        used = is_extended if place < 5 else np.ones(len(hashes), dtype=np.bool_)
-        digit = _HEX[text[np.where(used, hashes - 8 + place, hashes - 1)]]
-        if np.any(digit == _NO_DIGIT):
-            return None
-        identifier = np.where(used, identifier << np.uint32(4) | digit, identifier)
-    highest = np.where(is_extended, 0x1FFFFFFF, 0x7FF)
-    if np.any(identifier > highest) or not _are_words(text, channel, before):
-        return None
-    return identifier.astype(np.uint32), is_extended
-
-
-def _are_words(text: Bytes, starts: Places, stops: Places) -> bool:
-    """Tell whether the text between holds printable characters only, without a space."""
-    is_plain = (text > ord(" ")) & (text < 127)
-    so_far = np.concatenate(([0], np.cumsum(is_plain)))
-    return bool(np.all(so_far[stops] - so_far[starts] == stops - starts))
-
-
-def _data(
-    text: Bytes, hashes: Places, stops: Places
-) -> tuple[NDArray[np.bool_], Bytes, Bytes] | None:
-    """Return direction, length and bytes of frames that end after ``data`` or ``data R|T``."""
-    last = text[stops - 1]
-    has_direction = (text[stops - 2] == ord(" ")) & ((last == ord("R")) | (last == ord("T")))
-    digits = stops - hashes - 1 - np.where(has_direction, 2, 0)
-    if np.any(digits < 0) or np.any(digits > _DATA_DIGITS) or np.any(digits % 2):
-        return None
-    data = np.zeros((len(hashes), _DATA_DIGITS), dtype=np.uint8)
-    for place in range(int(digits.max(initial=0))):
-        there = digits > place
-        digit = _HEX[text[np.where(there, hashes + 1 + place, hashes - 1)]]
-        if np.any(digit == _NO_DIGIT):
-            return None
-        data[:, place] = np.where(there, digit, 0)
-    packed: Bytes = (data[:, 0::2] << np.uint8(4) | data[:, 1::2]).astype(np.uint8)
-    is_rx = np.asarray(~(has_direction & (last == ord("T"))), dtype=np.bool_)
-    return is_rx, (digits // 2).astype(np.uint8), packed
+    columns = empty_columns(block.count(b"\n") + 1, FD_BYTES if b"##" in block else CLASSIC_BYTES)
+    arrays = [columns[name] for name in SCANNED]
+    at = row = 0
+    while True:
+        before = row
+        at, row = read_lines(text, at, row, *arrays)
+        if at == len(block):
+            return LogColumns(**{name: column[:row] for name, column in columns.items()})
+        line += row - before
+        end = block.find(b"\n", at) + 1 or len(block)
+        message = read_candump_line(path, block[at:end].decode("ascii", errors="replace"), line)
+        if message is not None:
+            content = message.data
+            columns["timestamp_us"][row] = timestamp_us(message)
+            columns["frame_id"][row] = message.arbitration_id
+            columns["is_extended"][row] = message.is_extended_id
+            columns["data"][row, : len(content)] = np.frombuffer(content, dtype=np.uint8)
+            columns["length"][row] = len(content)
+            columns["is_rx"][row] = message.is_rx
+            columns["is_data"][row] = not (message.is_remote_frame or message.is_error_frame)
+            row += 1
+        line += 1
+        at = end

@@ -1,22 +1,28 @@
-"""Reading logs, frame by frame: candump, ASC and BLF, ours and those of others."""
+"""Reading logs, frame by frame: candump, ASC, BLF and MF4, ours and those of others."""
 
 from __future__ import annotations
 
 import re
-import struct
-import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, Literal, TextIO
 
 import can
 
-from can_bus.errors import CanBusError, one_line
+from can_bus.errors import CanBusError
 from can_bus.frames import QuickMessage
+from can_bus.logs.blf import read_blf_blocks
+from can_bus.logs.frame_block import FD_LENGTHS, LENGTHS, fault_of
+from can_bus.logs.mf4 import read_mf4_blocks
 
-LogFormat = Literal["candump", "asc", "blf"]
+LogFormat = Literal["candump", "asc", "blf", "mf4"]
 
-_FORMATS: Final[dict[str, LogFormat]] = {".log": "candump", ".asc": "asc", ".blf": "blf"}
+_FORMATS: Final[dict[str, LogFormat]] = {
+    ".log": "candump",
+    ".asc": "asc",
+    ".blf": "blf",
+    ".mf4": "mf4",
+}
 _SNIFFED_BYTES: Final = 4096
 _ASC_LINE: Final = re.compile(
     r"\s*(?:$|//|date\b|base\b|(?:no )?internal\b|begin\b|end\b|previous\b|\d+\.\d+\s)",
@@ -38,24 +44,6 @@ _CANDUMP_FORM: Final = (
 )
 _ERROR_FLAG: Final = 0x20000000
 _IDENTIFIER_MASK: Final = 0x1FFFFFFF
-_MAX_CLASSIC_LENGTH: Final = 8
-_MAX_FD_LENGTH: Final = 64
-_LENGTHS: Final = "a CAN FD length (0 to 8, 12, 16, 20, 24, 32, 48, 64)"
-_MAX_STAMP_S: Final = 1e12
-"""As for candump lines; in whole microseconds such a stamp fits 64 bits."""
-
-# Layout as in python-can's reader: signature, header size; signature, sizes, object type.
-_BLF_FILE_HEADER: Final = struct.Struct("<4sL")
-_BLF_OBJECT_HEADER: Final = struct.Struct("<4sHHLL")
-_BLF_CONTAINER: Final = 10
-_BLF_CONTAINER_HEADER_BYTES: Final = 16
-_BLF_SIGNATURE: Final = b"LOBJ"
-_BLF_STORED: Final = b"\x00\x00"
-_BLF_DEFLATED: Final = b"\x02\x00"
-_MAX_CONTAINER_BYTES: Final = 64 * 1024 * 1024
-# A CAN FD frame takes some 100 bytes: no object that matters here comes near this.
-_MAX_OBJECT_BYTES: Final = 1 << 20
-_FD_LENGTHS: Final = frozenset((*range(9), 12, 16, 20, 24, 32, 48, _MAX_FD_LENGTH))
 
 
 def log_format(path: Path) -> LogFormat:
@@ -70,6 +58,8 @@ def log_format(path: Path) -> LogFormat:
         raise CanBusError(f"{path}: cannot read this log: {error.strerror}") from error
     if head.startswith(b"LOGG"):
         return "blf"
+    if head.startswith(b"MDF "):
+        return "mf4"
     by_suffix = _FORMATS.get(path.suffix.lower())
     if by_suffix is not None:
         return by_suffix
@@ -78,39 +68,42 @@ def log_format(path: Path) -> LogFormat:
         return "candump"
     if re.match(r"\s*date\s", text):
         return "asc"
-    raise CanBusError(f"{path}: not a log that can be read here: candump .log, .asc or .blf")
+    raise CanBusError(f"{path}: not a log that can be read here: candump .log, .asc, .blf or .mf4")
 
 
 def read_log(path: str | Path) -> Iterator[can.Message]:
     """Yield the frames of a log in its order; stamps in seconds as in the file.
 
-    Streams: memory does not grow with the log. Raises CanBusError `file:line: …` (BLF: `file: …`)
-    for a file that is missing, truncated or corrupt; the frames before that place were yielded.
+    Streams: memory does not grow with the log. An MF4 log is in memory while it is read. Raises
+    CanBusError `file:line: …` (BLF, MF4: `file: …`) for a file that is missing, truncated or
+    corrupt; the frames before that place were yielded.
     """
     path = Path(path)
-    kind = log_format(path)
-    if kind == "candump":
-        return _read_candump(path)
-    return _read_asc(path) if kind == "asc" else _read_blf(path)
+    return _READERS[log_format(path)](path)
 
 
 def _read_candump(path: Path) -> Iterator[can.Message]:
     with path.open(encoding="ascii", errors="replace", newline="\n") as file:
-        yield from read_candump_lines(path, file)
+        for number, line in enumerate(_bounded_lines(path, file), start=1):
+            message = read_candump_line(path, line, number)
+            if message is not None:
+                yield message
 
 
-def read_candump_lines(path: Path, file: TextIO, first_line: int = 1) -> Iterator[can.Message]:
-    """Yield the frames of candump text that begins with that line of a log.
+def read_candump_line(path: Path, line: str, number: int) -> can.Message | None:
+    """Return the frame of one line of a candump log, None for an empty line.
 
     Raises CanBusError naming file and line.
     """
-    for number, line in enumerate(_bounded_lines(path, file, first_line), start=first_line):
-        if line.strip():
-            message = parse_candump(line, path, number)
-            if not line.endswith("\n"):
-                # Fewer digits are a shorter frame: nobody can tell what is missing.
-                raise _bad_line(path, number, line, "an end of line: the log breaks off here")
-            yield message
+    if len(line) >= _MAX_LINE_CHARACTERS:
+        raise _too_long(path, number)
+    if not line.strip():
+        return None
+    message = parse_candump(line, path, number)
+    if not line.endswith("\n"):
+        # Fewer digits are a shorter frame: nobody can tell what is missing.
+        raise _bad_line(path, number, line, "an end of line: the log breaks off here")
+    return message
 
 
 def parse_candump(line: str, path: Path, number: int) -> can.Message:
@@ -145,8 +138,8 @@ def parse_candump(line: str, path: Path, number: int) -> can.Message:
         message.error_state_indicator = bool(flags & 2)
     message.data = bytearray.fromhex(fd_data if fd_flags is not None else data)
     message.dlc = len(message.data)
-    if message.dlc not in _FD_LENGTHS:
-        raise _bad_line(path, number, line, _LENGTHS)
+    if message.dlc not in FD_LENGTHS:
+        raise _bad_line(path, number, line, LENGTHS)
     return message
 
 
@@ -163,134 +156,35 @@ def _read_asc(path: Path) -> Iterator[can.Message]:
                 raise
             except Exception as error:  # python-can raises what parsing happens to raise
                 raise _bad_line(path, lines.number, lines.line, "an ASC event") from error
-            if expected := _fault(message):
+            if expected := fault_of(message):
                 raise _bad_line(path, lines.number, lines.line, expected)
             yield message
 
 
 def _read_blf(path: Path) -> Iterator[can.Message]:
-    _refuse_blf_bomb(path)
-    count = 0
-    with path.open("rb") as file:
-        size = path.stat().st_size
-        try:
-            frames = can.BLFReader(file)
-            for message in frames:
-                if expected := _fault(message):
-                    raise CanBusError(
-                        f"{path}: frame {count + 1}: identifier {message.arbitration_id:X}, "
-                        f"length {message.dlc}, {len(message.data)} bytes, "
-                        f"{message.timestamp:g} s: expected {expected}"
-                    )
-                yield message
-                count += 1
-        except CanBusError:
-            raise
-        except Exception as error:  # zlib.error, struct.error, BLFParseError, …
-            raise CanBusError(
-                f"{path}: truncated or corrupt BLF file after {count} frames: {one_line(error)}"
-            ) from error
-        if size < frames.file_size:
-            raise CanBusError(
-                f"{path}: truncated BLF file after {count} frames: "
-                f"{size} of {frames.file_size} bytes"
-            )
+    for block in read_blf_blocks(path):
+        yield from block.messages()
 
 
-def _fault(message: can.Message) -> str | None:
-    """Return what a frame would need to be one that a bus carries; None for a good frame."""
-    if not 0 <= message.timestamp < _MAX_STAMP_S:
-        return f"a stamp from 0 up to {_MAX_STAMP_S:g} s"
-    if message.is_error_frame:
-        return None
-    if message.is_extended_id:
-        if not 0 <= message.arbitration_id <= _IDENTIFIER_MASK:
-            return f"an extended identifier up to {_IDENTIFIER_MASK:X}"
-    elif not 0 <= message.arbitration_id < 1 << 11:
-        return "a standard identifier up to 7FF"
-    if message.is_remote_frame:
-        return (
-            None if 0 <= message.dlc <= _MAX_CLASSIC_LENGTH else "a remote frame's length, 0 to 8"
-        )
-    if len(message.data) != message.dlc:
-        return "as many data bytes as its length says"
-    if message.dlc not in _FD_LENGTHS:
-        return _LENGTHS
-    return None
+def _read_mf4(path: Path) -> Iterator[can.Message]:
+    for block in read_mf4_blocks(path):
+        yield from block.messages()
 
 
-def _refuse_blf_bomb(path: Path) -> None:
-    """Raise CanBusError for a container or an object that would fill the memory.
-
-    python-can inflates any container, and joins containers until the object in them is complete.
-
-    Anything else that is wrong is left to the reader, which comes to it after the good frames.
-    """
-    unfinished = b""
-    with path.open("rb") as file:
-        head = file.read(_BLF_FILE_HEADER.size)
-        if len(head) < _BLF_FILE_HEADER.size:
-            return
-        file.seek(_BLF_FILE_HEADER.unpack(head)[1])
-        while len(head := file.read(_BLF_OBJECT_HEADER.size)) == _BLF_OBJECT_HEADER.size:
-            _, _, _, size, kind = _BLF_OBJECT_HEADER.unpack(head)
-            content = file.read(max(0, size - _BLF_OBJECT_HEADER.size))
-            file.read(size % 4)
-            if kind != _BLF_CONTAINER or content[:2] not in (_BLF_STORED, _BLF_DEFLATED):
-                continue
-            objects = content[_BLF_CONTAINER_HEADER_BYTES:]
-            if content[:2] == _BLF_DEFLATED:
-                inflate = zlib.decompressobj()
-                try:
-                    objects = inflate.decompress(objects, _MAX_CONTAINER_BYTES)
-                except zlib.error:
-                    return
-                if inflate.unconsumed_tail:
-                    raise CanBusError(
-                        f"{path}: a container of over {_MAX_CONTAINER_BYTES >> 20} MiB: "
-                        "not a BLF file that can be read here"
-                    )
-            rest = _unfinished_blf_object(path, unfinished + objects)
-            if rest is None:
-                return
-            unfinished = rest
-
-
-def _unfinished_blf_object(path: Path, objects: bytes) -> bytes | None:
-    """Return what the reader keeps of these objects until the next container; None: it stops here.
-
-    Raises CanBusError for an object so large that it would keep one container after the other, and
-    for one so small that it would never get past it.
-    """
-    start = 0
-    while True:
-        # Up to three bytes of padding, and then some that python-can lets pass.
-        found = objects.find(_BLF_SIGNATURE, start, start + 2 * len(_BLF_SIGNATURE))
-        if found < 0 and start + 2 * len(_BLF_SIGNATURE) <= len(objects):
-            return None
-        if found < 0 or found + _BLF_OBJECT_HEADER.size > len(objects):
-            return objects[start:]
-        size = _BLF_OBJECT_HEADER.unpack_from(objects, found)[3]
-        if not _BLF_OBJECT_HEADER.size <= size <= _MAX_OBJECT_BYTES:
-            raise CanBusError(
-                f"{path}: an object of {size} bytes: "
-                f"expected {_BLF_OBJECT_HEADER.size} to {_MAX_OBJECT_BYTES}"
-            )
-        if found + size > len(objects):
-            return objects[start:]
-        start = found + size
-
-
-def _bounded_lines(path: Path, file: TextIO, first_line: int = 1) -> Iterator[str]:
+def _bounded_lines(path: Path, file: TextIO) -> Iterator[str]:
     """Yield lines; a file without line ends must not fill the memory."""
-    number = first_line - 1
+    number = 0
     while line := file.readline(_MAX_LINE_CHARACTERS):
         number += 1
         if len(line) == _MAX_LINE_CHARACTERS:
-            raise CanBusError(
-                f"{path}:{number}: a line of over {_MAX_LINE_CHARACTERS} characters: not a CAN log"
-            )
+            raise _too_long(path, number)
         yield line
+
+
+def _too_long(path: Path, number: int) -> CanBusError:
+    return CanBusError(
+        f"{path}:{number}: a line of over {_MAX_LINE_CHARACTERS} characters: not a CAN log"
+    )
 
 
 class _CountedLines:
@@ -333,3 +227,11 @@ def _bad_line(path: Path, number: int, line: str, expected: str) -> CanBusError:
     if len(content) > _EXCERPT_CHARACTERS:
         content = content[:_EXCERPT_CHARACTERS] + "…"
     return CanBusError(f"{path}:{number}: {content!r}: expected {expected}")
+
+
+_READERS: Final[dict[LogFormat, Callable[[Path], Iterator[can.Message]]]] = {
+    "candump": _read_candump,
+    "asc": _read_asc,
+    "blf": _read_blf,
+    "mf4": _read_mf4,
+}

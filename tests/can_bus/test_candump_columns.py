@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bus import CanBusError, columns_of, read_log, read_log_columns
-from can_bus.logs import candump_columns
+from can_bus.logs import candump_columns, candump_lines
+from can_bus.logs.log_columns import empty_columns
 
-PLAIN = st.builds(
+CLASSIC = st.builds(
     "({}.{:06d}) {} {}#{}{}".format,
     st.integers(0, 2**32 - 1),
     st.integers(0, 10**6 - 1),
@@ -21,9 +22,19 @@ PLAIN = st.builds(
     st.binary(max_size=8).map(bytes.hex) | st.binary(max_size=8).map(lambda b: b.hex().upper()),
     st.sampled_from(["", " R", " T"]),
 )
+FD_DATA = st.sampled_from([0, 3, 8, 12, 20, 64]).flatmap(
+    lambda size: st.binary(min_size=size, max_size=size)
+)
+PLAIN = st.one_of(
+    CLASSIC,
+    st.builds(
+        "(0.000100) can1 1FFFFFFF##{:X}{}".format, st.integers(0, 15), FD_DATA.map(bytes.hex)
+    ),
+)
 OTHER = st.sampled_from(
     [
         "(1.000000) can0 123#R",
+        "(4294967296.000000) can0 123#00",
         "(1.000000) can0 123#R4 T",
         "(1.5) can0 123#00",
         "(1.000000) can0 123##1" + "00" * 12,
@@ -39,6 +50,10 @@ FAULTY = st.sampled_from(
         "(1.000000) can0 12#00",
         "(1.000000) can0 123#0",
         "(1.000000) can0 123#0G",
+        "(1.000000) can0 123##",
+        "(1.000000) can0 123##10",
+        "(1.000000) can0 123##1" + "00" * 9,
+        "(1.000000) can0 123##1" + "00" * 65,
         "(1.000000) can0 123#001122334455667788",
         "(1.000000) can0 900#00",
         "(1.000000 can0 123#00",
@@ -78,14 +93,23 @@ def test_blocks_and_lines_are_the_same_frames_or_the_same_error(
         assert getattr(fast, name).dtype == column.dtype
 
 
+def end_of_pass(line: str) -> tuple[int, int]:
+    """Return where the pass over one line stopped, and how many frames it read."""
+    text = np.frombuffer(f"{line}\n".encode(), dtype=np.uint8)
+    columns = empty_columns(1, 64)
+    scanned = [columns[name] for name in candump_columns.SCANNED]
+    at, row = candump_lines.read_lines(text, 0, 0, *scanned)
+    return at, row
+
+
 @given(line=PLAIN)
-def test_a_plain_line_is_read_as_a_block(line: str) -> None:
-    assert candump_columns.parse_plain(f"{line}\n".encode()) is not None
+def test_a_plain_line_is_read_by_the_pass(line: str) -> None:
+    assert end_of_pass(line) == (len(line) + 1, 1)
 
 
 @given(line=FAULTY)
 def test_a_faulty_line_is_left_to_the_line_reader(line: str) -> None:
-    assert candump_columns.parse_plain(f"{line}\n".encode()) is None
+    assert end_of_pass(line) == (0, 0)
 
 
 def test_a_fault_far_into_a_long_log_is_named_by_its_line(

@@ -86,14 +86,15 @@ DRIVES: tuple[Row, ...] = (
     Row(
         "an MF4 log that is not there",
         "chiplog diagnose gone.mf4",
-        "gone.mf4: no such file: expected a log",
+        "gone.mf4: cannot read this log: No such file or directory",
     ),
     Row(
         "an MF4 log without its library, or damaged",
         "chiplog diagnose a.mf4",
-        "a.mf4: reading MF4 needs asammdf: pip install asammdf, or convert it: can_logconvert "
-        "LOG.mf4 LOG.blf",
+        'a.mf4: reading MF4 needs asammdf: pip install "chiplog[mf4]", or convert it: '
+        "can_logconvert LOG.mf4 LOG.blf",
         {"a.mf4": b"MDF"},
+        or_line="a.mf4: not an MF4 file that can be read: its first 64 bytes are not those of one",
     ),
     Row(
         "fewer references than logs",

@@ -29,8 +29,7 @@ LOGS: tuple[Row, ...] = (
     Row(
         "a corrupt binary log",
         "chiplog replay bus.blf",
-        "bus.blf: truncated or corrupt BLF file after 0 frames: unpack requires a buffer of 72 "
-        "bytes",
+        "bus.blf: truncated or corrupt BLF file after 0 frames: a header of 72 bytes is missing",
         {"bus.blf": b"LOGG" + bytes(20)},
     ),
     Row(
@@ -53,7 +52,7 @@ LOGS: tuple[Row, ...] = (
     Row(
         "a file that is no log",
         "chiplog replay notes.txt",
-        "notes.txt: not a log that can be read here: candump .log, .asc or .blf",
+        "notes.txt: not a log that can be read here: candump .log, .asc, .blf or .mf4",
         {"notes.txt": "hello\n"},
     ),
     Row(

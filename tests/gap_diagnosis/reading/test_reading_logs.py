@@ -9,7 +9,7 @@ from drives import ROBOT, TICK_S, Drive, Line, drive, encoded, read_lines, write
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from can_bus import COUNTER_MODULO
+from can_bus import COUNTER_MODULO, CanBusError
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording, read_recordings
 from gap_diagnosis.recording import Recording
@@ -267,5 +267,5 @@ def test_references_come_one_for_each_log(lines: list[Line], folder: Path) -> No
 def test_mf4_without_its_reader_says_what_to_install(folder: Path) -> None:
     log = folder / "drive.mf4"
     log.write_bytes(b"MDF     4.10")
-    with pytest.raises(DiagnosisError, match=r"asammdf|not an MF4 file"):
+    with pytest.raises(CanBusError, match=r"asammdf|not an MF4 file"):
         read_recording(log, robot=ROBOT)
