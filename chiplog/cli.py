@@ -31,6 +31,7 @@ from chiplog.commands import (
     replay,
     run,
     schema,
+    study,
 )
 from chiplog.commands import map as map_command
 from chiplog.errors import CommandError, describe, one_line
@@ -86,6 +87,7 @@ for name, function, summary in (
     ("encode", encode.command, "Write a table's rows as a log of valid frames."),
     ("export-c", export_c.command, "Write the firmware's kernel as C99, for a real controller."),
     ("ranges", ranges.command, "Say which of the firmware's words can overflow, with proof."),
+    ("study", study.command, "Say what each bit buys: sweep formats, tables and rates."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),
     ("effects", effects.command, "List what can make a real robot differ."),
     ("schema", schema.command, "Print the JSON schema of a file we read or write."),

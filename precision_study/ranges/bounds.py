@@ -1,7 +1,8 @@
 """Interval arithmetic over the kernel, top to bottom: one line per product, sum and word.
 
 Every bound holds for all inputs of the envelope; it exceeds the largest value that occurs by a few
-units at most, because carried remainders are taken at their largest.
+units at most, because carried remainders are taken at their largest. `reach` has what needs more
+than a line.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from firmware_model import KernelConfig
 from firmware_model.config import MODE_BLEND, MODE_WHEEL, TRIG_TABLE
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
+from precision_study.ranges.reach import largest, position_reach, step_bound
 
 Word = Literal["register", "step", "turn_step", "position", "velocity"]
 _SIGNED_64: Final = 64
@@ -72,11 +74,6 @@ def _word_bits(high: int) -> int:
     return high.bit_length() + 1
 
 
-def _narrowed(product: int, shift: int, carry: int) -> int:
-    """Return the bound of a product that is rounded, with what is carried to it."""
-    return ((product + carry * (1 << shift)) >> shift) + 1
-
-
 def _encoder(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     counts = envelope.step_ticks * envelope.gap_ticks
     yield Intermediate(
@@ -95,7 +92,7 @@ def _encoder(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]
         frac_bits + config.step_shift,
         product + (1 << config.step_shift),
     )
-    bound = _narrowed(product, config.step_shift, config.step_carry)
+    bound = step_bound(config, envelope, envelope.gap_ticks)
     bits = _word_bits(config.step_high_q)
     name = "step of a tick or of the longest gap"
     yield Intermediate(name, "firmware.step.word_bits", "m", frac_bits, bits, bound, "step")
@@ -111,8 +108,9 @@ def _turn_bounds(config: KernelConfig, envelope: Envelope) -> tuple[int, int, in
         envelope.offset_high_q - (envelope.code_low << shift),
     )
     gyro_product = rate_q * config.sensitivity_turn_q
-    wheel = _narrowed(wheel_product, config.wheel_turn_shift, config.turn_carry)
-    gyro = _narrowed(gyro_product, config.gyro_turn_shift, config.turn_carry)
+    rounding, carry = config.turn_rounding, config.turn_carry
+    wheel = largest(wheel_product, config.wheel_turn_shift, rounding, carry)
+    gyro = largest(gyro_product, config.gyro_turn_shift, rounding, carry)
     return wheel_product, wheel, gyro_product, gyro
 
 
@@ -148,7 +146,8 @@ def _turns(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     yield _register("turn of the longest gap", "turn", frac_bits, gap)
     if config.mode == MODE_BLEND:
         one_tick = 2 * envelope.step_ticks * config.tick_turn_q
-        by_wheels = _narrowed(one_tick, config.wheel_turn_shift, config.turn_carry)
+        rounding, carry = config.turn_rounding, config.turn_carry
+        by_wheels = largest(one_tick, config.wheel_turn_shift, rounding, carry)
         difference = _limited(config, by_wheels) + _limited(config, gyro)
         yield _register(
             "gyro − wheels times the weight",
@@ -182,18 +181,12 @@ def _direction(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediat
 def _position(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     one = config.description
     frac_bits = one.step.frac_bits + config.trig_frac_bits
-    counts = 2 * envelope.step_ticks * envelope.gap_ticks
-    step = _narrowed(counts * config.half_tick_m_q, config.step_shift, config.step_carry)
-    product = min(step, -config.step_low_q) << config.trig_frac_bits
+    step = min(step_bound(config, envelope, envelope.gap_ticks), -config.step_low_q)
+    product = step << config.trig_frac_bits
     yield _register(
         "step times cosine, with remainder", "m", frac_bits, product + (1 << config.position_shift)
     )
-    # Over the mission the counts add up to those at top speed, however they are grouped.
-    ticks = envelope.mission_ticks
-    travelled = 2 * envelope.step_ticks * ticks * config.half_tick_m_q >> config.step_shift
-    travelled += 1 if config.step_carry else ticks
-    reach = (travelled << config.trig_frac_bits) >> config.position_shift
-    reach += 1 if config.position_carry else ticks
+    reach = position_reach(config, envelope)
     bits = _word_bits(config.position_high_q)
     field = "firmware.position.word_bits"
     yield Intermediate(
@@ -205,8 +198,7 @@ def _velocity(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate
     one = config.description
     filter_bits = config.velocity_filter_log2
     counts = 2 * envelope.step_ticks
-    step = _narrowed(counts * config.half_tick_m_q, config.step_shift, config.step_carry)
-    step = min(step, -config.step_low_q)
+    step = min(step_bound(config, envelope, 1), -config.step_low_q)
     yield _register("filter of the step", "m", one.step.frac_bits, (step + 1) << filter_bits)
     speed = (step + 1) * config.tick_rate_hz_q
     yield _register("step times tick rate", "m/s", one.step.frac_bits + 16, speed)
@@ -214,7 +206,8 @@ def _velocity(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate
     bound = (speed >> config.v_shift) + 1
     yield Intermediate("speed", field, "m/s", frac_bits, 32, bound, "velocity")
     _, _, _, gyro = _turn_bounds(config, envelope)
-    by_wheels = _narrowed(counts * config.tick_turn_q, config.wheel_turn_shift, config.turn_carry)
+    product, rounding = counts * config.tick_turn_q, config.turn_rounding
+    by_wheels = largest(product, config.wheel_turn_shift, rounding, config.turn_carry)
     turn = _limited(config, by_wheels)
     if config.mode != MODE_WHEEL:
         turn = max(turn, _limited(config, gyro)) + 1

@@ -59,17 +59,27 @@ class Envelope:
                 "what drive.max_wheel_rate_rad_s and the radius give"
             )
         tick_m = 2.0 * math.pi * known.wheel_radius_m / known.ticks_per_rev
-        # A counter's reading may be one tick late or early, whatever the speed.
+        # At one speed a counter gains its rate rounded down or up.
         step_ticks = min(math.ceil(speed * known.tick_period_s / tick_m), config.max_step_ticks)
+        mission_ticks = math.ceil(mission_s / known.tick_period_s)
         low, high = config.gyro_min_code + 1, config.gyro_max_code - 1
         shift = config.offset_frac_bits
         rest, zero = config.rest_max_rate_q, config.zero_rate_code_q
+        # An offset is a mean of codes at rest: it lies between the extreme ones of those.
+        low_at_rest = max(-((rest - zero) >> shift), low)
+        high_at_rest = min((zero + rest) >> shift, high)
+        can_learn = learning_ticks(config) <= mission_ticks and low_at_rest <= high_at_rest
         return cls(
             step_ticks=step_ticks,
-            gap_ticks=config.gap_limit_ticks,
-            mission_ticks=math.ceil(mission_s / known.tick_period_s),
+            gap_ticks=min(config.gap_limit_ticks, mission_ticks),
+            mission_ticks=mission_ticks,
             code_low=low,
             code_high=high,
-            offset_low_q=max(zero - rest, low << shift),
-            offset_high_q=min(zero + rest, high << shift),
+            offset_low_q=min(zero, low_at_rest << shift) if can_learn else zero,
+            offset_high_q=max(zero, high_at_rest << shift) if can_learn else zero,
         )
+
+
+def learning_ticks(config: KernelConfig) -> int:
+    """Return how long a rest lasts after which its first estimate is in use [ticks]."""
+    return config.still_ticks + 2 * config.settle_ticks + (1 << config.offset_block_log2)

@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from firmware_model import FRESH, STALE, Kernel, KernelConfig
-from firmware_model.config import MODE_WHEEL
+from firmware_model import Kernel, KernelConfig
+from firmware_model.integers import SATURATE
 from precision_study.ranges.bounds import Intermediate, intermediates
+from precision_study.ranges.drives import Drive, drive_chunks, drives
 from precision_study.ranges.envelope import Envelope
 
 Verdict = Literal["impossible", "overflows", "not provoked"]
-_CHUNK: Final = 4096
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """So many equal ticks of a drive: what the counters gain in each, and what arrives.
-
-    Attributes:
-        ticks: how many.
-        left_step, right_step: gain of each counter in each of them [encoder ticks].
-        encoder_validity: FRESH or STALE.
-        gyro_code: the gyro's code, always fresh [LSB].
-    """
-
-    ticks: int
-    left_step: int
-    right_step: int
-    encoder_validity: int
-    gyro_code: int
+_WIDEST = (1 << 63) - 1
 
 
 @dataclass(frozen=True)
@@ -50,7 +30,7 @@ class Finding:
 
     intermediate: Intermediate
     verdict: Verdict
-    drive: tuple[Stretch, ...] | None = None
+    drive: Drive | None = None
     tick: int | None = None
 
 
@@ -88,98 +68,62 @@ def to_json(config: KernelConfig, envelope: Envelope, findings: Sequence[Finding
     return {"schema": 1, "envelope": asked, "intermediates": rows}
 
 
-def drive_inputs(drive: Sequence[Stretch]) -> NDArray[np.int64]:
-    """Return a drive as int64[n, 5], the kernel's inputs; the first tick is the baseline."""
-    parts = [np.array([[0, 0, FRESH, drive[0].gyro_code, FRESH]], dtype=np.int64)]
-    left = right = 0
-    for one in drive:
-        part = np.zeros((one.ticks, 5), dtype=np.int64)
-        steps = np.arange(1, one.ticks + 1)
-        part[:, 0], part[:, 1] = left + one.left_step * steps, right + one.right_step * steps
-        part[:, 2], part[:, 3] = one.encoder_validity, one.gyro_code
-        left, right = left + one.left_step * one.ticks, right + one.right_step * one.ticks
-        parts.append(part)
-    return np.concatenate(parts)
-
-
 def _finding(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Finding:
     if value.is_proved:
         return Finding(value, "impossible")
-    for drive in _drives(config, envelope, value):
+    for drive in drives(config, envelope, value):
         tick = first_overflow(config, value, drive)
         if tick is not None:
             return Finding(value, "overflows", drive, tick)
     return Finding(value, "not provoked")
 
 
-def _drives(
-    config: KernelConfig, envelope: Envelope, value: Intermediate
-) -> list[tuple[Stretch, ...]]:
-    """Return drives that go where the word is longest: on at top speed, or after a gap."""
-    fastest, ticks = envelope.step_ticks, envelope.mission_ticks
-    zero = min(
-        max(round(config.constants.gyro_zero_rate_code), envelope.code_low), envelope.code_high
-    )
-    silent = envelope.gap_ticks - 1
-
-    def straight(count: int, step: int = fastest) -> Stretch:
-        return Stretch(count, step, step, FRESH, zero)
-
-    def spin(count: int, sign: int, code: int) -> Stretch:
-        return Stretch(count, -sign * fastest, sign * fastest, FRESH, code)
-
-    low, high = envelope.code_low, envelope.code_high
-    if value.word == "position":
-        return [(straight(ticks),), (straight(ticks, -fastest),)]
-    if value.word == "step":
-        gap = Stretch(silent, fastest, fastest, STALE, zero)
-        return [(straight(min(ticks, 64)),), (gap, straight(1))]
-    if value.word == "turn_step":
-        quiet = Stretch(silent, -fastest, fastest, STALE, zero)
-        drives = [(spin(64, 1, zero),), (spin(64, -1, zero),), (quiet, spin(1, 1, zero))]
-        if config.mode != MODE_WHEEL:
-            drives += [(spin(64, 1, high),), (spin(64, -1, low),)]
-        return drives
-    settle = min(ticks, 64 << config.velocity_filter_log2)
-    return [(straight(settle),), (spin(settle, 1, high),), (spin(settle, -1, low),)]
-
-
-def first_overflow(
-    config: KernelConfig, value: Intermediate, drive: Sequence[Stretch]
-) -> int | None:
+def first_overflow(config: KernelConfig, value: Intermediate, drive: Drive) -> int | None:
     """Return the first tick in which the kernel's own word has overflowed, or None.
 
-    A drive straight on makes no turn and a spin no step; so that none of them is blamed for the
-    position, its word is taken at 64 bits when another one is asked about.
+    The position is run in the widest word and held against the limits of its own: a step that
+    overflows in the same drive is not mistaken for it. A drive for another word can overflow only
+    that one and the position, whose word is then out of the way as well.
     """
-    if value.word != "position":
-        widest = (1 << 63) - 1
-        config = replace(config, position_low_q=-widest - 1, position_high_q=widest)
-    kernel = Kernel(config)
-    inputs = drive_inputs(drive)
-    for start in range(0, len(inputs), _CHUNK):
+    wide = replace(
+        config,
+        position_low_q=-_WIDEST - 1,
+        position_high_q=_WIDEST,
+        position_overflow=SATURATE,
+    )
+    kernel = Kernel(wide)
+    has_overflowed = _test(kernel, config, value)
+    tick = 0
+    for chunk in drive_chunks(drive):
         before = kernel.state()
-        chunk = inputs[start : start + _CHUNK]
-        if value.word != "velocity":
-            kernel.run(chunk)
-            if kernel.overflow_count == before["overflow_count"]:
-                continue
+        kernel.run(chunk)
+        if not has_overflowed():
+            tick += len(chunk)
+            continue
+        low, high = 1, len(chunk)  # once overflowed, a word stays beyond in these drives
+        while low < high:
+            middle = (low + high) // 2
             kernel.load_state(before)
-        for place, given in enumerate(chunk.tolist()):
-            kernel.step(*given)
-            if _has_overflowed(kernel, value, drive[0].right_step):
-                return start + place
+            kernel.run(chunk[:middle])
+            low, high = (low, middle) if has_overflowed() else (middle + 1, high)
+        return tick + low - 1
     return None
 
 
-def _has_overflowed(kernel: Kernel, value: Intermediate, direction: int) -> bool:
-    """Tell whether this word has wrapped or has stopped at its limit, by what it holds."""
-    config = kernel.config
-    if value.word == "velocity":
+def _test(kernel: Kernel, config: KernelConfig, value: Intermediate) -> Callable[[], bool]:
+    """Return what tells whether this word of the kernel has overflowed."""
+
+    def position() -> bool:
+        x_m_q = kernel.pose_q[0]
+        if config.position_high_q == _WIDEST:
+            return x_m_q in (-_WIDEST - 1, _WIDEST)
+        return not config.position_low_q <= x_m_q <= config.position_high_q
+
+    def velocity() -> bool:
         found = kernel.v_m_s_q if value.name == "speed" else kernel.w_rad_s_q
         return found in (config.velocity_low_q, config.velocity_high_q)
-    if value.word == "position":
-        x_m_q = kernel.pose_q[0]
-        stopped = x_m_q in (config.position_low_q, config.position_high_q)
-        return stopped or x_m_q * direction < 0
-    return kernel.overflow_count > 0
+
+    def word() -> bool:
+        return kernel.overflow_count > 0
+
+    return {"position": position, "velocity": velocity}.get(value.word, word)
