@@ -23,10 +23,11 @@ from can_bus.e2e import (
     crc8_profile1,
     crc8_profile1_array,
 )
-from can_bus.errors import CanBusError
+from can_bus.errors import BusFullError, CanBusError
 from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
 from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
 from can_bus.logs.columns import read_log_columns
+from can_bus.logs.decoded import MessageColumns, decode_log, decode_log_columns
 from can_bus.logs.log_columns import LogColumns, columns_of
 from can_bus.logs.reader import read_log
 from can_bus.logs.writer import LOG_SUFFIXES, LogWriter, open_log_writer
@@ -51,6 +52,7 @@ __all__ = [
     "SENSORS",
     "Accepted",
     "Arrivals",
+    "BusFullError",
     "CanBusError",
     "CounterCheck",
     "Database",
@@ -65,6 +67,7 @@ __all__ = [
     "FrameChecker",
     "LogColumns",
     "LogWriter",
+    "MessageColumns",
     "MessageSpec",
     "QueuedFrame",
     "QuickMessage",
@@ -79,6 +82,8 @@ __all__ = [
     "crc8_profile1_array",
     "decode_columns",
     "decode_columns_scaled",
+    "decode_log",
+    "decode_log_columns",
     "frame_length_bits",
     "frame_length_bits_array",
     "load_database",

@@ -13,6 +13,10 @@ class CanBusError(ValueError):
     """
 
 
+class BusFullError(CanBusError):
+    """The interface takes no more frames: as a rule because nobody on the bus acknowledges any."""
+
+
 def one_line(error: BaseException) -> str:
     """Return a foreign exception's text on one line, its class name when it has no text."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -12,13 +12,15 @@ from collections.abc import Callable, Iterator, Sequence
 import can
 import numpy as np
 
-from can_bus import FaultInjector, LogWriter
+from can_bus import BusFullError, FaultInjector, LogWriter
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import Node, TriggeredNode
+from hil_harness.peers import Outages, PeerWatch
 from hil_harness.results import Timing
 from hil_harness.stopping import StopRequest
 
 _MOST_LATENESS_US = 100_000
+_NO_KEY = (-1, False)
 _SPIN_NS = 200_000  # sleep() oversleeps by about this much on a stock kernel: spin for the rest
 
 
@@ -91,8 +93,38 @@ class Pacer:
         return self._lateness.timing(self.missed_deadlines)
 
 
+class CycleMeter:
+    """How even the steps of a node are that is released by what arrives, not by the clock.
+
+    The jitter of a step is how far its distance from the step before is from the period; a step
+    that comes more than a period late has missed its deadline.
+    """
+
+    def __init__(self, tick_period_us: int) -> None:
+        self._period_ns = tick_period_us * 1000
+        self._last_ns: int | None = None
+        self._jitter = LatenessCount()
+        self._missed_deadlines = 0
+
+    def step(self, now_ns: int) -> None:
+        """Count a step that begins now."""
+        if self._last_ns is not None:
+            lateness_ns = now_ns - self._last_ns - self._period_ns
+            self._missed_deadlines += lateness_ns > self._period_ns
+            self._jitter.add(abs(lateness_ns) * 1e-3)
+        self._last_ns = now_ns
+
+    def timing(self) -> Timing:
+        """Return jitter percentiles and the number of missed deadlines."""
+        return self._jitter.timing(self._missed_deadlines)
+
+
 class Link:
-    """One node's handle: stamps what arrives by our clock, logs it, applies faults."""
+    """One node's handle: stamps what arrives by our clock, logs it, applies faults.
+
+    A bus that takes no more frames (nobody there to acknowledge) is an outage, not the end: what is
+    due is left out, as a sensor's next value comes with the next tick anyway.
+    """
 
     def __init__(
         self,
@@ -101,8 +133,10 @@ class Link:
         log: LogWriter | None = None,
         faults: FaultInjector | None = None,
         meter: BusMeter | None = None,
+        outages: Outages | None = None,
     ) -> None:
         self._bus = bus
+        self._outages = outages or Outages()
         self._clock = clock
         self._log = log
         self._faults = faults
@@ -129,6 +163,8 @@ class Link:
                 message = self._bus.recv(left_ns * 1e-9 if waiting else 0)
             if message is not None:
                 key = (message.arbitration_id, message.is_extended_id)
+                if message.is_error_frame:  # its number is a kind of error, not an identifier
+                    key = _NO_KEY
                 if key in until and key not in missing:
                     self._kept = message
                     break
@@ -144,11 +180,20 @@ class Link:
 
     def send(self, messages: Sequence[can.Message]) -> None:
         """Put the frames on the bus. Raises CanBusError if it goes away."""
+        sent = []
         for message in messages:
-            self._bus.send(message)
+            try:
+                self._bus.send(message)
+            except BusFullError:
+                self._outages.unsent_frames += 1
+                self._outages.begin("bus", self._clock.now_us(), "takes no frame")
+            else:
+                sent.append(message)
+        if sent:
+            self._outages.end("bus", self._clock.now_us())
         if self._meter is not None:
-            self._meter.note(messages)
-        self._write(messages, received=False)
+            self._meter.note(sent)
+        self._write(sent, received=False)
 
     def _write(self, messages: Sequence[can.Message], *, received: bool) -> None:
         if self._log is not None:
@@ -170,19 +215,25 @@ def run_paced(
     pacer: Pacer | None = None,
     progress: Callable[[int], None] | None = None,
     stop: StopRequest | None = None,
+    watch: PeerWatch | None = None,
+    outages: Outages | None = None,
 ) -> Timing:
     """Run plant and firmware in one process, paced; return the timing.
 
     With `firmware=None` the ECU is somebody else's (hardware, another process): `firmware_bus` is
-    not used, its frames are taken from the plant's handle, and `log` holds what passed there.
+    not used, its frames are taken from the plant's handle, `log` holds what passed there, and
+    `watch` notices when it falls silent.
     Ends early, after a whole tick, when asked to `stop`.
     """
     clock = WallClock()
-    plant_link = Link(plant_bus, clock, log if firmware is None else None, meter=meter)
+    outages = outages or Outages()
+    outages.start(clock.now_us())
+    plant_log = log if firmware is None else None
+    plant_link = Link(plant_bus, clock, plant_log, meter=meter, outages=outages)
     firmware_link = (
         None
         if firmware is None or firmware_bus is None
-        else Link(firmware_bus, clock, log, faults, meter)
+        else Link(firmware_bus, clock, log, faults, meter, outages)
     )
     pacer = pacer or Pacer(tick_period_us)
     answers: list[can.Message] = []
@@ -198,6 +249,8 @@ def run_paced(
             frames = firmware_link.receive(started_ns + half_period_ns, firmware.trigger_ids)
             firmware_link.send(firmware.step(clock.now_us(), frames))
         answers = plant_link.receive(0)
+        if watch is not None:
+            watch.see(clock.now_us(), answers)
         if progress is not None and ((tick + 1) % every == 0 or tick + 1 == ticks):
             progress(tick + 1)
     return pacer.timing()
@@ -211,16 +264,22 @@ def run_plant_node(
     ticks: int,
     stop: StopRequest,
     log: LogWriter | None = None,
+    watch: PeerWatch | None = None,
+    outages: Outages | None = None,
 ) -> None:
     """Run the plant alone on a real-time bus, for so many ticks or until asked to stop."""
     clock = WallClock()
-    link = Link(bus, clock, log)
+    outages = outages or Outages()
+    outages.start(clock.now_us())
+    link = Link(bus, clock, log, outages=outages)
     tick = 0
     arrived: list[can.Message] = []
     while tick < ticks and not stop.is_made:
         pacer.wait_for(tick)
         link.send(_stamped(plant.step(clock.now_us(), arrived), clock))
         arrived = link.receive(0)
+        if watch is not None:
+            watch.see(clock.now_us(), arrived)
         tick += 1
 
 
@@ -232,24 +291,39 @@ def run_firmware_node(
     ticks: int | None,
     stop: StopRequest,
     log: LogWriter | None = None,
+    watch: PeerWatch | None = None,
+    outages: Outages | None = None,
+    cycle: CycleMeter | None = None,
 ) -> Iterator[bool]:
     """Run the firmware alone on a real-time bus; yield after each step whether its input was whole.
 
     It steps as soon as the tick's sensor frames are complete, or one and a half periods after the
     last step: then with what there is, which the kernel treats as stale. Before the first sensor
-    frame it waits.
+    frame it waits. `cycle` is told of each step, `watch` of what arrived.
     """
     clock = WallClock()
-    link = Link(bus, clock, log)
+    outages = outages or Outages()
+    link = Link(bus, clock, log, outages=outages)
     one_and_a_half_periods_ns = tick_period_us * 1500
     done = 0
     started = False
     while (ticks is None or done < ticks) and not stop.is_made:
         frames = link.receive(time.monotonic_ns() + one_and_a_half_periods_ns, firmware.trigger_ids)
-        identifiers = {(frame.arbitration_id, frame.is_extended_id) for frame in frames}
-        started = started or bool(identifiers & firmware.trigger_ids)
+        identifiers = {
+            (frame.arbitration_id, frame.is_extended_id)
+            for frame in frames
+            if not frame.is_error_frame
+        }
+        now_us = clock.now_us()
+        if not started and identifiers & firmware.trigger_ids:
+            started = True
+            outages.start(now_us)
         if started:
-            link.send(firmware.step(clock.now_us(), frames))
+            if cycle is not None:
+                cycle.step(time.monotonic_ns())
+            if watch is not None:
+                watch.see(now_us, frames)
+            link.send(firmware.step(now_us, frames))
             done += 1
             yield firmware.trigger_ids <= identifiers
 

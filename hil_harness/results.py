@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_harness.peers import Outage, outages_as_json
+
 Poses = NDArray[np.float64]
 
 SUMMARY_SCHEMA = 1
@@ -74,12 +76,31 @@ class Reception:
 
 @dataclass(frozen=True)
 class Timing:
-    """Real time only: lateness of each tick's start against its due time, and overruns."""
+    """Real time only: lateness of each tick's start against its due time, and overruns.
+
+    `outages` are the times without another node, or without a bus that takes frames; frames that it
+    did not take are `unsent_frames`.
+    """
 
     missed_deadlines: int = 0
     jitter_p50_us: float = 0.0
     jitter_p99_us: float = 0.0
     jitter_max_us: float = 0.0
+    outages: tuple[Outage, ...] = ()
+    unsent_frames: int = 0
+
+    def summary(self) -> dict[str, Any]:
+        """Return the part `timing` of a summary."""
+        return {
+            "missed_deadlines": self.missed_deadlines,
+            "jitter_us": {
+                "p50": self.jitter_p50_us,
+                "p99": self.jitter_p99_us,
+                "max": self.jitter_max_us,
+            },
+            "outages": outages_as_json(self.outages),
+            "unsent_frames": self.unsent_frames,
+        }
 
 
 @dataclass(frozen=True)
@@ -151,14 +172,7 @@ class RunResult:
                 "load": self.bus.load,
                 "rejected": dict(self.bus.rejected),
             },
-            "timing": {
-                "missed_deadlines": self.timing.missed_deadlines,
-                "jitter_us": {
-                    "p50": self.timing.jitter_p50_us,
-                    "p99": self.timing.jitter_p99_us,
-                    "max": self.timing.jitter_max_us,
-                },
-            },
+            "timing": self.timing.summary(),
             "configuration": dict(self.configuration),
         }
 

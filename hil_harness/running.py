@@ -29,10 +29,11 @@ from hil_harness.firmware_program import AS_DESCRIBED, FirmwareProgram
 from hil_harness.lockstep import Lockstep
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
+from hil_harness.peers import Outages, Tell
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
 from hil_harness.skewed_log import SkewedLog
-from hil_harness.standalone import rejected_frames
+from hil_harness.standalone import firmware_watch, rejected_frames, with_outages
 from hil_harness.stopping import stop_between_ticks
 from hil_harness.traces import lesson_estimates, odometry_poses, trace
 
@@ -77,11 +78,12 @@ class _Outcome:
     bus: can.BusABC | None = None
 
 
-def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
+def run(config: RunConfig, progress: Progress | None = None, tell: Tell | None = None) -> RunResult:
     """Run a scenario through plant, bus and firmware, and return what came of it.
 
     The log is written while running. Ctrl-C ends the run early: the result then covers what ran,
-    and says `interrupted`. Raises HarnessError, CanBusError and their relatives with one line.
+    and says `interrupted`. In real time `tell` hears at once when an ECU outside falls silent and
+    when it is back. Raises HarnessError, CanBusError and their relatives with one line.
     """
     wire = load_wire(config.dbc, config.signals)
     period_us = wire.tick_period_us
@@ -115,7 +117,9 @@ def run(config: RunConfig, progress: Progress | None = None) -> RunResult:
                 config, parts, ticks, period_us, channel, log, meter, report, traffic
             )
         else:
-            outcome = _run_real(config, parts, ticks, period_us, channel, log, meter, report)
+            outcome = _run_real(
+                config, parts, wire, ticks, channel, log, meter, report, Outages(tell)
+            )
     return _result(config, wire, parts, outcome, meter)
 
 
@@ -221,13 +225,15 @@ def _run_lockstep(
 def _run_real(
     config: RunConfig,
     parts: _Parts,
+    wire: Wire,
     ticks: int,
-    period_us: int,
     channel: str,
     log: LogWriter | None,
     meter: BusMeter,
     report: Callable[[int], None] | None,
+    outages: Outages,
 ) -> _Outcome:
+    period_us = wire.tick_period_us
     arguments: dict[str, Any] = {"bitrate": config.bitrate, "bus_args": config.bus_args}
     with ExitStack() as stack:
         plant_bus = stack.enter_context(open_bus(config.interface, channel, **arguments))
@@ -249,11 +255,15 @@ def _run_real(
                 pacer=pacer,
                 progress=report,
                 stop=stop,
+                watch=firmware_watch(wire, outages) if parts.firmware is None else None,
+                outages=outages,
             )
         wall_s = time.perf_counter() - started
         done = parts.plant.ticks
         heard = firmware_bus or plant_bus
-        return _Outcome(done, wall_s, pacer.timing(), interrupted=done < ticks, bus=heard)
+        return _Outcome(
+            done, wall_s, with_outages(pacer.timing(), outages), interrupted=done < ticks, bus=heard
+        )
 
 
 def _reporter(progress: Progress, ticks: int) -> Callable[[int], None]:

@@ -142,7 +142,7 @@ def execute(config: RunConfig, folder: RunFolder) -> RunResult:
         stoppable(),
         progress(config.scenario.name, then="comparing") as report_progress,
     ):
-        result = run(config, report_progress)
+        result = run(config, report_progress, show_error)
     folder.write(result)
     if result.interrupted:
         show_error(f"interrupted after {result.ticks} ticks; {folder.path} holds what ran")
