@@ -14,6 +14,7 @@ from chiplog.pages.findings import (
     estimator_rows,
     pose_rows,
 )
+from chiplog.pages.outage_words import outage_clause
 from chiplog.terminal import show_line, show_table
 from hil_harness.results import RunResult
 
@@ -49,7 +50,8 @@ def _facts(result: RunResult, report: Path) -> list[list[str]]:
             [
                 "timing",
                 f"{q.count(late.missed_deadlines)} missed deadlines, ticks start "
-                f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_max_us:.0f} µs at most",
+                f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_p99_us:.0f} µs (99 %), "
+                f"{late.jitter_max_us:.0f} µs at most{outage_clause(late)}",
             ]
         )
     overflows = result.kernel_state.get("overflow_count", 0)

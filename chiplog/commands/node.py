@@ -16,6 +16,7 @@ from chiplog.commands.options import (
     DbcOption,
     EffectOption,
     EffectsFileOption,
+    JsonFileOption,
     KernelName,
     KernelOption,
     RobotOption,
@@ -25,6 +26,7 @@ from chiplog.commands.options import (
 )
 from chiplog.errors import CommandError
 from chiplog.pages import quantities as q
+from chiplog.pages.outage_words import outage_clause
 
 if TYPE_CHECKING:
     from hil_harness.assembly import RunConfig
@@ -80,17 +82,20 @@ def command(
         Path | None,
         typer.Option("--log", help="Record what the node receives and sends (.log, .asc, .blf)."),
     ] = None,
+    json: JsonFileOption = None,
 ) -> None:
     """Run the plant or the firmware as a process of its own, in real time.
 
     Start one of each on the same channel. The plant runs as long as its scenario; the firmware
     waits for the first sensor frame and runs until --duration-s or Ctrl-C. Scenario, effects and
-    seed are the plant's.
+    seed are the plant's. When the other one falls silent (killed, restarted, without power) that is
+    said on standard error, and again when it is back.
     """
     if role is Role.FIRMWARE:
         _refuse_plant_options(
             {"--scenario": scenario, "--effect": effect, "--effects": effects, "--seed": seed}
         )
+    from chiplog.commands.output import write_json
     from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import RunConfig
     from hil_harness.effects import combine_effects, load_effects, parse_effect
@@ -119,6 +124,8 @@ def command(
     with stoppable():
         outcome = run_node(role, config)
     show_line(sentence(role, outcome))
+    if json is not None:
+        write_json(json, outcome.summary(role.value))
     if outcome.interrupted:
         show_error(f"interrupted after {outcome.ticks} ticks")
         raise typer.Exit(130)
@@ -135,32 +142,35 @@ def _refuse_plant_options(options: Mapping[str, object]) -> None:
 
 def run_node(role: Role, config: RunConfig) -> NodeOutcome:
     """Run one node until its time is up or somebody stops it."""
-    from chiplog.terminal import show_line
+    from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import load_wire
     from hil_harness.standalone import run_firmware_alone, run_plant_alone
 
     if role is Role.PLANT:
-        return run_plant_alone(config)
+        return run_plant_alone(config, show_error)
     ticks = None
     show_line(f"firmware: waiting for the first sensor frame on {config.interface}")
     if config.duration_s is not None:
         ticks = config.tick_count(load_wire(config.dbc, config.signals).tick_period_us)
-    return run_firmware_alone(config, ticks=ticks)
+    return run_firmware_alone(config, ticks=ticks, tell=show_error)
 
 
 def sentence(role: Role, outcome: NodeOutcome) -> str:
-    """Return how the node's life went: the plant was punctual, the firmware was fed, or not."""
-    done = f"{role}: {q.count(outcome.ticks)} ticks"
+    """Return how the node's life went: punctual or not, fed or not, and who was away."""
+    timing = outcome.timing
+    missed = f"{q.count(timing.missed_deadlines)} missed deadlines"
+    done = f"{role}: {q.count(outcome.ticks)} ticks, {missed}"
+    away = outage_clause(timing)
     if role is Role.PLANT:
-        late = outcome.timing
         return (
-            f"{done}, {q.count(late.missed_deadlines)} missed deadlines, ticks started "
-            f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_max_us:.0f} µs at most"
+            f"{done}, ticks started {timing.jitter_p50_us:.0f} µs late (median), "
+            f"{timing.jitter_p99_us:.0f} µs (99 %), {timing.jitter_max_us:.0f} µs at most{away}"
         )
     refused = [
         f"{frames} {why.replace('_', ' ')}" for why, frames in outcome.rejected.items() if frames
     ]
     return (
-        f"{done}, {q.count(outcome.starved_ticks)} without all sensor frames, "
-        f"{', '.join(refused) or 'none'} refused"
+        f"{done}, cycle {timing.jitter_p50_us:.0f} µs off (median), {timing.jitter_p99_us:.0f} µs "
+        f"(99 %), {timing.jitter_max_us:.0f} µs at most; {q.count(outcome.starved_ticks)} ticks "
+        f"without all sensor frames, {', '.join(refused) or 'none'} refused{away}"
     )

@@ -16,6 +16,7 @@ from chiplog.pages.findings import (
     estimator_rows,
     pose_rows,
 )
+from chiplog.pages.outage_words import outage_span
 from chiplog.pages.rendering import render
 from hil_harness.results import RunResult
 
@@ -113,6 +114,8 @@ def _timing_rows(result: RunResult) -> list[tuple[str, str]]:
         ("lateness, median", q.prefixed(timing.jitter_p50_us * 1e-6, "s", 3)),
         ("lateness, 99th percentile", q.prefixed(timing.jitter_p99_us * 1e-6, "s", 3)),
         ("lateness, largest", q.prefixed(timing.jitter_max_us * 1e-6, "s", 3)),
+        *((f"{one.node} out", outage_span(one)) for one in timing.outages),
+        *([("frames not taken", q.count(timing.unsent_frames))] if timing.unsent_frames else []),
     ]
 
 
