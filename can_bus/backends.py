@@ -11,17 +11,31 @@ import can
 from can.interfaces.virtual import VirtualBus
 from can.util import cast_from_string
 
-from can_bus.errors import CanBusError, one_line, quiet
+from can_bus.errors import BusFullError, CanBusError, one_line, quiet
+from can_bus.simulated import SimulatedBus
 
-IN_PROCESS_INTERFACES: Final = frozenset({"virtual"})
+IN_PROCESS_INTERFACES: Final = frozenset({"virtual", "chiplog"})
 """Interfaces whose frames never leave the process: two processes cannot meet on them."""
 
 CONNECTING_INTERFACES: Final = ("udp_multicast", "socketcan")
 """Interfaces without hardware that connect processes of one host."""
 
-# python-can's buses swallow arguments they do not know; these two refuse them.
+# python-can's buses swallow arguments they do not know; these refuse them.
 _ARGUMENTS: Final = {
     "virtual": ("preserve_timestamps", "receive_own_messages", "rx_queue_size"),
+    "chiplog": (
+        "node",
+        "receive_own_messages",
+        "ignore_rx_error_frames",
+        "tx_order",
+        "tx_mailboxes",
+        "tx_backlog",
+        "clock_skew",
+        "retransmit",
+        "restart",
+        "seed",
+        "faults",
+    ),
     "udp_multicast": ("port", "interface_ip", "hop_limit"),
 }
 _NO_DEVICE: Final = frozenset({errno.ENODEV, errno.ENXIO, errno.EADDRNOTAVAIL})
@@ -32,17 +46,22 @@ class _PlainErrors(can.BusABC):
     """Mixed in front of a python-can bus: a bus that goes away says so in one sentence."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame. Raises CanBusError if the bus is gone."""
+        """Send a frame. Raises BusFullError if no more fits, CanBusError if the bus is gone."""
         try:
             super().send(msg, timeout)  # type: ignore[safe-super]  # the bus behind
-        except (can.CanError, OSError) as error:
+        except (can.CanError, OSError, ValueError) as error:
+            # select() on a closed socket's descriptor is a ValueError.
+            if _is_full(error):
+                raise BusFullError(
+                    f"the bus {self.channel_info!r} takes no more frames: is there another node "
+                    "that acknowledges them?"
+                ) from error
             raise _gone(self, "send", error) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         try:
             return super()._recv_internal(timeout)
         except (can.CanError, OSError, ValueError) as error:
-            # select() on a closed socket's descriptor is a ValueError.
             raise _gone(self, "receive", error) from error
 
 
@@ -102,11 +121,11 @@ def open_bus(
     """Open a bus.
 
     Args:
-        interface: `virtual` (one process; stamps are the sender's), `socketcan` (vcan0, can0),
-            `udp_multicast` (processes of this host; `interface_ip` opens it to a network), or any
-            other interface that python-can knows.
-        channel: for `virtual` any name, for `socketcan` the network interface, for `udp_multicast`
-            an IPv4 multicast group.
+        interface: `virtual` (one process; stamps are the sender's), `chiplog` (one process,
+            simulated time), `socketcan` (vcan0, can0), `udp_multicast` (processes of this host;
+            `interface_ip` opens it to a network), or any other interface that python-can knows.
+        channel: for `virtual` and `chiplog` any name, for `socketcan` the network interface, for
+            `udp_multicast` an IPv4 multicast group.
         bitrate: in bit/s, for interfaces that set it.
         bus_args: more arguments of the interface, as text (`--bus-arg K=V`).
 
@@ -133,6 +152,8 @@ def _open(
             raise CanBusError(f"{interface} has no argument {name!r}: it has {', '.join(known)}")
     if interface == "virtual":
         return _QuickVirtualBus(channel, **{"preserve_timestamps": True, **arguments})
+    if interface == "chiplog":
+        return plain(SimulatedBus(channel, bitrate=bitrate, **arguments))
     if interface == "udp_multicast":
         # Needs msgpack, which no other interface does.
         from can_bus.multicast import HostMulticastBus  # noqa: PLC0415
@@ -160,6 +181,12 @@ def plain(bus: can.BusABC) -> can.BusABC:
     kind = type(bus)
     bus.__class__ = type(kind.__name__, (_PlainErrors, kind), {"__doc__": kind.__doc__})
     return bus
+
+
+def _is_full(error: BaseException) -> bool:
+    """Tell whether a SocketCAN interface's transmit queue is full, which passes."""
+    number = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
+    return number == errno.ENOBUFS or str(error) == "Transmit buffer full"
 
 
 def _gone(bus: can.BusABC, action: str, error: BaseException) -> CanBusError:

@@ -6,7 +6,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
-from threading import get_ident
 from typing import Final
 
 import can
@@ -122,7 +121,7 @@ class SimulatedBus(can.BusABC):
         self._seed = seed
         self._name: Hashable = channel
         self._is_open = False
-        self._reader: int | None = None
+        self._reader: threading.Thread | None = None
         try:
             planned = [] if faults is None else load_faults(faults)
             self._wire = _open_wire(channel, bitrate)
@@ -185,7 +184,7 @@ class SimulatedBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         received = self._received
         with self._pace.lock:
-            if not self._is_open or self._reader != get_ident():
+            if not self._is_open or self._reader is not threading.current_thread():
                 self._note_reader()
             if received:
                 return received.popleft(), True
@@ -324,7 +323,7 @@ class SimulatedBus(can.BusABC):
 
     def _note_reader(self) -> None:
         self._check_open()
-        self._reader = get_ident()
+        self._reader = threading.current_thread()
         self._pace.note_reader(id(self))
 
     def _deadline_ns(self, timeout: float | None) -> int:

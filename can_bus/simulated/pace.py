@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sized
-from threading import get_ident
 from typing import Final
 
 import can
@@ -49,7 +48,7 @@ class Pace:
         self._channel = channel
         self._readers: dict[int, threading.Thread] = {}
         self._waiters: list[_Waiter] = []
-        self._only_reader: int | None = None
+        self._only_reader: threading.Thread | None = None
 
     def note_reader(self, handle: int) -> None:
         """Note that this thread is the one that reads a handle."""
@@ -63,15 +62,15 @@ class Pace:
         self.changed.notify_all()
 
     def _count_readers(self) -> None:
-        idents = {thread.ident for thread in self._readers.values()}
-        self._only_reader = idents.pop() if len(idents) == 1 else None
+        threads = set(self._readers.values())
+        self._only_reader = threads.pop() if len(threads) == 1 else None
 
     def wait_for(self, received: Sized, deadline_ns: int, is_given_up: Callable[[], bool]) -> None:
         """Block until something is received, the deadline, or, now and then, `is_given_up`.
 
         The lock is held by the caller, who is a reader.
         """
-        while self._only_reader == get_ident() and not self._waiters:
+        while self._only_reader is threading.current_thread() and not self._waiters:
             if not self._channel.run(deadline_ns, received, _STEPS_IN_A_GO):
                 if received or deadline_ns < NEVER_NS:
                     return

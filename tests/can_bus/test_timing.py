@@ -1,41 +1,18 @@
 """Frame lengths on the bus, against an encoder that writes the frame as text."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from wire_text import frame_as_text
 
-from can_bus import CanBusError, frame_length_bits, frame_length_bits_array
+from can_bus import (
+    CanBusError,
+    frame_length_bits,
+    frame_length_bits_array,
+    worst_length_bits,
+)
 from can_bus.timing import crc15
-
-
-def frame_as_text(
-    frame_id: int, is_extended: bool, data: bytes, remote_dlc: int | None = None
-) -> str:
-    """Write a frame bit by bit as ISO 11898-1 draws it, CRC by long division, stuffing by regex."""
-    dlc = len(data) if remote_dlc is None else remote_dlc
-    rtr = "0" if remote_dlc is None else "1"
-    if is_extended:
-        identifier = f"{frame_id:029b}"
-        head = "0" + identifier[:11] + "1" + "1" + identifier[11:] + rtr + "00"
-    else:
-        head = "0" + f"{frame_id:011b}" + rtr + "0" + "0"
-    body = head + f"{dlc:04b}" + "".join(f"{byte:08b}" for byte in data)
-    remainder = int(body + "0" * 15, 2)
-    divisor = 0b1100010110011001
-    for position in range(len(body) - 1, -1, -1):
-        if remainder >> position + 15 & 1:
-            remainder ^= divisor << position
-    stuffed = body + f"{remainder:015b}"
-    place = 0
-    while match := re.compile("00000|11111").search(stuffed, place):
-        end = match.end()
-        stuffed = stuffed[:end] + ("1" if match[0] == "00000" else "0") + stuffed[end:]
-        place = end
-    return stuffed + "1" + "0" + "1" + "1" * 7
-
 
 frame_ids = st.one_of(
     st.tuples(st.integers(0, 2**11 - 1), st.just(False)),
@@ -86,6 +63,12 @@ def test_no_frame_is_longer_than_the_published_worst_case(
     stuffable = (54 if identifier[1] else 34) + 8 * len(data)
     worst = stuffable + 10 + (stuffable - 1) // 4
     assert stuffable + 10 <= frame_length_bits(*identifier, data) <= worst
+    assert worst_length_bits(identifier[1], len(data)) == worst
+
+
+def test_the_worst_length_of_eight_bytes_is_the_one_everybody_quotes() -> None:
+    # Davis et al.: 135 and 160 bits with the intermission of 3.
+    assert [worst_length_bits(is_extended, 8) + 3 for is_extended in (False, True)] == [135, 160]
 
 
 def test_the_crc_has_its_catalogued_check_value() -> None:
