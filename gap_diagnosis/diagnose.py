@@ -107,7 +107,13 @@ def diagnose_recordings(
             "reference, commands, odometry frames or stamped bus frames"
         )
     stage_of = stages_of(analyses, library)
-    ranking = rank([one.blocks for one in analyses], prior, stage_of, _unknown(analyses))
+    ranking = rank(
+        [one.blocks for one in analyses],
+        prior,
+        stage_of,
+        _unknown(analyses),
+        [three for one in analyses if one.motion is not None for three in one.motion.threes],
+    )
     progress("how far the gap shrinks", 0.8)
     which, other = candidates(ranking, analyses)
     ordered = sort_candidates(which)

@@ -149,7 +149,7 @@ def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refi
     """Fit the values of the chosen effects again on what *model* may see."""
     if not effects:
         return None
-    found = motion.scan.found[effects]
+    found = motion.scan.account(effects)
     terms = [
         model.add(term.variant, term) if model is not motion.model else term for term in found.terms
     ]

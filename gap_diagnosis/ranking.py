@@ -82,11 +82,13 @@ def rank(
     prior: Prior,
     stage_of: Mapping[str, str],
     unknown: Mapping[str, float],
+    threes: Sequence[Effects] = (),
 ) -> Ranking:
-    """Return the probabilities of all single effects and pairs.
+    """Return the probabilities of all single effects and pairs, and of some sets of three.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
-    evidence, less that of no effect, of an unlisted cause by stage.
+    evidence, less that of no effect, of an unlisted cause by stage. *threes* are sets of three
+    effects of one block that are worth a look.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: _total(logs, frozenset({effect})) for effect in owned}
@@ -112,6 +114,10 @@ def rank(
         weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
         scored[pair] = (evidence, likelihood, weight)
     scored |= _triples(logs, prior, scored, singles, log_prior)
+    for three in threes:
+        if three <= log_prior.keys():
+            weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in three)
+            scored[three] = (*_total(logs, three), weight)
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
         stage: evidence

@@ -22,6 +22,7 @@ from gap_diagnosis.motion.scan import Found, Scan
 from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
+_THREES: Final = 12
 _IMPOSSIBLE: Final = -1e9
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
@@ -66,6 +67,16 @@ class MotionBlock:
         return frozenset(self.scan.effects | aliases | noises | late)
 
     @property
+    def threes(self) -> list[frozenset[str]]:
+        """The best sets of three effects of this log's motion, under every name they go by."""
+        found = [one for one in self.scan.found.values() if len(one.effects) == 3]
+        found.sort(key=lambda one: -one.log_evidence)
+        sets = [one.effects for one in found[:_THREES]]
+        for alias, name in ALIASES.items():
+            sets += [one - {name} | {alias} for one in sets if name in one]
+        return sets
+
+    @property
     def levels(self) -> Floats:
         """Noise levels of the best account of all."""
         return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
@@ -76,14 +87,14 @@ class MotionBlock:
         return self.model.gram(levels).log_nothing + density - self._nothing.log_evidence
 
     def fit(self, effects: frozenset[str]) -> Fit:
-        """Return what the search found of a set of at most two effects, without parameters."""
+        """Return what the search found of a set of effects, without parameters."""
         if any(alias in effects and other in effects for alias, other in ALIASES.items()):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             return self._late(effects)
         if effects & NOISES.keys():
             return self._noisy(effects)
-        found = self.scan.found[aliased(effects)]
+        found = self.scan.account(aliased(effects))
         return Fit(
             tuple(sorted(effects)),
             found.log_evidence - self._nothing.log_evidence,
@@ -97,7 +108,7 @@ class MotionBlock:
         unseen = self.fit(rest)
         if OFFSET in rest or len(rest) > 1 or rest & NOISES.keys():
             return replace(unseen, effects=names)
-        found = self.scan.found[aliased(rest) | {OFFSET}]
+        found = self.scan.account(aliased(rest) | {OFFSET})
         late = self.fit(rest | {OFFSET})
         place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
         offset = found.refitted.coefficients[place][0] if found.refitted else self._offset(found)
@@ -138,7 +149,7 @@ class MotionBlock:
             )
         if effects not in self._noise_fits:
             self._noise_fits[effects] = fit_noise(
-                self.model, self.scan.found[aliased(quiet)], self._nothing, name, names
+                self.model, self.scan.account(aliased(quiet)), self._nothing, name, names
             )
         return self._noise_fits[effects]
 
@@ -172,7 +183,7 @@ class MotionBlock:
                 parameters={**quiet.parameters, **noisy.parameters},
                 windows=quiet.windows,
             )
-        found = self.scan.found[aliased(effects)]
+        found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
         parameters, windows = self._estimates(found, again)
         for alias in effects & ALIASES.keys():
@@ -184,7 +195,7 @@ class MotionBlock:
 
     def settings(self, effects: frozenset[str]) -> list[Setting]:
         """Return variants and best coefficients of what moves, as `predict` takes them."""
-        found = self.scan.found[self.moving(effects)]
+        found = self.scan.account(self.moving(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
         return [(t.variant, c) for t, c in zip(found.terms, again.coefficients, strict=True)]
 

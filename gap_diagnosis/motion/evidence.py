@@ -182,10 +182,13 @@ def _news(free: Sequence[Term], means: Floats, sds: Floats, scales: Floats) -> F
     for term in free:
         # Log of the probability that every coefficient is within its tolerance.
         after, before = np.zeros(len(means)), np.zeros(len(means))
+        one_sided = term.variant.is_positive and len(term.tolerances) == 1
+        if term.variant.is_positive and not one_sided:
+            total += _log_positive(term, means, sds, place)
         for tolerance in term.tolerances:
             mean, sd, scale = means[:, place], sds[:, place], scales[:, place]
             beyond, expected = ndtr((mean - tolerance) / sd), ndtr(-tolerance / scale)
-            if not term.variant.is_positive:
+            if not one_sided:
                 beyond = beyond + ndtr((-tolerance - mean) / sd)
                 expected = 2 * expected
             after += np.log1p(-np.minimum(beyond, _ALMOST))
@@ -193,3 +196,13 @@ def _news(free: Sequence[Term], means: Floats, sds: Floats, scales: Floats) -> F
             place += 1
         total += np.log(np.maximum(-np.expm1(after), 1e-300)) - np.log(-np.expm1(before))
     return total
+
+
+def _log_positive(term: Term, means: Floats, sds: Floats, place: int) -> Floats:
+    """Log of how much likelier it has become that no coefficient is negative.
+
+    Sizes of one effect go together (a load presses both wheels): the least likely one decides.
+    """
+    own = slice(place, place + len(term.tolerances))
+    positive = ndtr(means[:, own] / sds[:, own]).min(axis=1)
+    return np.asarray(np.log(np.maximum(positive, 1e-300)) + len(term.tolerances) * math.log(2))

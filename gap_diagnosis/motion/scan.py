@@ -27,6 +27,10 @@ _REFITTED: Final = 8
 _GREEDY: Final = 3
 _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
+_EXTENDED: Final = 4
+_THIRD_VARIANTS: Final = 3
+_WORTH_THIRD: Final = 10.0
+"""A third effect is sought beside pairs that gain this much on the best single effect [nat]."""
 _NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
 
@@ -59,8 +63,8 @@ class Scan:
         model: the log.
         by_effect: the terms of each effect.
         spans: how far edges can move, by effect.
-        found: the best account of every set of at most two effects that was scored, no effect
-            being the empty set.
+        found: the best account of every set of at most two effects that was scored, and of the
+            sets of three that were worth it; no effect is the empty set.
     """
 
     def __init__(
@@ -74,12 +78,28 @@ class Scan:
         self.found: dict[Effects, Found] = {}
         self.spans: dict[str, dict[str, float]] = {}
         self._grams: list[Gram] = []
+        self._kept: list[dict[str, list[Term]]] = []
         self._search(progress)
 
     @property
     def effects(self) -> Effects:
         """The effects that this log's motion can tell of."""
         return frozenset(self.by_effect)
+
+    def account(self, effects: Effects) -> Found:
+        """Return the best account of a set; of a set that was not worth it, an approximate one."""
+        if effects not in self.found:
+            terms = tuple(self.found[frozenset({effect})].terms[0] for effect in sorted(effects))
+            place = max(range(len(self._grams)), key=lambda at: self._compared(at, [terms])[1])
+            self._offer(self._compared(place, [terms])[0])
+        return self.found[effects]
+
+    def _compared(self, place: int, choices: Sequence[tuple[Term, ...]]) -> tuple[Found, float]:
+        """Return the account of variants of one set at the levels of one Gram matrix."""
+        gram = self._grams[place]
+        offset = gram.log_nothing + self.model.level_prior.log_density(np.log(gram.levels))
+        found = self._one(gram, choices, offset)[0]
+        return found, found.log_evidence
 
     def evidence(self, terms: Sequence[Term], levels: Floats) -> float:
         """Return the log evidence of terms at levels that were tried, or the nearest of them."""
@@ -107,6 +127,7 @@ class Scan:
             tried.add(candidates[0].effects)
             self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels, rounds=6))
             progress(0.3 + 0.05 * len(tried))
+        self._seek_third()
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
@@ -115,6 +136,27 @@ class Scan:
             if head.refitted is not None or not head.effects:
                 break
             self._refit(head)
+
+    def _seek_third(self) -> None:
+        """Offer a third effect beside the best pairs, at their levels and at those it asks for."""
+        for _ in range(2):
+            ranked = self._ranked()
+            single = max(one.log_evidence for one in ranked if len(one.effects) < 2)
+            pairs = [one for one in ranked if len(one.effects) == 2][:_EXTENDED]
+            pairs = [one for one in pairs if one.log_evidence > single + _WORTH_THIRD]
+            for pair in pairs:
+                for place in range(len(self._grams)):
+                    self._extend(pair, place)
+            best = self._ranked()[0]
+            if len(best.effects) < 3:
+                return
+            self._add_levels(self.model.levels_for(best.terms, best.levels, rounds=6))
+
+    def _extend(self, pair: Found, place: int) -> None:
+        for effect, terms in self._kept[place].items():
+            if effect not in pair.effects:
+                choices = [(*pair.terms, term) for term in terms[:_THIRD_VARIANTS]]
+                self._offer(self._compared(place, choices)[0])
 
     def _off_the_grid(self) -> None:
         """Give leading effects with edges a variant whose edges lie where they fit best."""
@@ -134,6 +176,7 @@ class Scan:
         if added:
             levels = [gram.levels for gram in self._grams]
             self._grams.clear()
+            self._kept.clear()
             self.found.clear()
             for one_levels in levels:
                 self._add_levels(one_levels)
@@ -170,6 +213,7 @@ class Scan:
         for effect, (found, order) in singles.items():
             self._offer(found)
             kept[effect] = order[:_VARIANTS_KEPT]
+        self._kept.append(kept)
         ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
         for first, second in combinations(ranked, 2):
             if ranked.index(first) < _LEADERS:
@@ -210,7 +254,8 @@ class Scan:
         """Return the sets that may win, singles first, so that each kind of answer is exact."""
         ranked = [one for one in self._ranked() if one.effects]
         singles = [one for one in ranked if len(one.effects) == 1][: _REFITTED // 2]
-        pairs = [one for one in ranked if len(one.effects) > 1][: _REFITTED // 2]
+        pairs = [one for one in ranked if len(one.effects) == 2][: _REFITTED // 2]
+        pairs += [one for one in ranked if len(one.effects) == 3][: _REFITTED // 4]
         least = self._ranked()[0].log_evidence - _NEAR
         return singles[:1] + [one for one in singles[1:] + pairs if one.log_evidence > least]
 

@@ -32,6 +32,13 @@ CASES = {
     "nothing": Case(),
     "wheelbase": Case({"wheelbase_scale.scale": 0.015}),
     "pair": Case({"gyro_bias.bias": 0.004, "lateral_slip.compliance": 0.02}),
+    "three": Case(
+        {
+            "wheelbase_scale.scale": 0.02,
+            "gyro_bias.bias": 0.003,
+            "reference_time_offset.offset": 0.03,
+        }
+    ),
     "no reference": Case({"wheelbase_scale.scale": 0.02}, has_reference=False),
     "sign": Case({"setup_sign.signal": "gyro"}),
     "withheld": Case(

@@ -38,7 +38,12 @@ def test_two_effects_at_once_are_named() -> None:
     assert ("adc_offset", "lateral_slip") in found.which[0].ambiguous_with
 
 
-@pytest.mark.parametrize("name", ["wheelbase", "pair"])
+def test_three_effects_at_once_are_named() -> None:
+    found = diagnosed("three")
+    assert found.verdict == "gyro_bias+reference_time_offset+wheelbase_scale"
+
+
+@pytest.mark.parametrize("name", ["wheelbase", "pair", "three"])
 def test_values_lie_within_four_standard_deviations(name: str) -> None:
     for key, value in CASES[name].values.items():
         known = number(diagnosed(name), key)

@@ -115,3 +115,16 @@ def test_tolerances_are_marginalised_as_a_dense_normal_has_it():
     inverse = np.linalg.inv(spread)
     np.testing.assert_allclose(found.inner, columns.T @ inverse @ columns, atol=1e-9)
     np.testing.assert_allclose(found.data, columns.T @ inverse @ data, atol=1e-9)
+
+
+def test_a_load_cannot_make_one_wheel_larger() -> None:
+    """Both wheels pressed, or one pressed and one blown up, at the same likelihood."""
+    size, sd = 0.01, 0.001
+    inner = np.eye(2) / sd**2
+
+    def evidence(left: float, right: float) -> float:
+        data = inner @ np.array([left, right])
+        found = score(Gram(np.ones(8), 0.0, inner, data, inner, data), [term_of("payload")], PRIOR)
+        return found.log_evidence
+
+    assert evidence(size, size) - evidence(-size, size) == pytest.approx(-norm.logcdf(-10), abs=1)
