@@ -12,6 +12,7 @@ import numpy as np
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import DriveBlock, drive_block
+from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.motion.block import MotionBlock
@@ -65,7 +66,7 @@ def analyse(
 ) -> Analysis:
     """Prepare and search all blocks of a log; *without* are effects that are not to be tried,
     *library* a user's own."""
-    motion = None
+    motion, gross = None, False
     blocks: list[Block] = []
     # What a stale producer said again, only the ECU took for news.
     bus = bus_block(recording, wire) if recording.frames else None
@@ -79,7 +80,8 @@ def analyse(
         )
         blocks.append(motion)
     progress("commands against wheels", 0.55)
-    drive = drive_block(unwrapped(recording, robot), robot)
+    doubted = COMMANDS | COUNTS if motion is None else COUNTS if gross else COMMANDS
+    drive = drive_block(unwrapped(recording, robot), robot, doubted)
     if drive is not None:
         blocks.append(drive)
     progress("bus and converter", 0.6)
@@ -92,7 +94,9 @@ def analyse(
     firmware = firmware_block(as_received, robot, wire)
     if firmware is not None:
         blocks.append(
-            firmware if not _is_disturbed(bus) else Reduced(firmware, firmware.effects - _LATE)
+            firmware
+            if firmware.knows_arrivals or not _is_disturbed(bus)
+            else Reduced(firmware, firmware.effects - _LATE)
         )
     progress("what no effect explains", 0.7)
     others = [] if motion is None else _alternatives(motion)

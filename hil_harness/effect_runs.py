@@ -162,7 +162,7 @@ def run_with_effects(
                 arrivals=arrivals,
                 pose=pose,
                 executed=executed,
-                answer_tick=_answer_ticks(wire, arrivals, count),
+                answer_tick=ticks_of_answers(wire, arrivals, count),
             )
         )
     return runs
@@ -222,7 +222,7 @@ def _kernel_inputs(
         if spec.name not in arrivals and every == 1:
             continue
         if spec.name not in accepted:
-            accepted[spec.name] = _accepted(spec, arrivals.get(spec.name), wire, ticks)[1]
+            accepted[spec.name] = accepted_frames(spec, arrivals.get(spec.name), wire, ticks)[1]
         payload = accepted[spec.name]
         fresh[role] = payload >= 0
         sampled = phase + np.maximum(payload, 0) * every
@@ -234,12 +234,13 @@ def _kernel_inputs(
     ).astype(np.int64)
 
 
-def _answer_ticks(wire: Wire, arrivals: Mapping[str, Arrivals], ticks: int) -> Ints:
+def ticks_of_answers(wire: Wire, arrivals: Mapping[str, Arrivals], ticks: int) -> Ints:
+    """Return int64[ticks]: whose counter the firmware's answer of each tick carries."""
     wheels = wire.signal_map["left_count"].message
     if wheels.name not in arrivals or not wheels.is_protected:
         return np.arange(ticks, dtype=np.int64)
     every, phase = cycle_of(wheels, wire.tick_period_us)
-    frame = _accepted(wheels, arrivals[wheels.name], wire, ticks)[0]
+    frame = accepted_frames(wheels, arrivals[wheels.name], wire, ticks)[0]
     tick = np.arange(ticks, dtype=np.int64)
     # Since the last frame that was used the node counts by itself.
     last = np.maximum.accumulate(np.where(frame >= 0, tick, -1))
@@ -247,7 +248,7 @@ def _answer_ticks(wire: Wire, arrivals: Mapping[str, Arrivals], ticks: int) -> I
     return np.where(last >= 0, used + tick - last, tick)
 
 
-def _accepted(
+def accepted_frames(
     spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: int
 ) -> tuple[Ints, Ints]:
     """Return int64[ticks] twice: which frame the node believes, whose payload; -1 for none.

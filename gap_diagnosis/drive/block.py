@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 
 _SAMPLES: Final = 2000
 _LOOKED_AT_AGAIN: Final = 3
+_HOPELESS: Final = 50.0
 _UNLIKELY: Final = 1e-9
 _FREE_SD: Final = 0.3
 """Of linear coefficients while noise levels and best likelihoods are sought."""
@@ -162,7 +163,7 @@ class DriveBlock:
         else:
             quick = [self._evidence(setting, self._levels, rough=True) for setting in settings]
             logs = np.array([one[0] for one in quick])
-            if effects & set(SETUP):
+            if effects & set(SETUP) and logs.max() > self._null_evidence - _HOPELESS:
                 logs = self._anew(settings, logs)
             best = int(np.argmax(logs))
             weights = np.exp(logs - logs[best])
@@ -213,8 +214,11 @@ class DriveBlock:
         return found
 
     def _levels_of(self, setting: _Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
-        """Return noise levels, sought from those of no effect and, for a mistake, from others."""
-        starts = [self._levels, *(STARTS if setting.variant.values else ())]
+        """Return noise levels, sought from those of no effect and, for other data, elsewhere."""
+        starts = [
+            self._levels,
+            *(STARTS if setting.variant.log_constant or setting.variant.values else ()),
+        ]
         found = [self._fit_levels(setting, values, start) for start in starts]
         levels, free = max(found, key=lambda one: one[1])
         return levels, free + setting.variant.log_constant

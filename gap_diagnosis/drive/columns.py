@@ -1,13 +1,13 @@
-"""Effects that add to the wheel angles in proportion to their size, and set-up mistakes.
+"""Effects that add to the wheel angles in proportion to their size, and what is there or not.
 
-Mistakes of the set-up and errors of the counting are told by the motion too; they stand here so
-that a drive is not blamed for what a swapped or slipping counter does to its residuals.
+Errors of the counting are told by the motion too; they stand here so that a drive is not blamed for
+what a slipping or dead counter does to its residuals.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.mistakes import SETUP, Mistake, mistakes
 
 Floats = NDArray[np.float64]
 
 LINEAR: Final = ("drive_gain", "extra_ticks", "missed_ticks", "ticks_per_rev")
-DISCRETE: Final = ("encoder_dead", "setup_sign", "setup_wheels_swapped")
-SHARED: Final = frozenset(("extra_ticks", "missed_ticks", "ticks_per_rev", *DISCRETE))
+SHARED: Final = frozenset(("encoder_dead", "extra_ticks", "missed_ticks", "ticks_per_rev"))
 """Effects whose parameters the motion tells; this block only weighs them."""
 
 _THRESHOLD_QUANTILES: Final = (0.0, 0.5, 0.8)
 _DEAD_S: Final = 1.0
+_STILL_TICKS: Final = 0.5
+"""How closely a count that stands still is foretold."""
 
 
 @dataclass(frozen=True)
@@ -33,31 +35,26 @@ class Variant:
     """One way in which the discrete part of a set of effects can be.
 
     Attributes:
-        data: the data as they would be without set-up mistakes.
+        data: the data as they would be without set-up mistakes, and without what a dead encoder
+            says.
         columns: float64[c, 2, m], what the linear effects other than gain add per unit.
         sizes: the prior of each column.
-        frozen: per wheel the block from which its count stands still, or None.
+        log_constant: log density of what was taken out of the data, or of their change of scale.
+        values: of the mistake, by name.
     """
 
     data: DriveData
     columns: Floats
     sizes: tuple[prior.Size, ...]
-    frozen: tuple[int | None, int | None] = field(default=(None, None))
-
-    def freeze(self, angle: Floats) -> Floats:
-        """Return predicted angles as a dead encoder shows them."""
-        if self.frozen == (None, None):
-            return angle
-        held = angle.copy()
-        for wheel, block in enumerate(self.frozen):
-            if block is not None:
-                held[wheel, block:] = held[wheel, block]
-        return held
+    log_constant: float = 0.0
+    values: Mapping[str, str | float] = field(default_factory=dict)
 
 
-def variants(data: DriveData, nominal: Floats, effects: Sequence[str]) -> list[Variant]:
-    """Return every variant of a set of effects; *nominal* is what a gain of both
-    wheels adds."""
+def variants(
+    data: DriveData, nominal: Floats, effects: Sequence[str], doubted: frozenset[str]
+) -> list[Variant]:
+    """Return every variant of a set of effects; *nominal* is what a gain of both wheels adds,
+    *doubted* the signals of which a mistake of the set-up may be."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
         if effect in ("ticks_per_rev", "missed_ticks", "extra_ticks"):
@@ -72,21 +69,29 @@ def variants(data: DriveData, nominal: Floats, effects: Sequence[str]) -> list[V
             ]
         elif effect == "encoder_dead":
             made = [
-                replace(one, frozen=frozen)
-                for one, frozen in itertools.product(made, _dead_from(data))
+                _without_dead(one, *dead) for one, dead in itertools.product(made, _dead_from(data))
             ]
-        elif effect in ("setup_sign", "setup_wheels_swapped"):
+        elif effect in SETUP:
             made = [
-                replace(one, data=changed)
+                _mistaken(one, wrong)
                 for one in made
-                for changed in _mistakes(one.data, effect)
+                for wrong in mistakes(one.data, effect, doubted)
             ]
     return made
 
 
-def is_possible(data: DriveData, effect: str) -> bool:
-    """Tell whether a discrete effect can be in these data at all."""
-    return effect != "encoder_dead" or bool(_dead_from(data))
+def _mistaken(one: Variant, wrong: Mistake) -> Variant:
+    return replace(
+        one,
+        data=wrong.data,
+        log_constant=one.log_constant + wrong.log_scale,
+        values={**one.values, **wrong.values},
+    )
+
+
+def may_be_dead(data: DriveData) -> bool:
+    """Tell whether an encoder can be dead in these data at all."""
+    return bool(_dead_from(data))
 
 
 def _columns(data: DriveData, nominal: Floats, effect: str) -> tuple[prior.Size, list[Floats]]:
@@ -116,9 +121,10 @@ def _on(wheel: int, column: Floats) -> Floats:
     return both
 
 
-def _dead_from(data: DriveData) -> list[tuple[int | None, int | None]]:
-    """Return where a count may have died: it stands still to the end while told to move."""
-    found: list[tuple[int | None, int | None]] = []
+def _dead_from(data: DriveData) -> list[tuple[int, int]]:
+    """Return (wheel, block) where a count may have died: it stands still to the end while told to
+    move."""
+    found: list[tuple[int, int]] = []
     commanded = np.abs(data.commanded[:, data.start[:-1]])
     for wheel in range(2):
         there = np.flatnonzero(data.count[wheel] > 0)
@@ -126,21 +132,22 @@ def _dead_from(data: DriveData) -> list[tuple[int | None, int | None]]:
         last = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
         driven = np.count_nonzero(commanded[wheel, last:] * data.block_s > 2 * data.tick_rad)
         if driven * data.block_s > _DEAD_S:
-            found.append((last, None) if wheel == 0 else (None, last))
+            found.append((wheel, last))
     return found
 
 
-def _mistakes(data: DriveData, effect: str) -> list[DriveData]:
-    swapped_commands = replace(data, commanded=np.ascontiguousarray(data.commanded[::-1]))
-    if effect == "setup_wheels_swapped":
-        return [replace(swapped_commands, activity=_activity_swapped(data))]
-    flips = [np.array([[-1.0], [1.0]]), np.array([[1.0], [-1.0]])]
-    signs = [
-        replace(data, angle=data.angle * flip, rate_0=data.rate_0 * flip[:, 0]) for flip in flips
-    ]
-    return [*signs, replace(swapped_commands, activity=_activity_swapped(data))]
+def _without_dead(one: Variant, wheel: int, block: int) -> Variant:
+    """Leave a dead encoder out: it stands still, which is foretold to the count.
 
-
-def _activity_swapped(data: DriveData) -> Floats:
-    # activity is the larger of measured and commanded; exchanging commands leaves the measured
-    return np.maximum(data.activity, data.activity[::-1])
+    The block in which it died tells of a part of the motion only.
+    """
+    data = one.data
+    dead = np.zeros(data.seen.shape, dtype=np.bool_)
+    dead[wheel, max(block - 1, 0) :] = True
+    dead &= data.seen
+    variance = (_STILL_TICKS * data.tick_rad) ** 2 / data.count[dead]
+    return replace(
+        one,
+        data=replace(data, seen=data.seen & ~dead),
+        log_constant=one.log_constant - 0.5 * float(np.sum(np.log(variance))),
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -38,6 +38,7 @@ class DriveData:
         angle: float64[2, m], mean measured wheel angle of each block [rad].
         seen: bool[2, m], blocks that count as an observation.
         count: int64[2, m], rows averaged.
+        turning: float64[2, m], how fast the wheel turns by its counts [rad/s].
         activity: float64[2, m], how fast the wheel turns or ought to [rad/s].
         lost: bool[m], after a gap of which nothing is known.
         time_s: float64[m], log time of each block.
@@ -53,10 +54,20 @@ class DriveData:
     angle: Floats
     seen: NDArray[np.bool_]
     count: NDArray[np.int64]
+    turning: Floats
     activity: Floats
     lost: NDArray[np.bool_]
     time_s: Floats
     tick_rad: float
+
+    def told(self, commanded: Floats) -> DriveData:
+        """Return the data as they would be had the drive been told these wheel rates."""
+        there = commanded[:, self.start[:-1]]
+        return replace(
+            self,
+            commanded=np.ascontiguousarray(commanded),
+            activity=_activity(there, self.turning, self.block_s),
+        )
 
     def blocks(self, angles: Floats) -> Floats:
         """Return the block means of angles float64[2, n]; 0 where a block is not observed."""
@@ -92,7 +103,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     means = block_means(np.nan_to_num(angle), used, start)
     count = np.add.reduceat(used, start[:-1], axis=1)[:, : len(start) - 1].astype(np.int64)
     block_s = every * dt_s
-    activity = _activity(commanded[:, start[:-1]], means, block_s)
+    turning = _turning(means, block_s)
     jumped = np.concatenate(([False], np.diff(recording.tick[rows]) > 1))
     lost = np.logical_or.reduceat(jumped, start[:-1])
     return DriveData(
@@ -105,7 +116,8 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         angle=np.nan_to_num(means),
         seen=np.isfinite(means) & ~_repeats_at_rest(means, commanded[:, start[:-1]], tick_rad),
         count=np.maximum(count, 1),
-        activity=activity,
+        turning=turning,
+        activity=_activity(commanded[:, start[:-1]], turning, block_s),
         lost=lost,
         time_s=recording.t_s[rows][start[:-1]],
         tick_rad=tick_rad,
@@ -122,13 +134,16 @@ def _first_rates(angle: Floats, dt_s: float) -> Floats:
     return rates
 
 
-def _activity(commanded: Floats, angle: Floats, block_s: float) -> Floats:
+def _turning(angle: Floats, block_s: float) -> Floats:
     filled = angle.copy()
     for wheel in range(2):
         there = np.flatnonzero(np.isfinite(filled[wheel]))
         filled[wheel] = np.interp(np.arange(filled.shape[1]), there, filled[wheel][there])
-    rate = np.gradient(filled, block_s, axis=1)
-    size = np.maximum(np.abs(rate), np.abs(commanded))
+    return np.asarray(np.abs(np.gradient(filled, block_s, axis=1)), dtype=np.float64)
+
+
+def _activity(commanded: Floats, turning: Floats, block_s: float) -> Floats:
+    size = np.maximum(turning, np.abs(commanded))
     width = max(1, round(_ACTIVITY_S / block_s))
     kernel = np.ones(width) / width
     smooth = np.stack([np.sqrt(np.convolve(one**2, kernel, mode="same")) for one in size])

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.firmware.arrived import as_arrived
 from gap_diagnosis.firmware.candidates import EFFECTS
 from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_score
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
-from gap_diagnosis.firmware.inputs import recorded_odometry, replay_inputs
+from gap_diagnosis.firmware.inputs import ReplayInputs, recorded_odometry, replay_inputs
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
 from gap_diagnosis.firmware.pairs import Pairs
 from gap_diagnosis.firmware.replay import Program, Start, find_start, replay
@@ -19,7 +20,7 @@ from gap_diagnosis.firmware.scored import estimates_of, log_sum
 from gap_diagnosis.firmware.singles import Singles
 from gap_diagnosis.firmware.workbench import Workbench
 from gap_diagnosis.hypothesis import Fit
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Ints, Recording
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
@@ -45,6 +46,11 @@ class FirmwareBlock:
         self._singles = Singles(bench)
         self._pairs = Pairs(self._singles, self.effects)
         self._fits: dict[frozenset[str], Fit] = {}
+
+    @property
+    def knows_arrivals(self) -> bool:
+        """Whether replays were handed what had come by each tick, as the ECU was."""
+        return self._bench.knows_arrivals
 
     @property
     def is_equal(self) -> bool:
@@ -108,33 +114,38 @@ def firmware_block(recording: Recording, robot: Robot, wire: Wire) -> FirmwareBl
     lag = best_lag(float_steps(inputs), windows, inputs.at_row)
     places = np.clip(inputs.at_row - lag, 0, inputs.ticks - 1)
 
-    def bench(gyro_late: int) -> Workbench:
-        late = inputs.with_gyro_late(gyro_late)
-        described = replay(late, Program(late.config), Start())[places]
-        start = find_start(late, odometry, described)
+    def bench(handed: ReplayInputs, places: Ints, lag: int) -> Workbench:
+        described = replay(handed, Program(handed.config), Start())[places]
+        start = find_start(handed, odometry, described)
         if start.pose is not None:
             start = replace(start, tick=max(start.tick - lag, 0))
-            described = replay(late, Program(late.config), start)[places]
+            described = replay(handed, Program(handed.config), start)[places]
         whole = replace(windows, from_power_on=start.pose is None)
-        steps = float_steps(late)
-        return Workbench(late, whole, start, places, steps, described, recording.t_s)
+        steps = float_steps(handed)
+        return Workbench(handed, whole, start, places, steps, described, recording.t_s)
 
-    return FirmwareBlock(_in_step(bench))
-
-
-def _in_step(bench: Callable[[int], Workbench]) -> Workbench:
-    """Return the bench whose gyro samples are used in the tick that explains the turns best.
-
-    A gyro frame that is later on the bus than the encoder's is used a tick later: nothing that the
-    firmware does. It takes a clear improvement to assume it.
-    """
-    plain = bench(0)
+    plain = bench(inputs, places, lag)
     if plain.is_equal(plain.described):
-        return plain
-    best, most = plain, turn_score(plain.windows, plain.described) + _LATE_NATS
-    for late in _GYRO_LATE:
-        one = bench(late)
-        turns = turn_score(one.windows, one.described)
-        if turns > most:
-            best, most = one, turns
+        return FirmwareBlock(plain)
+    others = []
+    arrived = as_arrived(inputs, recording, wire)
+    if arrived is not None:
+        known = bench(arrived.inputs, arrived.places, 0)
+        others.append(replace(known, repeats=arrived.repeats, knows_arrivals=True))
+    others += [bench(inputs.with_gyro_late(late), places, lag) for late in _GYRO_LATE]
+    return FirmwareBlock(_in_step(plain, others))
+
+
+def _in_step(plain: Workbench, others: Sequence[Workbench]) -> Workbench:
+    """Return the bench whose samples are used in the ticks that explain the record best.
+
+    A frame that comes later on the bus is used in a later tick: nothing that the firmware does. It
+    takes a clear improvement to assume it.
+    """
+    best, most = plain, plain.score(plain.described) + _LATE_NATS
+    for one in others:
+        score = one.score(one.described)
+        turns = turn_score(one.windows, one.described) - turn_score(plain.windows, plain.described)
+        if score > most or (best is plain and turns > _LATE_NATS):
+            best, most = one, max(score, most)
     return best

@@ -134,6 +134,7 @@ def skipped_ticks(bench: Workbench) -> tuple[int, ...]:
     rows = bench.windows.rows
     places = bench.places[rows]
     seen[places] = True
+    seen[bench.repeats] = True
     inside = np.zeros_like(seen)
     inside[places[0] : places[-1] + 1] = True
     if np.count_nonzero(seen) < 0.5 * np.count_nonzero(inside):

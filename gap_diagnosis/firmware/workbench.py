@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -42,6 +42,8 @@ class Workbench:
         steps: path and turn of each tick as floats.
         described: float64[n, 3], the described program's pose on the rows.
         t_s: float64[n], time of the rows.
+        repeats: ticks that answered though no row shows it: its counter had been said before.
+        knows_arrivals: each tick is given what had come by then, not what belongs to it.
     """
 
     inputs: ReplayInputs
@@ -51,6 +53,8 @@ class Workbench:
     steps: Steps
     described: Floats
     t_s: Floats
+    repeats: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    knows_arrivals: bool = False
 
     @property
     def config(self) -> KernelConfig:

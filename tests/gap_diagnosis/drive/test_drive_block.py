@@ -8,6 +8,7 @@ from drive_recordings import ROBOT, recording_of, simulated
 from foreign_drives import commanded_rates, disturbed, second_order, velocity_loop
 
 from gap_diagnosis.drive import DriveBlock, drive_block
+from gap_diagnosis.drive.mistakes import COMMANDS
 from gap_diagnosis.recording import Recording
 
 ACTUATION = (
@@ -139,6 +140,55 @@ def test_swapped_wheels_and_dead_encoders_are_no_drive_effect() -> None:
     frozen[3000:] = frozen[3000]
     dead = block_of(recording_of(commands, frozen, plain.right_ticks))
     assert evidence(dead, "encoder_dead") > max(evidence(dead, one) for one in ACTUATION) + 100
+
+
+@pytest.mark.parametrize(
+    ("signal", "factor"),
+    [("command_turn", 2.0), ("command_speed", 1000.0), ("command_turn", 57.29578)],
+)
+def test_a_command_in_the_wrong_unit_is_no_drive_effect(signal: str, factor: float) -> None:
+    plain = simulated(seed=4, duration_s=40.0)
+    assert plain.v_command_m_s is not None
+    assert plain.w_command_rad_s is not None
+    factors = (factor, 1.0) if signal == "command_speed" else (1.0, factor)
+    commands = np.stack([plain.v_command_m_s, plain.w_command_rad_s], axis=1) * factors
+    recording = recording_of(commands, plain.left_ticks, plain.right_ticks)
+    block = drive_block(recording, ROBOT, COMMANDS)
+    assert block is not None
+    fit = block.fit(frozenset({"setup_unit"}))
+    assert fit.log_evidence > max(evidence(block, one) for one in (*ACTUATION, "setup_sign")) + 100
+    assert fit.log_evidence > block.unexplained().log_evidence + 100
+    assert fit.parameters["setup_unit.signal"].value == signal
+    assert float(fit.parameters["setup_unit.factor"].value) == pytest.approx(factor, rel=1e-6)
+
+
+def test_turn_commands_of_the_wrong_sign_are_no_exchanged_wheels() -> None:
+    plain = simulated(seed=3, duration_s=40.0)
+    assert plain.v_command_m_s is not None
+    assert plain.w_command_rad_s is not None
+    commands = np.stack([plain.v_command_m_s, -plain.w_command_rad_s], axis=1)
+    block = drive_block(
+        recording_of(commands, plain.left_ticks, plain.right_ticks), ROBOT, COMMANDS
+    )
+    assert block is not None
+    assert "setup_wheels_swapped" not in block.effects
+    assert (
+        block.fit(frozenset({"setup_sign"})).parameters["setup_sign.signal"].value == "command_turn"
+    )
+    assert evidence(block, "setup_sign") > evidence(block, "setup_unit") + 100
+
+
+@pytest.mark.parametrize("others", ["drive_gain", "drive_lag"])
+def test_a_dead_encoder_needs_no_drive_effect_beside_it(others: str) -> None:
+    plain = simulated(seed=5)
+    assert plain.v_command_m_s is not None
+    assert plain.w_command_rad_s is not None
+    commands = np.stack([plain.v_command_m_s, plain.w_command_rad_s], axis=1)
+    frozen = plain.right_ticks.copy()
+    frozen[1837:] = frozen[1837]
+    block = block_of(recording_of(commands, plain.left_ticks, frozen))
+    assert evidence(block, "encoder_dead") > 1000
+    assert evidence(block, "encoder_dead", others) < evidence(block, "encoder_dead") + 1
 
 
 def test_lost_counts_and_a_log_that_begins_in_motion_change_nothing() -> None:

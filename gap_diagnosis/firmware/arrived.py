@@ -1,0 +1,168 @@
+"""What the ECU had in hand in each tick, from when each frame came.
+
+A frame that comes after its tick is used in a later one, and one out of sequence not at all: the
+log knows it, for it has the stamps. The firmware's answers carry the tick of the encoder frame that
+they used, so that their rows move with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from can_bus import Arrivals, MessageSpec
+from firmware_model import FRESH, STALE
+from gap_diagnosis.firmware.inputs import ReplayInputs
+from gap_diagnosis.recording import Floats, Ints, Recording
+from hil_harness.assembly import Wire
+from hil_harness.effect_runs import accepted_frames, ticks_of_answers
+from hil_harness.nodes.schedule import cycle_of
+
+Validity = NDArray[np.int8]
+
+_NOT_LATE_US: Final = 2
+"""Stamps are whole microseconds, and so is the line through them."""
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """Inputs by the ECU's own ticks.
+
+    Attributes:
+        inputs: what the kernel was handed.
+        places: int64[n], the tick whose answer each row of the recording shows.
+        repeats: ticks whose answer carried a counter that an earlier one had carried.
+    """
+
+    inputs: ReplayInputs
+    places: Ints
+    repeats: Ints
+
+
+def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Arrived | None:
+    """Return the inputs as the ECU had them; None where no frame was late, or nobody can tell."""
+    wheels = wire.signal_map.get("left_count")
+    gyro = wire.signal_map.get("gyro")
+    if wheels is None or inputs.at_row[-1] != recording.tick[-1]:
+        return None
+    specs = {wheels.message.name: wheels.message}
+    if gyro is not None:
+        specs[gyro.message.name] = gyro.message
+    if any(not _is_known(spec, recording, wire) for spec in specs.values()):
+        return None
+    late = _delays_us(recording, list(specs))
+    if max(float(one.max()) for one in late.values()) <= _NOT_LATE_US:
+        return None
+    arrivals = {
+        name: _arrivals(name, delay_us, recording, wire, inputs.ticks)
+        for name, delay_us in late.items()
+    }
+    encoder = accepted_frames(wheels.message, arrivals[wheels.message.name], wire, inputs.ticks)[1]
+    left, validity = _taken(inputs.left_count, inputs.encoder_validity, encoder)
+    right, _ = _taken(inputs.right_count, inputs.encoder_validity, encoder)
+    code, gyro_validity = inputs.gyro_code, inputs.gyro_validity
+    if gyro is not None:
+        sampled = accepted_frames(gyro.message, arrivals[gyro.message.name], wire, inputs.ticks)[1]
+        code, gyro_validity = _taken(inputs.gyro_code, inputs.gyro_validity, sampled)
+    answers = ticks_of_answers(wire, arrivals, inputs.ticks)
+    places, repeats = _places(answers, inputs)
+    known = replace(
+        inputs,
+        left_count=left,
+        right_count=right,
+        gyro_code=code,
+        encoder_validity=validity,
+        gyro_validity=gyro_validity,
+    )
+    return Arrived(known, places, repeats)
+
+
+def _is_known(spec: MessageSpec, recording: Recording, wire: Wire) -> bool:
+    frames = recording.frames.get(spec.name)
+    if frames is None or not frames.modulo or len(frames.t_s) < 2:
+        return False
+    return cycle_of(spec, wire.tick_period_us)[0] == 1
+
+
+def _delays_us(recording: Recording, names: Sequence[str]) -> dict[str, Floats]:
+    """Return by how much each frame came later than the earliest can: whole microseconds.
+
+    Delays are never negative, so that the ECU's clock is the line below all stamps that lies
+    closest to them: with delays like an exponential's it is the most likely one.
+    """
+    late = {name: _lateness_us(name, recording) for name in names}
+    counter = np.concatenate([recording.frames[name].counter for name in names])
+    start, slope = line_below(counter.astype(np.float64), np.concatenate(list(late.values())))
+    return {
+        name: np.maximum(np.rint(one - start - slope * recording.frames[name].counter), 0.0)
+        for name, one in late.items()
+    }
+
+
+def line_below(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return start and slope of the line below all points whose distances add up to the least.
+
+    It goes along the edge of their lower convex hull over their mean.
+    """
+    order = np.lexsort((y, x))
+    hull: list[tuple[float, float]] = []
+    for point in zip(x[order].tolist(), y[order].tolist(), strict=True):
+        if hull and hull[-1][0] == point[0]:
+            continue
+        while len(hull) > 1 and _turns_right(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    middle = float(x.mean())
+    for (x_0, y_0), (x_1, y_1) in pairwise(hull):
+        if x_1 >= middle:
+            slope = (y_1 - y_0) / (x_1 - x_0)
+            return y_0 - slope * x_0, slope
+    return hull[-1][1], 0.0
+
+
+def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+    return (b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _lateness_us(name: str, recording: Recording) -> Floats:
+    """Return the ECU's time from each frame's tick to its stamp, by the line through all stamps."""
+    frames = recording.frames[name]
+    tick_s = (recording.t_s[-1] - recording.t_s[0]) / (recording.tick[-1] - recording.tick[0])
+    line = np.interp(frames.counter, recording.tick, recording.t_s)
+    beyond = frames.counter - np.clip(frames.counter, recording.tick[0], recording.tick[-1])
+    late_s = frames.t_s - line - beyond * tick_s
+    return np.asarray(late_s * (recording.tick_period_s / tick_s) * 1e6, dtype=np.float64)
+
+
+def _arrivals(
+    name: str, delay_us: Floats, recording: Recording, wire: Wire, ticks: int
+) -> Arrivals:
+    counter = recording.frames[name].counter
+    inside = (counter >= 0) & (counter < ticks)
+    frame = counter[inside]
+    time_us = frame * wire.tick_period_us + delay_us[inside].astype(np.int64)
+    return Arrivals(frame, frame, time_us)
+
+
+def _taken(values: Ints, validity: Validity, frame: Ints) -> tuple[Ints, Validity]:
+    """Return what came of the frames that were used in each tick, and whether any did."""
+    there = (frame >= 0) & (validity[np.maximum(frame, 0)] == FRESH)
+    taken = np.where(there, values[np.maximum(frame, 0)], 0)
+    return taken, np.where(there, FRESH, STALE).astype(np.int8)
+
+
+def _places(answers: Ints, inputs: ReplayInputs) -> tuple[Ints, Ints]:
+    """Return the tick of each row's answer, and the ticks whose answer says a counter again."""
+    ticks = np.arange(inputs.ticks, dtype=np.int64)
+    of_counter = np.full(inputs.ticks, -1, dtype=np.int64)
+    inside = (answers >= 0) & (answers < inputs.ticks)
+    of_counter[answers[inside][::-1]] = ticks[inside][::-1]
+    first = np.zeros(inputs.ticks, dtype=np.bool_)
+    first[of_counter[of_counter >= 0]] = True
+    places = of_counter[inputs.at_row]
+    return np.where(places >= 0, places, inputs.at_row), np.flatnonzero(~first)
