@@ -10,12 +10,14 @@ from importlib.resources import files
 from typing import Any, Final, Literal, cast
 
 import numba
+import numpy as np
+import numpy.typing as npt
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS
-from firmware_model.state import STATE_DTYPE
+from firmware_model.state import FRESH, INVALID, STATE_DTYPE
 from firmware_model.step import step_kernel
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, step_twin
 
@@ -34,6 +36,30 @@ def compiled_step() -> Callable[..., None]:
 def compiled_batch() -> Callable[..., None]:
     """Return many runs of many ticks as machine code, cached like `compiled_step`."""
     return _compile(_batch_entry(_source_digest()), _BATCH_SIGNATURE)
+
+
+def run_compiled(states: Any, configs: Any, table: Any, inputs: npt.NDArray[np.int64]) -> None:
+    """Step one state through many ticks; validities beyond 8 bits count as INVALID.
+
+    Args:
+        states, configs: arrays of one record.
+        table: of the sine or of CORDIC.
+        inputs: int64[n, 5] in the order of `Kernel.step`.
+    """
+    left, right, encoder, code, gyro = np.ascontiguousarray(inputs.T)[:, None, :]
+    encoder, gyro = (
+        np.where((one >= FRESH) & (one <= INVALID), one, INVALID).astype(np.int8)
+        for one in (encoder, gyro)
+    )
+    nothing = (
+        np.empty((0, 0, 3), dtype=np.int64),
+        np.empty((0, 0), dtype=np.int32),
+        np.empty((0, 0), dtype=np.int8),
+        np.empty((0, 0, 3), dtype=np.float64),
+    )
+    no_twin = np.empty(0, TWIN_DTYPE), np.empty(0, TWIN_CONFIG_DTYPE)
+    given = (left, right, encoder, code, gyro)
+    compiled_batch()(states, configs, table, *given, *no_twin, *nothing)
 
 
 def _source_digest() -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_model.c99_kernel import C99Kernel
-from firmware_model.compiled import compiled_step
+from firmware_model.compiled import compiled_step, run_compiled
 from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.state import STATE_DTYPE, STATE_FIELDS, HeadingSource, State, StatusBit
@@ -116,9 +116,12 @@ class Kernel:
             self._c99.step(*given)
 
     def run(self, inputs: npt.NDArray[np.int64]) -> None:
-        """Take many ticks' inputs, int64[n, 5] in the order of `step`; c99 as fast as C is."""
+        """Take many ticks' inputs, int64[n, 5] in the order of `step`, as fast as a batch does."""
         if self.implementation == "c99":
             self._c99.run(inputs)
+            return
+        if self.implementation == "compiled":
+            run_compiled(self._states, self._configs, self._table, inputs)
             return
         for given in inputs.tolist():
             self.step(*given)

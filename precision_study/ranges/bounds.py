@@ -107,6 +107,8 @@ def _turn_bounds(config: KernelConfig, envelope: Envelope) -> tuple[int, int, in
         (envelope.code_high << shift) - envelope.offset_low_q,
         envelope.offset_high_q - (envelope.code_low << shift),
     )
+    if rate_q < config.auto_zero_rate_q:  # all of it is taken for rest
+        rate_q = 0
     gyro_product = rate_q * config.sensitivity_turn_q
     rounding, carry = config.turn_rounding, config.turn_carry
     wheel = largest(wheel_product, config.wheel_turn_shift, rounding, carry)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from firmware_model import FRESH, INVALID, STALE, KernelConfig
 from firmware_model.config import MODE_WHEEL
-from firmware_model.integers import SATURATE, shift_round
+from firmware_model.integers import shift_round
 from precision_study.ranges.bounds import Intermediate
 from precision_study.ranges.envelope import Envelope, learning_ticks
-from precision_study.ranges.reach import largest, rhythms
+from precision_study.ranges.reach import largest, longest_step, rhythms
 
 CHUNK_TICKS: Final = 1 << 16
 _PREFIXES: Final = 4096
@@ -105,18 +105,10 @@ def _far(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
     """Yield straight drives of the whole mission, in the rhythms that carry farthest."""
     fastest, ticks = envelope.step_ticks, envelope.mission_ticks
     for rhythm in rhythms(config, envelope)[:_TRIED_RHYTHMS]:
-        speeds = {fastest, *_longest_before_overflow(config, fastest, rhythm.every)}
+        speeds = {fastest, longest_step(config, envelope, rhythm.every)[1]}
         for speed in sorted(speeds, reverse=True):
             for sign in (1, -1):
                 yield (_by_wheels(config, ticks, sign * speed, sign * speed, rhythm.every),)
-
-
-def _longest_before_overflow(config: KernelConfig, fastest: int, every: int) -> Iterator[int]:
-    """Yield the fastest speed whose steps their word still holds, where not all are held."""
-    unit = 2 * every * config.half_tick_m_q
-    speed = min(fastest, max((config.step_high_q << config.step_shift) // unit, 1))
-    if speed < fastest and config.step_overflow != SATURATE:
-        yield speed
 
 
 def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Iterator[Drive]:

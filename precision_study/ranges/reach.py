@@ -13,12 +13,13 @@ from typing import Final
 
 from firmware_model import KernelConfig
 from firmware_model.config import TRIG_CORDIC
-from firmware_model.integers import FLOOR, TOWARD_ZERO, shift_round
+from firmware_model.integers import FLOOR, SATURATE, TOWARD_ZERO, WRAP, limit, shift_round
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
 
 _ENUMERATED_GAPS: Final = 64
 _ENUMERATED_ROTATIONS: Final = 12
+_ENUMERATED_COUNTS: Final = 2048
 
 
 def largest(product: int, shift: int, rounding: int, carry: int) -> int:
@@ -123,9 +124,31 @@ def step_bound(config: KernelConfig, envelope: Envelope, every: int) -> int:
     return largest(product, config.step_shift, config.step_rounding, config.step_carry)
 
 
+def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> tuple[int, int]:
+    """Return the longest step in its word [2^-S m], and a speed of both wheels that gives it.
+
+    A word that wraps may hold less at top speed than at a lower one.
+    """
+    fastest = envelope.step_ticks * every
+    bound = step_bound(config, envelope, every)
+    if bound <= config.step_high_q or config.step_overflow == SATURATE:
+        return min(bound, -config.step_low_q), envelope.step_ticks
+    shift, rounding = config.step_shift, config.step_rounding
+    best, best_even, speed = 0, 0, envelope.step_ticks
+    for count in range(1, min(2 * fastest, _ENUMERATED_COUNTS) + 1):
+        step = shift_round(count * config.half_tick_m_q, shift, rounding)
+        step = abs(limit(step, config.step_low_q, config.step_high_q, WRAP))
+        best = max(best, step)
+        if step > best_even and count % (2 * every) == 0:  # both wheels alike in each tick
+            best_even, speed = step, count // (2 * every)
+    if 2 * fastest > _ENUMERATED_COUNTS:
+        best = -config.step_low_q
+    return min(best + config.step_carry, -config.step_low_q), speed
+
+
 def _per_frame(config: KernelConfig, envelope: Envelope, every: int) -> Fraction:
     """Return how far a frame moves x or y on average, when it tells of so many ticks [2^-P m]."""
-    longest = min(step_bound(config, envelope, every), -config.step_low_q)
+    longest, _ = longest_step(config, envelope, every)
     step = Fraction(longest)
     if config.step_carry:
         step = min(step, every * _step_rate(config, envelope))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from chiplog.cli import main
 from firmware_model import (
@@ -26,7 +27,7 @@ from firmware_model import (
 )
 from precision_study import StudyError
 from precision_study.ranges import Envelope, Finding, find_ranges, intermediates
-from precision_study.ranges.verdicts import drive_inputs
+from precision_study.ranges.drives import drive_chunks
 
 ROBOT = FirmwareConstants(
     wheel_radius_m=0.05025,
@@ -59,11 +60,11 @@ def test_the_default_firmware_cannot_overflow_in_an_hour_and_every_row_is_a_proo
     assert all(one.drive is None for one in found)
 
 
-def words(name: str, kernel: Kernel) -> list[int]:
-    """Return what the kernel holds of an intermediate that its state shows."""
+def words(kernel: Kernel) -> dict[str, int]:
+    """Return the magnitude of what the kernel holds of each intermediate that its state shows."""
     state = kernel.state()
     held = {
-        "increment": [state["left_step_ticks"], state["right_step_ticks"]],
+        "increment of a wheel": [state["left_step_ticks"], state["right_step_ticks"]],
         "turn of the longest gap": [state["gap_turn_q"]],
         "x and y": [state["x_m_q"], state["y_m_q"]],
         "filter of the step": [state["v_filter_q"]],
@@ -74,9 +75,11 @@ def words(name: str, kernel: Kernel) -> list[int]:
         "turning of a block": [state["turn_block_sum"]],
         "count of ticks": [state["tick"]],
     }
-    return next((values for start, values in held.items() if name.startswith(start)), [])
+    return {name: max(abs(value) for value in values) for name, values in held.items()}
 
 
+ROUNDINGS = st.sampled_from(["floor", "half_up", "half_even", "toward_zero"])
+OVERFLOWS = st.sampled_from(["wrap", "saturate"])
 FORMATS = st.fixed_dictionaries(
     {
         "mode": st.sampled_from(["wheel", "gyro", "blend"]),
@@ -85,52 +88,135 @@ FORMATS = st.fixed_dictionaries(
             {
                 "word_bits": st.integers(12, 64),
                 "frac_bits": st.integers(4, 30),
-                "rounding": st.sampled_from(["floor", "half_up", "half_even", "toward_zero"]),
+                "rounding": ROUNDINGS,
+                "overflow": OVERFLOWS,
                 "carry_remainder": st.booleans(),
             }
         ),
         "step": st.fixed_dictionaries(
             {
-                "frac_bits": st.integers(10, 28),
-                "rounding": st.sampled_from(["floor", "half_up", "half_even", "toward_zero"]),
+                "word_bits": st.integers(12, 32),
+                "frac_bits": st.integers(12, 30),
+                "rounding": ROUNDINGS,
+                "overflow": OVERFLOWS,
                 "carry_remainder": st.booleans(),
             }
         ),
         "turn_step": st.fixed_dictionaries(
-            {"frac_bits": st.integers(32, 48), "carry_remainder": st.booleans()}
+            {
+                "word_bits": st.integers(24, 64),
+                "frac_bits": st.integers(32, 48),
+                "rounding": ROUNDINGS,
+                "overflow": OVERFLOWS,
+                "carry_remainder": st.booleans(),
+            }
+        ),
+        "trig": st.fixed_dictionaries(
+            {
+                "method": st.sampled_from(["table", "cordic"]),
+                "entries": st.sampled_from([1, 16, 1024]),
+                "iterations": st.integers(1, 30),
+                "interpolated": st.booleans(),
+            }
+        ),
+        "gyro": st.fixed_dictionaries({"auto_zero_rad_s": st.sampled_from([0.0, 0.1, 10.0])}),
+        "standstill": st.fixed_dictionaries(
+            {"ticks": st.integers(1, 9), "block_log2": st.integers(0, 4)}
         ),
         "velocity": st.fixed_dictionaries({"filter_log2": st.integers(0, 8)}),
     }
 )
+ROBOTS = st.builds(
+    replace,
+    st.just(ROBOT),
+    wheel_radius_m=st.floats(0.01, 0.5),
+    wheelbase_m=st.floats(0.1, 3.0),
+    ticks_per_rev=st.sampled_from([60, 360, 2048, 8192]),
+    tick_period_s=st.sampled_from([0.001, 0.01, 0.02]),
+    gyro_sensitivity_rad_s_per_lsb=st.floats(1e-5, 1e-2),
+    max_wheel_rate_rad_s=st.sampled_from([3.0, 30.0, 100.0]),
+)
 
 
-@given(st.data())
-@settings(max_examples=60)
-def test_no_drive_of_the_envelope_leaves_the_ranges(data: st.DataObject) -> None:
-    robot = replace(ROBOT, max_wheel_rate_rad_s=data.draw(st.sampled_from([3.0, 30.0, 60.0])))
+@st.composite
+def configs(draw: st.DrawFn) -> KernelConfig:
+    """Draw a robot with formats that its 64-bit intermediates bear; words may be too narrow."""
+    description = FirmwareDescription.from_table(draw(FORMATS))
     try:
-        config = build_config(FirmwareDescription.from_table(data.draw(FORMATS)), robot)
+        return build_config(description, draw(ROBOTS), allow_overflow=True)
     except FirmwareError:
         assume(False)
         raise
-    ticks = 300
-    envelope = Envelope.of(config, mission_s=ticks * robot.tick_period_s)
+
+
+@given(configs(), st.integers(0, 2**32))
+@settings(max_examples=50)
+def test_no_drive_of_the_envelope_leaves_the_ranges(config: KernelConfig, seed: int) -> None:
+    ticks = 200
+    envelope = Envelope.of(config, mission_s=ticks * config.constants.tick_period_s)
+    rng = np.random.default_rng(seed)
+    held = rng.integers(1, 40, size=ticks)
+    steps = envelope.step_ticks * rng.integers(-1, 2, size=(ticks, 2))
+    code = rng.choice([envelope.code_low, 32768, envelope.code_high], size=ticks)
+    silent = rng.choice([0, 0, 1], size=ticks)
+    phases = np.repeat(np.arange(ticks), held)[: ticks - 1]
+    counts = np.cumsum(steps[phases], axis=0)
+    kernel, largest = Kernel(config), dict[str, int]()
+    kernel.step(0, 0, FRESH, 32768, FRESH)
+    for place, phase in enumerate(phases):
+        validity = STALE if silent[phase] and place % 20 else FRESH
+        kernel.step(int(counts[place, 0]), int(counts[place, 1]), validity, int(code[phase]), FRESH)
+        for name, value in words(kernel).items():
+            largest[name] = max(largest.get(name, 0), value)
     bounds = intermediates(config, envelope)
-    kernel = Kernel(config)
-    left = right = silent = 0
-    speed, code = (0, 0), 32768
-    wheel = st.sampled_from([-1, 0, 1]).map(lambda sign: sign * envelope.step_ticks)
-    for tick in range(ticks):
-        if tick % 20 == 0:
-            speed = data.draw(wheel), data.draw(wheel)
-            code = data.draw(st.sampled_from([envelope.code_low, 32768, envelope.code_high]))
-            silent = data.draw(st.sampled_from([0, 0, 19]))
-        left, right = left + speed[0], right + speed[1]
-        kernel.step(left, right, STALE if tick % 20 < silent and tick else FRESH, code, FRESH)
-        for one in bounds:
-            assert all(abs(value) <= one.bound for value in words(one.name, kernel)), one.name
+    for one in bounds:
+        reached = [value for name, value in largest.items() if one.name.startswith(name)]
+        assert max(reached, default=0) <= min(one.bound, 1 << (one.word_bits - 1)), one.name
     if all(one.is_proved for one in bounds):
         assert StatusBit.OVERFLOW not in kernel.status
+
+
+@given(configs(), st.sampled_from([2.0, 20.0, 200.0]), st.data())
+@settings(max_examples=40)
+def test_a_word_of_any_robot_is_proved_or_overflowed_by_a_drive_that_the_kernel_confirms(
+    config: KernelConfig, mission_s: float, data: st.DataObject
+) -> None:
+    """Words as wide as drawn, and one of them exactly as wide as needed or one bit less."""
+    narrowed = data.draw(st.sampled_from(["", "position", "step", "turn_step"]))
+    missing = data.draw(st.integers(0, 1))
+    envelope = Envelope.of(config, mission_s=mission_s)
+    if narrowed:
+        word_bits = max(
+            one.least_word_bits for one in intermediates(config, envelope) if one.word == narrowed
+        )
+        word_bits = min(max(word_bits - missing, 8), {"step": 32}.get(narrowed, 64))
+        table = config.description.model_dump()
+        table[narrowed]["word_bits"] = word_bits
+        try:
+            description = FirmwareDescription.from_table(table)
+            config = build_config(description, config.constants, allow_overflow=True)
+        except FirmwareError:
+            assume(False)
+        envelope = Envelope.of(config, mission_s=mission_s)
+    for one in find_ranges(config, envelope):
+        assert one.verdict in ("impossible", "overflows"), one
+        if one.drive is None:
+            continue
+        assert one.tick is not None
+        kernel = Kernel(config)
+        kernel.run(inputs_of(one)[: one.tick + 1])
+        if one.intermediate.word == "velocity":
+            assert (config.velocity_high_q in (abs(kernel.v_m_s_q), abs(kernel.w_rad_s_q))) or (
+                config.velocity_low_q in (kernel.v_m_s_q, kernel.w_rad_s_q)
+            )
+        else:
+            assert kernel.overflow_count > 0
+
+
+def inputs_of(finding: Finding) -> NDArray[np.int64]:
+    """Return a finding's drive as the kernel's inputs, int64[n, 5]."""
+    assert finding.drive is not None
+    return np.concatenate(list(drive_chunks(finding.drive)))
 
 
 @pytest.mark.parametrize(
@@ -152,10 +238,11 @@ def test_a_word_too_narrow_is_overflowed_by_the_drive_at_the_tick_that_is_named(
     assert found.drive is not None
     assert found.tick is not None
     oracle = Kernel(config, "python")
-    for given_inputs in drive_inputs(found.drive)[: found.tick].tolist():
+    drive = inputs_of(found)
+    for given_inputs in drive[: found.tick].tolist():
         oracle.step(*given_inputs)
         assert StatusBit.OVERFLOW not in oracle.status
-    oracle.step(*drive_inputs(found.drive)[found.tick].tolist())
+    oracle.step(*drive[found.tick].tolist())
     assert StatusBit.OVERFLOW in oracle.status
 
 
@@ -177,7 +264,7 @@ def test_a_turn_rate_beyond_its_output_is_shown_at_its_limit() -> None:
     assert found.verdict == "overflows"
     assert found.drive is not None
     kernel = Kernel(config)
-    kernel.run(drive_inputs(found.drive))
+    kernel.run(inputs_of(found))
     assert kernel.w_rad_s_q in (config.velocity_low_q, config.velocity_high_q)
 
 
