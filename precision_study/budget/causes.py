@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.integers import FLOOR, HALF_EVEN, HALF_UP
+from firmware_model.integers import FLOOR, HALF_EVEN, HALF_UP, TOWARD_ZERO
 
 Floats = NDArray[np.float64]
 Growth = Literal["bounded", "distance", "ticks", "√ticks"]
@@ -60,6 +60,17 @@ def mean_drop(rounding: int, bits: int) -> float:
         return 0.0
     tie = 2.0 ** -(bits + 1)
     return tie if rounding == HALF_UP else 0.5 - tie
+
+
+def mean_errors(values: NDArray[np.floating[Any]], rounding: int, bits: int) -> Floats:
+    """Return the mean of rounded − value for evenly spread fractions, with the sign it has there.
+
+    Only toward zero asks the value for its sign.
+    """
+    mean = mean_drop(rounding, bits)
+    if rounding == TOWARD_ZERO:
+        return np.asarray(-mean * np.sign(values), dtype=np.float64)
+    return np.full(values.shape, mean if rounding == HALF_UP else -mean)
 
 
 SPREAD: Final = 12.0**-0.5

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,14 @@ from firmware_model import KernelConfig
 from firmware_model.config import MODE_BLEND, MODE_GYRO, MODE_WHEEL, TRIG_TABLE
 from firmware_model.twin import build_twin_config
 from precision_study.budget.bound import direction_bits, relative_errors
-from precision_study.budget.causes import CAUSES, SPREAD, Share, mean_drop, rounding_error
+from precision_study.budget.causes import (
+    CAUSES,
+    SPREAD,
+    Share,
+    mean_drop,
+    mean_errors,
+    rounding_error,
+)
 from precision_study.budget.direction import direction_errors
 from precision_study.budget.path import Path, wrapped
 
@@ -31,8 +38,8 @@ Floats = NDArray[np.float64]
 
 _TURN: Final = 2.0 * math.pi
 _EPSILON: Final = 2.0**-53
-_IS_BIAS: Final = 3.0
-"""A sum beyond so many standard deviations of noise is a bias."""
+_IS_REPEATED: Final = 3.0
+"""A sum beyond so many standard deviations of noise is one that every such drive makes."""
 
 
 @dataclass
@@ -142,7 +149,7 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
     error = rounding_error(values, config.heading_rounding) * (bits > 0)
     quantum = parts["heading_quantum"]
     shift = (path.step_m * error * unit) @ path.across
-    _split(quantum, quantum, shift, SPREAD * unit * spread_m * (bits > 0))
+    _add_sum(quantum, shift, SPREAD * unit * spread_m * (bits > 0))
     if config.heading_carry == 1:
         quantum.noise_rad2 += (_rms(config.heading_rounding, config.heading_shift) * unit) ** 2
 
@@ -151,10 +158,9 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
     table, chord = direction_errors(config, phase)
     trig_unit = math.ldexp(1.0, -one.trig.frac_bits)
     least = math.sqrt(2.0) * SPREAD * trig_unit * spread_m
-    _split(parts["table_error"], parts["table_error"], path.step_m @ table, least)
+    _add_sum(parts["table_error"], path.step_m @ table, least)
     interpolates = config.trig_method == TRIG_TABLE and config.trig_interpolated == 1
-    _split(
-        parts["interpolation"],
+    _add_sum(
         parts["interpolation"],
         path.step_m @ chord,
         least if interpolates and bool(np.any(chord)) else 0.0,
@@ -177,16 +183,16 @@ def _add_turns(parts: dict[str, _Part], config: KernelConfig, path: Path) -> Non
         if config.turn_carry == 1:
             _add_waiting(parts["carried_remainder"], config, path, bits, share * unit)
         else:
-            drops = rounding_error(values, config.turn_rounding) * turned * share
-            _add_drops(parts, drops, unit, path, turned * share)
+            drops = _Drops.of(values, config.turn_rounding, bits, unit * share * turned)
+            _add_drops(parts, drops, path)
     if config.mode == MODE_BLEND:
-        difference = sources[1][1] - sources[0][1]
-        drops = rounding_error(twin.blend_weight * difference, config.turn_rounding) * turned
-        _add_drops(parts, drops, unit, path, turned.astype(np.float64))
+        difference = twin.blend_weight * (sources[1][1] - sources[0][1])
+        bits = config.blend_frac_bits
+        _add_drops(parts, _Drops.of(difference, config.turn_rounding, bits, unit * turned), path)
     if config.heading_carry == 0 and config.heading_shift > 0:
         unit = _TURN * math.ldexp(1.0, -config.heading_frac_bits)
-        drops = rounding_error(path.turn_rad / unit, config.heading_rounding)
-        _add_drops(parts, drops, unit, path, turned.astype(np.float64))
+        values, bits = path.turn_rad / unit, config.heading_shift
+        _add_drops(parts, _Drops.of(values, config.heading_rounding, bits, unit * turned), path)
 
 
 def _add_waiting(part: _Part, config: KernelConfig, path: Path, bits: int, unit: float) -> None:
@@ -198,19 +204,42 @@ def _add_waiting(part: _Part, config: KernelConfig, path: Path, bits: int, unit:
     part.noise_rad2 += mean * mean + spread * spread
 
 
-def _add_drops(
-    parts: dict[str, _Part], drops: Floats, unit: float, path: Path, weights: Floats
-) -> None:
-    """Add turns that lose *drops* units each for good."""
-    shift = unit * (drops @ path.lever_m)
-    noise_m = SPREAD * unit * math.sqrt(float(((weights[:, None] * path.lever_m) ** 2).sum()))
-    _split(parts["rounding_bias"], parts["rounding_noise"], shift, noise_m)
-    turn, noise_rad = unit * float(drops.sum()), SPREAD * unit * float(np.sqrt(weights @ weights))
-    if abs(turn) > _IS_BIAS * noise_rad:
-        parts["rounding_bias"].turn_rad += turn
-        parts["rounding_noise"].noise_rad2 += noise_rad**2
+@dataclass(frozen=True)
+class _Drops:
+    """What is dropped for good in each tick, in SI.
+
+    Attributes:
+        whole: rounded − value.
+        mean: what it is on average, for evenly spread fractions.
+        unit: of the rounding, weighted; 0 where nothing is rounded.
+    """
+
+    whole: Floats
+    mean: Floats
+    unit: Floats
+
+    @classmethod
+    def of(cls, values: NDArray[np.floating[Any]], rounding: int, bits: int, unit: Floats) -> Self:
+        mean = mean_errors(values, rounding, bits)
+        return cls(rounding_error(values, rounding) * unit, mean * unit, unit)
+
+
+def _add_drops(parts: dict[str, _Part], drops: _Drops, path: Path) -> None:
+    """Add turns that lose something each for good [rad]."""
+    bias, noise = parts["rounding_bias"], parts["rounding_noise"]
+    mean_m, rest_m = drops.mean @ path.lever_m, (drops.whole - drops.mean) @ path.lever_m
+    bias.shift_m += mean_m
+    _add_sum(
+        noise, rest_m, SPREAD * float(np.sqrt(((drops.unit[:, None] * path.lever_m) ** 2).sum()))
+    )
+    mean_rad = float(drops.mean.sum())
+    rest_rad = float(drops.whole.sum()) - mean_rad
+    noise_rad = SPREAD * float(np.sqrt(drops.unit @ drops.unit))
+    bias.turn_rad += mean_rad
+    if abs(rest_rad) > _IS_REPEATED * noise_rad:
+        noise.turn_rad += rest_rad
     else:
-        parts["rounding_noise"].noise_rad2 += max(abs(turn), noise_rad) ** 2
+        noise.noise_rad2 += max(abs(rest_rad), noise_rad) ** 2
 
 
 def _add_steps(parts: dict[str, _Part], config: KernelConfig, path: Path) -> None:
@@ -224,9 +253,12 @@ def _add_steps(parts: dict[str, _Part], config: KernelConfig, path: Path) -> Non
             parts["carried_remainder"].noise_m2 += waiting * waiting
         else:
             values = path.counts * math.ldexp(config.half_tick_m_q, -config.step_shift)
-            drops = rounding_error(values, config.step_rounding) * unit
-            noise = SPREAD * unit * math.sqrt(moving)
-            _split(parts["rounding_bias"], parts["rounding_noise"], drops @ path.along, noise)
+            units = unit * (path.counts != 0)
+            drops = _Drops.of(values, config.step_rounding, config.step_shift, units)
+            bias, noise = parts["rounding_bias"], parts["rounding_noise"]
+            bias.shift_m += drops.mean @ path.along
+            rest_m = (drops.whole - drops.mean) @ path.along
+            _add_sum(noise, rest_m, SPREAD * unit * math.sqrt(moving))
     unit = math.ldexp(1.0, -config.position_frac_bits)
     if config.position_shift > 0:
         if config.position_carry == 1:
@@ -234,9 +266,13 @@ def _add_steps(parts: dict[str, _Part], config: KernelConfig, path: Path) -> Non
             parts["position_quantum"].noise_m2 += 2.0 * left_over * left_over
         else:
             values = path.step_m[:, None] * path.along / unit
-            drops = rounding_error(values, config.position_rounding).sum(axis=0) * unit
-            noise = math.sqrt(2.0 * moving) * SPREAD * unit
-            _split(parts["rounding_bias"], parts["rounding_noise"], drops, noise)
+            units = unit * (path.counts != 0)[:, None]
+            drops = _Drops.of(values, config.position_rounding, config.position_shift, units)
+            mean_m = drops.mean.sum(axis=0)
+            parts["rounding_bias"].shift_m += mean_m
+            rest_m = drops.whole.sum(axis=0) - mean_m
+            noise_m = math.sqrt(2.0 * moving) * SPREAD * unit
+            _add_sum(parts["rounding_noise"], rest_m, noise_m)
 
 
 def _add_twin(part: _Part, path: Path) -> None:
@@ -255,11 +291,10 @@ def _rms(rounding: int, bits: int) -> float:
     return math.hypot(mean_drop(rounding, bits), SPREAD)
 
 
-def _split(bias: _Part, noise: _Part, shift_m: Floats, noise_m: float) -> None:
-    """Add a sum of drops: as a bias where noise cannot explain it, as noise otherwise."""
+def _add_sum(part: _Part, shift_m: Floats, noise_m: float) -> None:
+    """Add a sum of drops: as it is where noise cannot explain it, as noise otherwise."""
     size = float(np.hypot(*shift_m))
-    if size > _IS_BIAS * noise_m:
-        bias.shift_m += shift_m
-        noise.noise_m2 += noise_m * noise_m
+    if size > _IS_REPEATED * noise_m:
+        part.shift_m += shift_m
     else:
-        noise.noise_m2 += max(size, noise_m) ** 2
+        part.noise_m2 += max(size, noise_m) ** 2
