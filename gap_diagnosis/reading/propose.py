@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.signals_found import FoundSignal, sounds_like_time
+from gap_diagnosis.reading.unit_names import unit_of_signal
 from hil_harness.nearest import did_you_mean
 from hil_harness.signal_map import SHIPPED
 from hil_harness.signal_roles import COUNT_UNITS, QUANTITIES, RAW_KIND, ROLES, Role, unit_of
@@ -53,12 +54,14 @@ _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
     "reference_heading": ("heading", "yaw", "theta", "angle", "psi"),
 }
 _WHEEL_WORDS: Final = ("wheel", "encoder", "enc", "tick", "count", "pulse", "odo", "wheels")
-_UNIT_AT_END: Final = re.compile(
-    r"(?:^|_)(rad_s|deg_s|m_s|mm_s|rad|deg|mm|m|ticks?|counts?|codes?|v|k)$"
-)
-_SPELT: Final = {
-    "rad_s": "rad/s", "deg_s": "deg/s", "m_s": "m/s", "mm_s": "mm/s", "v": "V", "k": "K",
-    "tick": "", "ticks": "", "count": "", "counts": "", "code": "", "codes": "",
+_REAR_AND_FRONT: Final[Mapping[Role, tuple[str, ...]]] = {
+    "left_count": ("rl", "fl", "lr", "lf", "hl", "vl", "links"),
+    "right_count": ("rr", "fr", "rf", "hr", "vr", "rechts"),
+}
+"""How cars spell the sides: rear left, front left, also in German."""
+_AXES: Final = {
+    "x": "x", "y": "y", "z": "z",
+    "long": "x", "lon": "x", "longitudinal": "x", "lat": "y", "lateral": "y",
 }  # fmt: skip
 
 
@@ -171,14 +174,6 @@ def _is_odometry(signal: FoundSignal) -> bool:
     return not _named(signal, _COMMAND_WORDS) and not _named(signal, _REFERENCE_WORDS)
 
 
-def unit_of_signal(signal: FoundSignal, is_table: bool) -> str:
-    """Return a signal's unit: the DBC's, or what the end of a column's name says."""
-    if not is_table:
-        return signal.unit
-    end = _UNIT_AT_END.search(signal.path.lower())
-    return "" if end is None else _SPELT.get(end[1], end[1])
-
-
 def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float, str | None]:
     """Return how well the unit fits, and what is said for it; None where it cannot be."""
     unit = unit_of_signal(signal, is_table)
@@ -225,7 +220,8 @@ def _choose(
             score += 1.0
         if role in ("accel_x", "accel_y", "gyro"):
             axis = role[-1] if role != "gyro" else "z"
-            score += 1.0 if axis in words else -2.0 if {"x", "y", "z"} & set(words) else 0.0
+            axes = {_AXES[word] for word in words if word in _AXES}
+            score += 1.0 if axis in axes else -2.0 if axes else 0.0
         invert = False
         if turn is not None and hits:
             likeness = _likeness(signal, turn, is_rate=role == "gyro")
@@ -263,7 +259,7 @@ def _choose_wheels(search: _Search) -> None:
         if score < _ENOUGH:
             continue
         words = set(_words_of(signal))
-        sides = [side for side in by_side if words & set(_WORDS[side])]
+        sides = [side for side in by_side if words & {*_WORDS[side], *_REAR_AND_FRONT[side]}]
         if len(sides) == 1:
             named = Guess(
                 sides[0], signal, guess.unit, wrap=guess.wrap, reasons=("name", *guess.reasons)
@@ -295,7 +291,9 @@ def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]
     if any(hint in word for word in words for hint in _WHEEL_WORDS):
         score += 2.0
         reasons.append("name of a wheel")
-    elif {"left", "right"} & set(words):
+    elif {"left", "right", *_REAR_AND_FRONT["left_count"], *_REAR_AND_FRONT["right_count"]} & set(
+        words
+    ):
         score += 1.0
     if signal.wraps:
         score += 1.0
@@ -312,7 +310,8 @@ def _sides_by_gyro(search: _Search, unnamed: list[tuple[float, Guess]]) -> None:
     (_, one), (_, other) = sorted(unnamed, key=lambda entry: -entry[0])[:2]
     gyros = [s for s in search.free if _named(s, _WORDS["gyro"]) and not s.is_constant]
     for gyro in gyros:
-        likeness = _likeness(gyro, _difference(one.signal, other.signal), is_rate=True)
+        turn = _difference(search, one.signal, other.signal)
+        likeness = _likeness(gyro, turn, is_rate=True)
         if abs(likeness) > _CLEAR:
             left, right = (one, other) if likeness > 0 else (other, one)
             why = f"sides by {gyro.path} ({abs(likeness):.2f})"
@@ -329,11 +328,12 @@ def _sides_by_gyro(search: _Search, unnamed: list[tuple[float, Guess]]) -> None:
 
 
 def _turn(search: _Search) -> tuple[Floats, Floats]:
-    return _difference(search.guesses["left_count"].signal, search.guesses["right_count"].signal)
+    left, right = (search.guesses[role].signal for role in ("left_count", "right_count"))
+    return _difference(search, left, right)
 
 
-def _difference(left: FoundSignal, right: FoundSignal) -> tuple[Floats, Floats]:
-    """Return a grid of times and how fast right minus left grows on it."""
+def _difference(search: _Search, left: FoundSignal, right: FoundSignal) -> tuple[Floats, Floats]:
+    """Return a grid of times and how fast the right wheel turns beyond the left one on it."""
     start = max(left.time_s[0], right.time_s[0])
     stop = min(left.time_s[-1], right.time_s[-1])
     grid = np.arange(start, stop, _GRID_S)[:1_000_000]
@@ -341,7 +341,9 @@ def _difference(left: FoundSignal, right: FoundSignal) -> tuple[Floats, Floats]:
         return np.zeros(0), np.zeros(0)
     away = np.interp(grid, right.time_s, right.unwrapped())
     away -= np.interp(grid, left.time_s, left.unwrapped())
-    return grid[1:], np.diff(away)
+    unit = unit_of(unit_of_signal(left, search.is_table))
+    is_rate = unit is not None and unit.quantity in ("speed", "turn rate")
+    return grid[1:], away[1:] if is_rate else np.diff(away)
 
 
 def _likeness(signal: FoundSignal, turn: tuple[Floats, Floats], *, is_rate: bool) -> float:

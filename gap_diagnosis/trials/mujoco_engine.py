@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import mujoco
@@ -15,7 +15,6 @@ from sim_plant import PlantDescription
 Floats = NDArray[np.float64]
 
 _SETTLE_S: Final = 0.5
-_PASSES: Final = 4
 _DEPTH_SHARE: Final = 0.5
 """The contact lies in the middle of the dent."""
 
@@ -80,8 +79,9 @@ class _Engine:
             raise ValueError(f"a tick of {tick_period_us} µs: expected a multiple of {STEP_S} s")
         lag_s = description.drive.time_constant_s
         self._settle(model_of(world, lag_s))
-        if world.tyre_n_per_m is not None:
-            self._soften(world.tyre_n_per_m, lag_s)
+        if world.tyre_m_per_n > 0:
+            self._world = world = pressed(world, self.normal_n())
+            self._settle(model_of(world, lag_s))
         self._start = self.pose()
 
     def _settle(self, model: Any) -> None:
@@ -91,24 +91,6 @@ class _Engine:
         self._angles = [int(model.joint(side).qposadr[0]) for side in sides]
         self._speeds = [int(model.joint(side).dofadr[0]) for side in sides]
         mujoco.mj_step(model, self.data, nstep=round(_SETTLE_S / STEP_S))
-
-    def _soften(self, tyre_n_per_m: float, lag_s: float) -> None:
-        """Make the contact as stiff as the tyres: MuJoCo counts it per mass, so it is measured."""
-        stiffness = tyre_n_per_m / (0.4 * self._world.mass_kg)
-        for _ in range(_PASSES):
-            self._settle(model_of(self._world, lag_s, stiffness))
-            load_n, depth_m = self.normal_n().mean(), self._depth_m().mean()
-            stiffness *= depth_m / (load_n / tyre_n_per_m)
-        self._loads()
-
-    def _loads(self) -> None:
-        """Give each wheel the stiffness that its own load asks for."""
-        assert self._world.tyre_n_per_m is not None
-        for _ in range(_PASSES):
-            asked = self.normal_n() / self._world.tyre_n_per_m
-            for pair, (depth, target) in enumerate(zip(self._depth_m(), asked, strict=True)):
-                self.model.pair_solref[pair, 0] *= depth / target
-            mujoco.mj_step(self.model, self.data, nstep=round(_SETTLE_S / STEP_S))
 
     def step(self, v_m_s: float, w_rad_s: float) -> None:
         """Go on by one tick under a command."""
@@ -155,6 +137,16 @@ class _Engine:
         half = 0.5 * self._world.track_m
         creep = forward + qvel[5] * np.array([-half, half]) - radii * rates
         return np.concatenate([pose, angles, rates, creep, [sideways], self.normal_n()])
+
+
+def pressed(world: World, normal_n: Floats) -> World:
+    """Return the world with wheels as large as they roll under these forces."""
+    left_m, right_m = world.tyre_m_per_n * normal_n
+    return replace(
+        world,
+        radius_left_m=world.radius_left_m - float(left_m),
+        radius_right_m=world.radius_right_m - float(right_m),
+    )
 
 
 def _from_start(pose: Floats) -> Floats:

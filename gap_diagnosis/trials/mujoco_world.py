@@ -58,7 +58,7 @@ class World:
         patch: icy part of the floor.
         slope_rad, downhill_rad: of the floor, and the direction in it that leads down.
         torque_nm: largest of each motor, at the wheel.
-        tyre_n_per_m: how stiff the tyres are; None: rigid wheels.
+        tyre_m_per_n: by how much the tyres' rolling radius shrinks under load.
         soft_s: time constant of the tyres' hold along the floor.
     """
 
@@ -77,7 +77,7 @@ class World:
     slope_rad: float = 0.0
     downhill_rad: float = 0.0
     torque_nm: float = 20.0
-    tyre_n_per_m: float | None = None
+    tyre_m_per_n: float = 0.0
     soft_s: float = CONTACT_S
 
 
@@ -93,7 +93,9 @@ _SCENE: Final = """
     <body name="base" pos="0 0 {height}">
       <freejoint/>
       <inertial pos="{middle_x} 0 0.04" mass="{mass}" diaginertia="{inertia}"/>
-      <geom type="sphere" size="0.03" mass="{load}" pos="{load_at}"/>
+      <body name="load" pos="{load_at}">
+        <geom type="sphere" size="0.03" mass="{load}"/>
+      </body>
       <body name="left" pos="0 {half} 0">
         <joint name="left" type="hinge" axis="0 1 0" armature="{rotor}"/>
         <geom name="left" type="ellipsoid" size="{left} {width} {left}" mass="0.3"/>
@@ -106,9 +108,9 @@ _SCENE: Final = """
     </body>
   </worldbody>
   <contact>
-    <pair name="left" geom1="left" geom2="floor" condim="4" solref="{normal}"
+    <pair name="left" geom1="left" geom2="floor" condim="4" solref="{contact} 1"
           solreffriction="{soft} 1" friction="{friction} {friction} {scrub} 0 0"/>
-    <pair name="right" geom1="right" geom2="floor" condim="4" solref="{normal}"
+    <pair name="right" geom1="right" geom2="floor" condim="4" solref="{contact} 1"
           solreffriction="{soft} 1" friction="{friction} {friction} {scrub} 0 0"/>
     <pair name="caster" geom1="caster" geom2="floor" condim="3" solref="{contact} 1"
           friction="{caster_friction} {caster_friction} 0 0 0"/>
@@ -133,15 +135,11 @@ _SWIVEL: Final = """
 """
 
 
-def model_of(world: World, lag_s: float, stiffness: float | None = None) -> Any:
+def model_of(world: World, lag_s: float) -> Any:
     """Return the compiled model (`mujoco.MjModel`).
 
-    *lag_s* is the first-order lag of the motors' speed controllers; *stiffness* of the wheels'
-    contact, per mass [1/s²] (None: as stiff as the contact's time constant says).
+    *lag_s* is the first-order lag of the motors' speed controllers.
     """
-    normal = f"{CONTACT_S} 1"
-    if stiffness is not None:
-        normal = f"-{stiffness} -{2 * math.sqrt(stiffness)}"
     slope, way = math.sin(world.slope_rad), world.downhill_rad
     height = 0.5 * (world.radius_left_m + world.radius_right_m)
     swivel = _SWIVEL.format(
@@ -166,7 +164,6 @@ def model_of(world: World, lag_s: float, stiffness: float | None = None) -> Any:
         right=world.radius_right_m,
         width=_WHEEL_WIDTH_M,
         caster=swivel,
-        normal=normal,
         contact=CONTACT_S,
         soft=world.soft_s,
         friction=world.friction,

@@ -1,0 +1,89 @@
+"""A car as its owner would log it: wheel speeds in km/h, yaw rate in deg/s, a clock of its own."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recording
+from gap_diagnosis.reading.map_text import propose_map
+from hil_harness.robot import load_robot
+
+NAMES = "timestamp_ms;WSS_RearLeft_kmh;WSS_RearRight_kmh;ESP_YawRate_deg_s;LatAccel_m_s2"
+ROBOT = """
+[wheels]
+radius_m = 0.31
+wheelbase_m = 1.55
+[encoder]
+ticks_per_rev = 96
+[drive]
+max_wheel_rate_rad_s = 150.0
+[gyro]
+range_rad_s = 2.0
+"""
+RATE_HZ = 50
+SECONDS = 60
+TRACK_M = 1.55
+
+
+def car(folder: Path, names: str = NAMES) -> Path:
+    """Write a table of speeds in steps of 0.03 km/h at uneven stamps, with a gap."""
+    draw = np.random.default_rng(1)
+    time_s = np.arange(RATE_HZ * SECONDS) / RATE_HZ
+    speed = 10 + 4 * np.sin(time_s / 7)
+    turn = 0.3 * np.sin(time_s / 3)
+    sides = [np.round(3.6 * (speed + s * turn * TRACK_M / 2) / 0.03) * 0.03 for s in (-1, 1)]
+    stamp_ms = 1.7e12 + 1e3 * time_s + np.abs(draw.normal(0, 1.5, len(time_s)))
+    lines = [names]
+    for k in range(len(time_s)):
+        if not 1000 <= k < 1020:
+            lines.append(
+                f"{stamp_ms[k]:.1f};{sides[0][k]:.2f};{sides[1][k]:.2f};"
+                f"{math.degrees(turn[k]):.3f};{speed[k] * turn[k]:.3f}"
+            )
+    table = folder / "car.csv"
+    table.write_text("\n".join(lines) + "\n")
+    return table
+
+
+def test_a_cars_table_is_mapped_without_a_word_and_reads_as_it_drove(tmp_path: Path) -> None:
+    table = car(tmp_path)
+    _, guesses, text = propose_map(table, None)
+    assert guesses["left_count"].unit == guesses["right_count"].unit == "km/h"
+    assert "turns with the wheels (+1.00)" in guesses["gyro"].reasons
+    assert guesses["accel_y"].signal.path == "LatAccel_m_s2"
+    (tmp_path / "map.toml").write_text(text)
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    robot = load_robot(tmp_path / "robot.toml")
+    found = read_recording(table, robot=robot, signals=tmp_path / "map.toml")
+    per_m = 96 / (math.tau * 0.31)
+    metres = (found.left_ticks + found.right_ticks) / 2 / per_m
+    assert metres[-1] == pytest.approx(10 * SECONDS + 28 * (1 - math.cos(SECONDS / 7)), rel=0.005)
+    turned = (found.right_ticks - found.left_ticks) / per_m / TRACK_M
+    assert turned[-1] == pytest.approx(0.9 * (1 - math.cos(SECONDS / 3)), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "t;WSpd_RL [km/h];WSpd_RR [km/h];yaw rate (deg/s);n",
+        "time_ms;rl_kph;rr_kph;yawrate_dps;n",
+        "Timestamp;wheel_hl_km_h;wheel_hr_km_h;yaw_deg_per_s;n",
+    ],
+)
+def test_cars_spell_sides_and_units_in_many_ways(names: str, tmp_path: Path) -> None:
+    _, guesses, _ = propose_map(car(tmp_path, names), None)
+    columns = names.split(";")
+    assert [guesses[role].signal.path for role in ("left_count", "right_count", "gyro")] == (
+        columns[1:4]
+    )
+
+
+def test_front_and_rear_wheels_are_not_chosen_from_by_a_coin(tmp_path: Path) -> None:
+    names = "time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;wheel_fl_kmh"
+    with pytest.raises(DiagnosisError, match=r"wheel_rl_kmh as well as wheel_fl_kmh.*--is"):
+        propose_map(car(tmp_path, names), None)
