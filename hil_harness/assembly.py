@@ -78,6 +78,12 @@ class RunConfig:
                 f"expected --interface {' or '.join(LOCKSTEP_INTERFACES)}, or --time real"
             )
 
+        if self.time == "real" and self.interface == "chiplog":
+            raise HarnessError(
+                "--time real --interface chiplog: that bus has a clock of its own; expected "
+                "--time lockstep, or another --interface"
+            )
+
     @property
     def time_base(self) -> TimeBase:
         """Who moves the clock."""

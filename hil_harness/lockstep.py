@@ -3,6 +3,9 @@
 One tick: the plant advances to t_k and puts its frames on the bus; the firmware node receives them
 (after faults), steps once and answers; the answer reaches the plant side before the next tick. The
 same nodes and seed give the same bytes on the bus, run after run.
+
+On `virtual` a frame takes no time. On `chiplog` it takes as long as its bits: the firmware steps in
+the middle of the tick, on what has arrived by then, and what is late is the next step's input.
 """
 
 from __future__ import annotations
@@ -16,12 +19,13 @@ from typing import Protocol
 import can
 
 from can_bus import FaultInjector, LogWriter, Traffic, open_bus
+from can_bus.simulated import SimulatedBus
 from hil_harness.errors import HarnessError
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import Node
 from hil_harness.stopping import StopRequest
 
-LOCKSTEP_INTERFACES = ("virtual",)
+LOCKSTEP_INTERFACES = ("virtual", "chiplog")
 
 _channel_numbers = itertools.count()
 
@@ -56,6 +60,7 @@ class Lockstep:
         tick_period_us: int,
         interface: str = "virtual",
         channel: str | None = None,
+        bitrate: int | None = None,
         bus_args: Mapping[str, str] | None = None,
         log: LogWriter | None = None,
         faults: FaultInjector | None = None,
@@ -81,12 +86,19 @@ class Lockstep:
         self._meter = meter
         self._injected: list[can.Message] = []
         self._to_plant: list[can.Message] = []
-        self._plant_bus = open_bus(interface, self.channel, bus_args=bus_args or {})
+        arguments = dict(bus_args or {})
+        self._plant_bus = open_bus(interface, self.channel, bitrate=bitrate, bus_args=arguments)
+        arguments.pop("faults", None)  # of the channel: switched on once
         try:
-            self._firmware_bus = open_bus(interface, self.channel, bus_args=bus_args or {})
+            self._firmware_bus = open_bus(
+                interface, self.channel, bitrate=bitrate, bus_args=arguments
+            )
         except BaseException:
             self._plant_bus.shutdown()
             raise
+        bus = self._firmware_bus
+        self._clock = bus if isinstance(bus, SimulatedBus) else None
+        self._answer_us = 0 if self._clock is None else tick_period_us // 2
 
     @property
     def now_us(self) -> int:
@@ -104,7 +116,9 @@ class Lockstep:
         self._observe(now_us, sent)
         self._send(self._plant_bus, sent)
 
-        arrived: Sequence[can.Message] = _drain(self._firmware_bus, now_us)
+        now_us += self._answer_us
+        self._pass_until(now_us)
+        arrived: Sequence[can.Message] = self._drain(self._firmware_bus, now_us)
         if self.faults is not None:
             arrived = self.faults.transfer(now_us, arrived)
         if self._traffic is not None:
@@ -122,9 +136,26 @@ class Lockstep:
             answered = self.outgoing_faults.transfer(now_us, answered)
         self._send(self._firmware_bus, answered)
         # Here come the firmware's frames and those of any other handle on the channel.
-        self._to_plant = _drain(self._plant_bus, now_us)
-        self._observe(now_us, self._to_plant)
         self.ticks += 1
+        self._pass_until(self.now_us)
+        self._to_plant = self._drain(self._plant_bus, now_us)
+        self._observe(now_us, self._to_plant)
+
+    def _pass_until(self, time_us: int) -> None:
+        """Let the bus carry frames until then, where that takes time."""
+        if self._clock is not None:
+            self._clock.pass_until_ns(time_us * 1000)
+
+    def _drain(self, bus: can.BusABC, now_us: int) -> list[can.Message]:
+        """Take all that has arrived: now, or, on a bus with a clock, when its stamp says."""
+        arrived: list[can.Message] = []
+        now_s = now_us * 1e-6
+        has_clock = self._clock is not None
+        while (message := bus.recv(0)) is not None:
+            if not has_clock:
+                message.timestamp = now_s  # whatever a stranger's clock stamped
+            arrived.append(message)
+        return arrived
 
     def _with_injected(self, now_us: int) -> list[can.Message]:
         """Send what the tester has asked for; the plant hears it with what came before."""
@@ -180,13 +211,3 @@ class Lockstep:
     ) -> None:
         """Shut the handles down."""
         self.close()
-
-
-def _drain(bus: can.BusABC, now_us: int) -> list[can.Message]:
-    """Take all that has arrived: now, in simulated time, whatever a stranger's clock stamped."""
-    arrived: list[can.Message] = []
-    now_s = now_us * 1e-6
-    while (message := bus.recv(0)) is not None:
-        message.timestamp = now_s
-        arrived.append(message)
-    return arrived

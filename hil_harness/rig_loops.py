@@ -72,13 +72,14 @@ class LockstepLoop:
         seen: Seen,
         source: Source,
     ) -> None:
-        """Open the two handles; an in-process bus has no bitrate."""
+        """Open the two handles."""
         self._lockstep = Lockstep(
             plant,
             device,
             tick_period_us=tick_period_us,
             interface=interface,
             channel=channel,
+            bitrate=bitrate,
             bus_args=bus_args,
             log=log,
             faults=faults,

@@ -114,7 +114,7 @@ def run(config: RunConfig, progress: Progress | None = None, tell: Tell | None =
         if config.time_base == "lockstep":
             traffic = traffic_of(settings, wire, config.seed_in_use)
             outcome = _run_lockstep(
-                config, parts, ticks, period_us, channel, log, meter, report, traffic
+                config, parts, wire, ticks, channel, log, meter, report, traffic
             )
         else:
             outcome = _run_real(
@@ -191,8 +191,8 @@ def _open_device(config: RunConfig, wire: Wire, channel: str) -> Device | None:
 def _run_lockstep(
     config: RunConfig,
     parts: _Parts,
+    wire: Wire,
     ticks: int,
-    period_us: int,
     channel: str,
     log: LogWriter | None,
     meter: BusMeter,
@@ -207,9 +207,10 @@ def _run_lockstep(
     with Lockstep(
         parts.plant_side,
         parts.firmware,
-        tick_period_us=period_us,
+        tick_period_us=wire.tick_period_us,
         interface=config.interface,
         channel=channel,
+        bitrate=config.bitrate or wire.database.bitrate,
         bus_args=config.bus_args,
         log=log,
         meter=meter,
