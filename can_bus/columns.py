@@ -15,50 +15,51 @@ Column = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
 """Raw values of one signal: int64; uint64 for unsigned signals of 64 bits; float64 for floats."""
 
 _WORD_BITS = 64
-_WORD_BYTES = 8
+_EXACT_FLOATS = 1 << 53
 _FLOAT_TYPES: dict[int, Any] = {16: np.float16, 32: np.float32, 64: np.float64}
 
 
-def decode_columns(spec: MessageSpec, data: NDArray[np.uint8]) -> dict[str, Column]:
+def decode_columns(
+    spec: MessageSpec, data: NDArray[np.uint8], rows: NDArray[np.intp] | None = None
+) -> dict[str, Column]:
     """Return the raw value of each signal in each frame of a message.
 
     Args:
         spec: the message; little and big endian, signed, float, up to 64 bytes.
         data: uint8[frames, bytes]; columns beyond the message's length are ignored.
+        rows: which frames are its own; all of them if left out.
 
     Of a multiplexed message every signal is decoded in every frame; `present_columns` tells where
     it means something. Raises CanBusError for fewer columns than the message has bytes.
     """
     _require_columns(spec, data)
-    if spec.length_bytes > _WORD_BYTES:
-        return {s.name: _gather(s, spec.length_bytes, data) for s in spec.signals.values()}
-    little = _words(spec.length_bytes, data)
-    big = little.byteswap() >> np.uint64(_WORD_BITS - 8 * spec.length_bytes)
-    return {
-        s.name: _finish(
-            s,
-            (little if s.byte_order == "little_endian" else big)
-            >> np.uint64(s.shift_in(spec.length_bytes)),
-        )
-        for s in spec.signals.values()
-    }
+    if rows is None:
+        rows = np.arange(len(data), dtype=np.intp)
+    return {signal.name: _decode(signal, spec, data, rows) for signal in spec.signals.values()}
 
 
-def decode_columns_scaled(spec: MessageSpec, data: NDArray[np.uint8]) -> dict[str, Column]:
+def decode_columns_scaled(
+    spec: MessageSpec, data: NDArray[np.uint8], rows: NDArray[np.intp] | None = None
+) -> dict[str, Column]:
     """Return the scaled value of each signal in each frame as float64.
 
-    NaN where the value is not available (SNA) or the signal is not in the frame. Raises as
-    `decode_columns`.
+    NaN where the value is not available (SNA) or the signal is not in the frame. Whole numbers
+    beyond 2^53 are the nearest float64. Raises as `decode_columns`.
     """
-    raw = decode_columns(spec, data)
-    present = present_columns(spec, raw)
+    return scale_columns(spec, decode_columns(spec, data, rows))
+
+
+def scale_columns(spec: MessageSpec, raw: dict[str, Column]) -> dict[str, Column]:
+    """Return raw columns of a message scaled, as `decode_columns_scaled` does."""
+    present = present_columns(spec, raw) if _is_multiplexed(spec) else None
     scaled: dict[str, Column] = {}
     for name, column in raw.items():
         signal = spec.signals[name]
-        values = column.astype(np.float64) * signal.factor + signal.offset
+        values = _scale(signal, column)
         if signal.invalid_raw is not None:
             values[column == signal.invalid_raw] = np.nan
-        values[~present[name]] = np.nan
+        if present is not None:
+            values[~present[name]] = np.nan
         scaled[name] = values
     return scaled
 
@@ -81,6 +82,10 @@ def present_columns(spec: MessageSpec, raw: dict[str, Column]) -> dict[str, NDAr
     return present
 
 
+def _is_multiplexed(spec: MessageSpec) -> bool:
+    return any(signal.multiplexer is not None for signal in spec.signals.values())
+
+
 def _require_columns(spec: MessageSpec, data: NDArray[np.uint8]) -> None:
     if data.ndim != 2 or data.dtype != np.uint8 or data.shape[1] < spec.length_bytes:
         raise CanBusError(
@@ -89,40 +94,57 @@ def _require_columns(spec: MessageSpec, data: NDArray[np.uint8]) -> None:
         )
 
 
-def _words(length_bytes: int, data: NDArray[np.uint8]) -> NDArray[np.uint64]:
-    """Return each frame of up to eight bytes as one little-endian integer."""
-    if length_bytes == _WORD_BYTES == data.shape[1]:
-        padded = np.ascontiguousarray(data)
-    else:
-        padded = np.zeros((len(data), _WORD_BYTES), dtype=np.uint8)
-        padded[:, :length_bytes] = data[:, :length_bytes]
-    return padded.view("<u8")[:, 0]
+def _decode(
+    signal: SignalSpec, spec: MessageSpec, data: NDArray[np.uint8], rows: NDArray[np.intp]
+) -> Column:
+    # numba takes a quarter of a second to import: only who decodes whole logs pays for it.
+    from can_bus.field_words import gather_words  # noqa: PLC0415
 
-
-def _gather(signal: SignalSpec, length_bytes: int, data: NDArray[np.uint8]) -> Column:
-    """Take the bytes that a signal covers, least significant first, and shift them together."""
-    shift = signal.shift_in(length_bytes)
+    shift = signal.shift_in(spec.length_bytes)
     first, last = shift // 8, (shift + signal.length_bits - 1) // 8
-    word = np.zeros(len(data), dtype=np.uint64)
-    for position in range(first, last + 1):
-        index = position if signal.byte_order == "little_endian" else length_bytes - 1 - position
-        byte = data[:, index].astype(np.uint64)
-        left = 8 * position - shift
-        word |= byte << np.uint64(left) if left >= 0 else byte >> np.uint64(-left)
-    return _finish(signal, word)
-
-
-def _finish(signal: SignalSpec, word: NDArray[np.uint64]) -> Column:
-    """Return the raw values in the low bits of words; the bits above belong to other signals."""
+    is_little = signal.byte_order == "little_endian"
+    words = np.empty(len(rows), dtype=np.uint64)
+    gather_words(
+        data,
+        rows,
+        first if is_little else spec.length_bytes - 1 - first,
+        1 if is_little else -1,
+        last - first + 1,
+        shift % 8,
+        signal.length_bits,
+        signal.is_signed and not signal.is_float,
+        words,
+    )
     if signal.is_float:
         floats: Column = (
-            word.astype(f"<u{signal.length_bits // 8}")
+            words.astype(f"<u{signal.length_bits // 8}")
             .view(_FLOAT_TYPES[signal.length_bits])
             .astype(np.float64)
         )
         return floats
-    unused = np.uint64(_WORD_BITS - signal.length_bits)
-    if signal.is_signed:
-        return (word << unused).view(np.int64) >> np.int64(unused)
-    value = word & np.uint64((1 << signal.length_bits) - 1)
-    return value if signal.length_bits == _WORD_BITS else value.view(np.int64)
+    is_beyond_int64 = signal.length_bits == _WORD_BITS and not signal.is_signed
+    return words if is_beyond_int64 else words.view(np.int64)
+
+
+def _scale(signal: SignalSpec, raw: Column) -> NDArray[np.float64]:
+    from can_bus.field_words import scale_integers  # noqa: PLC0415
+
+    factor, offset = signal.factor, signal.offset
+    if factor == 1 and offset == 0:
+        return raw.astype(np.float64)  # also −0.0 as it is
+    if signal.is_float or not (factor.is_integer() and offset.is_integer()):
+        scaled = np.empty(len(raw))
+        scale_integers(raw, factor, offset, scaled)
+        return scaled
+    ends = [code * int(factor) + int(offset) for code in (signal.low_code, signal.high_code)]
+    if max(map(abs, ends)) <= _EXACT_FLOATS:
+        scaled = np.empty(len(raw))
+        scale_integers(raw, factor, offset, scaled)
+        return scaled
+    # Whole numbers that a float may not hold: exact first, then rounded once.
+    if all(abs(end) < 1 << (_WORD_BITS - 1) for end in ends):
+        whole: Any = raw.astype(np.int64) * int(factor) + int(offset)
+    else:
+        whole = raw.astype(object) * int(factor) + int(offset)
+    result: NDArray[np.float64] = whole.astype(np.float64)
+    return result
