@@ -35,6 +35,12 @@ if [ "${1:-}" = test ]; then
     command -v cppcheck >/dev/null || install cppcheck
     command -v arm-none-eabi-gcc >/dev/null || install gcc-arm-none-eabi
     command -v qemu-system-arm >/dev/null || install qemu-system-arm
+    # a real SocketCAN bus and its tools; where this kernel has no vcan, in a small virtual machine
+    command -v candump >/dev/null || install can-utils iproute2
+    if ! scripts/vcan.sh --where >/dev/null && [ "$(uname -m)" = x86_64 ]; then
+        install qemu-system-x86 busybox-static cpio kmod xz-utils zstd
+        scripts/vcan.sh --fetch
+    fi
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv

@@ -5,6 +5,8 @@ import os
 import pytest
 from hypothesis import settings
 
+pytest_plugins = ["on_vcan"]
+
 # The machines that run these tests are shared: no property may depend on the wall clock.
 settings.register_profile("chiplog", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("chiplog")

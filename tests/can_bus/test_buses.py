@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 import can
 import msgpack
 import pytest
+from on_vcan import VCAN_ENV
 
 from can_bus import CanBusError, load_database, make_message, open_bus
 
@@ -39,7 +40,9 @@ def free_udp_port() -> int:
         return port
 
 
-@pytest.fixture(params=["virtual", "udp_multicast"])
+@pytest.fixture(
+    params=["virtual", "chiplog", "udp_multicast", pytest.param("socketcan", marks=pytest.mark.vcan)]
+)
 def open_handle(request: pytest.FixtureRequest) -> Iterator[OpenBus]:
     """Open any number of handles on one bus that nothing else is on."""
     interface: str = request.param
@@ -49,6 +52,8 @@ def open_handle(request: pytest.FixtureRequest) -> Iterator[OpenBus]:
     if interface == "udp_multicast":
         channel = MULTICAST_GROUP
         bus_args = {"port": str(free_udp_port())}
+    elif interface == "socketcan":
+        channel = os.environ[VCAN_ENV]
 
     def handle() -> can.BusABC:
         opened.append(open_bus(interface, channel, bus_args=bus_args))
