@@ -117,7 +117,6 @@ class SimulatedBus(can.BusABC):
         if isinstance(timing, can.BitTiming):
             bitrate = timing.bitrate
         self._received: deque[can.Message] = deque()
-        self._takes_errors = not ignore_rx_error_frames
         self._seed = seed
         self._name: Hashable = channel
         self._is_open = False
@@ -133,8 +132,9 @@ class SimulatedBus(can.BusABC):
                     clock_skew=clock_skew,
                     retransmits=retransmit,
                     restarts=restart,
-                    take=self._take,
-                    echo=self._take if receive_own_messages else None,
+                    take=self._received.append,
+                    report=None if ignore_rx_error_frames else self._report,
+                    echo=self._filter if receive_own_messages else None,
                 )
                 self._join(controller)
             except BaseException:
@@ -234,7 +234,8 @@ class SimulatedBus(can.BusABC):
             _close_wire(self._name)
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Filter at reception, as a controller does: see `_take`."""
+        """Filter at reception, as a controller does; error frames always pass."""
+        self._controller.take = self._filter if filters else self._received.append
 
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
@@ -313,13 +314,13 @@ class SimulatedBus(can.BusABC):
 
     # --- inside ----------------------------------------------------------------------------------
 
-    def _take(self, message: can.Message) -> None:
-        if message.is_error_frame:
-            if self._takes_errors:
-                message.channel = self._name  # type: ignore[assignment]
-                self._received.append(message)
-        elif self._filters is None or self._matches_filters(message):
+    def _filter(self, message: can.Message) -> None:
+        if self._matches_filters(message):
             self._received.append(message)
+
+    def _report(self, message: can.Message) -> None:
+        message.channel = self._name  # type: ignore[assignment]
+        self._received.append(message)
 
     def _note_reader(self) -> None:
         self._check_open()

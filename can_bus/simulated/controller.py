@@ -28,6 +28,7 @@ class Controller:
         retransmits: a frame that met an error is tried again.
         restarts: it comes back from bus-off by itself.
         take: called with each message for this node; None: nobody reads.
+        report: called with each error frame for this node; None: nobody reads.
         echo: called with each of its own frames that was sent; None: it does not hear itself.
 
     Attributes:
@@ -45,6 +46,7 @@ class Controller:
         "queue",
         "rate",
         "recovery_left",
+        "report",
         "restarts",
         "retransmits",
         "stuck_on",
@@ -61,6 +63,7 @@ class Controller:
         retransmits: bool = True,
         restarts: bool = True,
         take: Callable[[can.Message], None] | None = None,
+        report: Callable[[can.Message], None] | None = None,
         echo: Callable[[can.Message], None] | None = None,
     ) -> None:
         """Start error-active with nothing to send."""
@@ -72,6 +75,7 @@ class Controller:
         self.retransmits = retransmits
         self.restarts = restarts
         self.take = take
+        self.report = report
         self.echo = echo
         self.confinement = Confinement()
         self.suspended_until_ns = 0

@@ -162,6 +162,7 @@ class FaultPlan:
         self.corruption: list[ActiveFault] = []
         self.loss: list[ActiveFault] = []
         self.silence: list[ActiveFault] = []
+        self.is_empty = True
         self._added = 0
 
     def add(self, fault: BusFault, seed: int) -> ActiveFault:
@@ -171,6 +172,7 @@ class FaultPlan:
         places = self._places(fault.kind)
         if places is not None:
             places.append(active)
+            self.is_empty = False
         return active
 
     def remove(self, active: ActiveFault) -> None:
@@ -179,6 +181,7 @@ class FaultPlan:
         places = self._places(active.fault.kind)
         if places is not None and active in places:
             places.remove(active)
+        self.is_empty = not (self.queueing or self.corruption or self.loss or self.silence)
 
     def is_silent(self, node: str, now_ns: int) -> bool:
         """Tell whether a node is off the bus."""
