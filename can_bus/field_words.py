@@ -1,4 +1,4 @@
-"""The fields of frames as machine code: one pass over the rows for each signal."""
+"""The fields of frames as machine code: one pass over the frames for each signal."""
 
 from __future__ import annotations
 
@@ -6,41 +6,49 @@ import numpy as np
 from numba import njit
 
 
-@njit(inline="always")
-def _word(data, row, low, step, count, right):  # type: ignore[no-untyped-def]
-    """Return the bits from `right` on of up to nine bytes, the least significant first."""
-    word = np.uint64(0)
-    for k in range(min(count, 8)):
-        word |= np.uint64(data[row, low + step * k]) << np.uint64(8 * k)
-    word >>= np.uint64(right)
-    if count == 9:
-        word |= np.uint64(data[row, low + step * 8]) << np.uint64(64 - right)
-    return word
-
-
 @njit(cache=True, nogil=True)
-def gather_words(data, rows, low, step, count, right, bits, is_signed, words):  # type: ignore[no-untyped-def]
-    """Fill `words`, uint64[rows], with one field; a signed one is extended to 64 bits.
+def gather_words(data, low, step, count, right, words):  # type: ignore[no-untyped-def]
+    """Fill `words`, uint64[frames], with the bits of up to nine bytes of each frame.
 
     Args:
         data: uint8[frames, bytes].
-        rows: intp[rows], which frames.
-        low, step, count: byte with the field's least significant bit, +1 or −1 to the next more
-            significant one, and how many there are (up to nine).
-        right: bits of the first byte below the field.
-        bits: of the field, 1 to 64.
+        low, step, count: byte with the lowest bits, +1 or −1 to the next higher one, how many.
+        right: bits of the first byte that are left out.
     """
-    unused = np.uint64(64 - bits)
-    for i in range(len(rows)):
-        word = _word(data, rows[i], low, step, count, right) << unused
-        if is_signed:
-            words[i] = np.uint64(np.int64(word) >> np.int64(unused))
-        else:
-            words[i] = word >> unused
+    for i in range(len(words)):
+        word = np.uint64(0)
+        for k in range(min(count, 8)):
+            word |= np.uint64(data[i, low + step * k]) << np.uint64(8 * k)
+        word >>= np.uint64(right)
+        if count == 9:
+            word |= np.uint64(data[i, low + step * 8]) << np.uint64(64 - right)
+        words[i] = word
 
 
 @njit(cache=True, nogil=True)
-def scale_integers(raw, factor, offset, scaled):  # type: ignore[no-untyped-def]
-    """Fill `scaled`, float64[rows], with raw · factor + offset, rounded twice as floats are."""
-    for i in range(len(raw)):
-        scaled[i] = np.float64(raw[i]) * factor + offset
+def read_fields(words, left, right, is_signed, fields):  # type: ignore[no-untyped-def]
+    """Fill `fields`, int64[frames] or uint64[frames], with a field of each word.
+
+    Args:
+        words: uint64[frames].
+        left, right: shifts that leave the field alone: its bits above go first.
+    """
+    if is_signed:
+        for i in range(len(words)):
+            fields[i] = np.int64(words[i] << np.uint64(left)) >> np.int64(right)
+    else:
+        for i in range(len(words)):
+            fields[i] = words[i] << np.uint64(left) >> np.uint64(right)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scale_fields(words, left, right, is_signed, factor, offset, scaled):  # type: ignore[no-untyped-def]
+    """Fill `scaled`, float64[frames], with field · factor + offset, rounded twice as floats are."""
+    if is_signed:
+        for i in range(len(words)):
+            signed = np.int64(words[i] << np.uint64(left)) >> np.int64(right)
+            scaled[i] = np.float64(signed) * factor + offset
+    else:
+        for i in range(len(words)):
+            field = words[i] << np.uint64(left) >> np.uint64(right)
+            scaled[i] = np.float64(field) * factor + offset

@@ -61,6 +61,7 @@ def test_every_frame_is_decoded_as_cantools_does_bit_for_bit(
     path = tmp_path_factory.mktemp("decoded") / "bus.log"
     path.write_text("".join(line(*frame) for frame in frames))
     decoded = decode_log(path, ours)
+    raw_columns = {name: columns.raw() for name, columns in decoded.items()}
     seen = dict.fromkeys(decoded, 0)
     for message, payload, stamp in frames:
         columns, row = decoded[message.name], seen[message.name]
@@ -74,9 +75,11 @@ def test_every_frame_is_decoded_as_cantools_does_bit_for_bit(
             scaled = raw = {}
         for name, value in scaled.items():
             assert same_bits(columns.values[name][row].item(), value), name
-            assert same_bits(float(columns.raw[name][row].item()), float(raw[name])), name
+            assert same_bits(
+                float(raw_columns[message.name][name][row].item()), float(raw[name])
+            ), name
             if not isinstance(raw[name], float):
-                assert columns.raw[name][row].item() == raw[name]
+                assert raw_columns[message.name][name][row].item() == raw[name]
         if scaled:
             absent = {n for n in columns.values if math.isnan(columns.values[n][row])}
             assert absent >= set(columns.values) - set(scaled)
