@@ -83,7 +83,7 @@ UNLISTED = {
         "can_bus/logs/columns.py:read_log_columns",
         "can_bus/logs/columns.py:refuse_beyond",
         "chiplog/pytest_rig.py:_channel",
-        "firmware_model/build.py:_require_v_fits",
+        "firmware_model/build_bounds.py:require_v_fits",
         "firmware_model/c99_library.py:compile_library",
         "firmware_model/c99_library.py:find_compiler",
         "gap_diagnosis/reading/log_columns.py:load_columns",
