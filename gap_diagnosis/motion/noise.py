@@ -8,26 +8,33 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.stats import kurtosis
 
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Found
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import LEVELS, whiten
+from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
 _ABSENT: Final = -6.0
 """Log evidence of a noise that turns out to be as described."""
 _STEP: Final = 0.1
+_BURSTY: Final = 6.0
+"""Excess kurtosis beyond which a larger level is no noise but something that comes and goes; the
+mean of a block of samples with Student's five degrees of freedom has half of that."""
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """A noise effect: its stage, and the level behind each of its parameters."""
+    """A noise effect: its stage, the level behind each of its parameters, where it shows."""
 
     stage: str
     parameters: tuple[tuple[str, str], ...]
+    channels: tuple[int, ...]
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -36,10 +43,12 @@ class Noise:
 
 
 NOISES: Final[Mapping[str, Noise]] = {
-    "gyro_noise": Noise("gyro", (("density", "gyro_noise_rad_per_sqrt_s"),)),
-    "gyro_bias_walk": Noise("gyro", (("density", "gyro_bias_walk_rad_s_per_sqrt_s"),)),
+    "gyro_noise": Noise("gyro", (("density", "gyro_noise_rad_per_sqrt_s"),), (3,)),
+    "gyro_bias_walk": Noise("gyro", (("density", "gyro_bias_walk_rad_s_per_sqrt_s"),), (3,)),
     "reference_noise": Noise(
-        "reference", (("position", "reference_position_m"), ("heading", "reference_heading_rad"))
+        "reference",
+        (("position", "reference_position_m"), ("heading", "reference_heading_rad")),
+        (0, 1, 2),
     ),
 }
 
@@ -53,7 +62,8 @@ def fit_noise(
     levels = quiet.levels
     if any(levels[place] > _SUSPECT * described[place] for place in places):
         levels = model.levels_for(quiet.terms, levels, rounds=10, free=places)
-    if not any(levels[place] > 2 * described[place] for place in places):
+    is_larger = any(levels[place] > 2 * described[place] for place in places)
+    if not is_larger or _is_bursty(model, quiet.terms, levels, NOISES[name].channels):
         gain = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood
         return Fit(tuple(names), gain + _ABSENT, likelihood)
@@ -82,3 +92,18 @@ def fit_noise(
         best - nothing.log_likelihood,
         parameters,
     )
+
+
+def _is_bursty(
+    model: MotionModel, terms: Sequence[Term], levels: Floats, channels: Sequence[int]
+) -> bool:
+    """Tell whether what is left of these channels is far from normal at its own level."""
+    values = model.columns.values
+    used = {index + 1 for term in terms for weight in term.weights for index, _ in weight}
+    used |= {index + 1 for index, _ in model.columns.nuisances}
+    chosen = np.ascontiguousarray(values[..., [0, *sorted(used)]])
+    white, _, _ = whiten(chosen, model.course, levels, model.nodes.ticks)
+    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0])[0]
+    _, channel = np.nonzero(~np.isnan(values[..., 0]).T)
+    seen = left[np.isin(channel, channels)]
+    return bool(kurtosis(seen) > _BURSTY)

@@ -153,6 +153,7 @@ def _whiten(
     rows = 0
     log_determinant = 0.0
     gain = np.zeros(10)
+    fresh_angle = 0.0
     for k in range(nodes):
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
@@ -193,7 +194,8 @@ def _whiten(
             covariance[10] += c * cross
             covariance[2] += s * cross
             covariance[20] += s * cross
-            covariance[33] += gyro_noise * gyro_noise * dt
+            fresh_angle = gyro_noise * gyro_noise * dt
+            covariance[33] += fresh_angle
             covariance[44] += walk * walk * dt
         stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
         for q in range(5, 7):
@@ -234,6 +236,14 @@ def _whiten(
                 )
             variance = noise + gain[first] + gain[second]
             variance += left_share * gain[5] + right_share * gain[6]
+            if channel == 3:
+                # The state is the angle at the block's end, what is compared its mean: what the
+                # gyro's noise adds from the mean to the end is no news when the end is known.
+                count = ticks[k]
+                together = fresh_angle * (count - 1.0) / (2.0 * count)
+                variance += fresh_angle * (count - 1.0) * (2.0 * count - 1.0) / (6.0 * count**2)
+                variance -= 2.0 * together
+                gain[3] -= together
             log_determinant += np.log(variance)
             scale = 1.0 / np.sqrt(variance)
             for i in range(10):

@@ -64,6 +64,7 @@ def dense_covariance() -> Floats:
     bias = draw(1e-12)
     slow = [draw(slow_position**2), draw(slow_position**2), draw(slow_heading**2)]
     quantum: list[dict[int, float]] = [{}, {}]
+    mean = gyro
     rows = []
     for k in range(NODES.count):
         c, s = COURSE.cosine[k], COURSE.sine[k]
@@ -81,7 +82,10 @@ def dense_covariance() -> Floats:
             angle = plus((1.0, angle), (1 / axle, right), (-1 / axle, left))
             x = plus((1.0, x), (0.5 * c, left), (0.5 * c, right), (-s, side))
             y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
-            gyro = plus((1.0, gyro), (1.0, draw(gyro_noise**2 * dt)))
+            ticks = int(NODES.ticks[k])
+            noise = [draw(gyro_noise**2 * dt / ticks) for _ in range(ticks)]
+            mean = plus((1.0, gyro), *((1 - tick / ticks, noise[tick]) for tick in range(ticks)))
+            gyro = plus((1.0, gyro), *((1.0, one) for one in noise))
             bias = plus((1.0, bias), (1.0, draw(walk**2 * dt)))
             decay = math.exp(-dt / slow_s)
             for index, level in enumerate((slow_position, slow_position, slow_heading)):
@@ -103,7 +107,7 @@ def dense_covariance() -> Floats:
             plus((1.0, angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
             plus(
                 (1.0, angle),
-                (1.0, gyro),
+                (1.0, mean),
                 (1.0, counted),
                 (1.0, draw(COURSE.gyro_floor_rad**2 + fast)),
             ),

@@ -1,0 +1,57 @@
+"""A larger level of noise is named where it is noise, not where something comes and goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.noise import fit_noise
+from gap_diagnosis.motion.scan import Found
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Floats
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.scenarios import scenario
+
+DISTURBANCE_RAD_S = 0.03
+
+
+def fitted(share_of_time: float) -> Fit:
+    """Return the fit of a gyro that is disturbed for a share of each ten seconds."""
+    still = replace(scenario("figure8"), effects=())
+    quiet = synthetic_recording(ROBOT, WIRE, still, (), 5, reference=ReferenceNoise())
+    rate = quiet.gyro_rate_rad_s
+    assert rate is not None
+    disturbed = rate + disturbance(quiet.t_s, share_of_time)
+    model = MotionModel(
+        replace(quiet, gyro_rate_rad_s=disturbed), ROBOT, default_prior(), without=frozenset()
+    )
+    levels = model.no_effect_levels
+    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
+    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    return fit_noise(model, nothing, nothing, "gyro_noise", ("gyro_noise",))
+
+
+def disturbance(t_s: Floats, share_of_time: float) -> Floats:
+    noise = DISTURBANCE_RAD_S * np.random.default_rng(3).standard_normal(len(t_s))
+    return np.asarray(np.where(np.mod(t_s, 10.0) < 10.0 * share_of_time, noise, 0.0))
+
+
+def test_noise_at_all_times_is_a_noise_of_the_gyro() -> None:
+    fit = fitted(1.0)
+    assert fit.log_evidence > 20
+    tick_s = 0.01
+    density = fit.parameters["gyro_noise.density"]
+    described = ROBOT.plant.gyro.noise_density_rad_per_sqrt_s
+    true = np.hypot(described, DISTURBANCE_RAD_S * np.sqrt(tick_s))
+    assert density.value == pytest.approx(true, rel=0.15)
+
+
+def test_noise_in_one_tenth_of_the_time_is_none() -> None:
+    fit = fitted(0.05)
+    assert fit.log_evidence < 0
+    assert not fit.parameters
