@@ -9,6 +9,7 @@ Both the CRC and the stuffing go byte by byte through tables built from the rule
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -70,6 +71,8 @@ class _Stuffing(NamedTuple):
         return _MAX_RUN * self.last + self.run
 
 
+_unpack_words: Final = struct.Struct(">4H").unpack
+
 _STATES: Final = 2 * _MAX_RUN
 _BEFORE_FRAME: Final = _Stuffing(inserted=0, last=1, run=0)
 
@@ -107,6 +110,23 @@ class _Head(NamedTuple):
     state: int
 
 
+@lru_cache(maxsize=1)
+def _words() -> tuple[list[int], list[list[int]]]:
+    """Return the same rules for 16 bits at a time: half the steps for one frame.
+
+    The CRC after a word, by (CRC << 1) ^ word; and by state and word the bits put in, times 16,
+    plus the state after.
+    """
+    word = np.arange(1 << 16)
+    high, low = word >> 8, word & 0xFF
+    crc = _CRC_TABLE[high].astype(np.int64)  # the first byte of a register of 0
+    crc = (crc << 8 & _CRC_MASK) ^ _CRC_TABLE[crc >> 7 ^ low]
+    inserted = _INSERTED_8[:, high].astype(np.int64)
+    middle = _AFTER_8[:, high]
+    packed = (inserted + _INSERTED_8[middle, low]) * 16 + _AFTER_8[middle, low]
+    return crc.tolist(), packed.tolist()
+
+
 @lru_cache(maxsize=1024)
 def _head(frame_id: int, is_extended: bool, dlc: int, is_remote: bool) -> _Head:
     _require_classic(frame_id, is_extended, dlc)
@@ -140,10 +160,18 @@ def frame_length_bits(
     if is_remote and data:
         raise CanBusError(f"{len(data)} bytes: a remote frame has none")
     length, crc, inserted, state = _head(frame_id, is_extended, dlc, is_remote)
-    for byte in data:
-        crc = (crc << 8 & _CRC_MASK) ^ _CRC_LIST[crc >> 7 ^ byte]
-        inserted += _INSERTED_8_LIST[state][byte]
-        state = _AFTER_8_LIST[state][byte]
+    if len(data) == _MAX_BYTES:
+        crcs, stuffing = _words()
+        for word in _unpack_words(data):
+            crc = crcs[crc << 1 ^ word]
+            packed = stuffing[state][word]
+            inserted += packed >> 4
+            state = packed & 15
+    else:
+        for byte in data:
+            crc = (crc << 8 & _CRC_MASK) ^ _CRC_LIST[crc >> 7 ^ byte]
+            inserted += _INSERTED_8_LIST[state][byte]
+            state = _AFTER_8_LIST[state][byte]
     inserted += _INSERTED_8_LIST[state][crc >> 7]
     state = _AFTER_8_LIST[state][crc >> 7]
     return length + inserted + _INSERTED_7_LIST[state][crc & 0x7F]

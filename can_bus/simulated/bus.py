@@ -179,13 +179,14 @@ class SimulatedBus(can.BusABC):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next completed frame, or let `timeout` pass on the simulated clock."""
+        if timeout == 0 and self._is_open and self._reader is threading.current_thread():
+            return self._received.popleft() if self._received else None
         return self._recv_internal(timeout)[0]
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         received = self._received
         with self._pace.lock:
-            if not self._is_open or self._reader is not threading.current_thread():
-                self._note_reader()
+            self._note_reader()
             if received:
                 return received.popleft(), True
             if timeout is not None and timeout <= 0:
@@ -324,8 +325,10 @@ class SimulatedBus(can.BusABC):
 
     def _note_reader(self) -> None:
         self._check_open()
-        self._reader = threading.current_thread()
-        self._pace.note_reader(id(self))
+        reader = threading.current_thread()
+        if self._reader is not reader:
+            self._reader = reader
+            self._pace.note_reader(id(self))
 
     def _deadline_ns(self, timeout: float | None) -> int:
         if timeout is None:
