@@ -18,6 +18,7 @@ import typer
 
 from chiplog.commands import (
     blind,
+    busload,
     demo,
     diagnose,
     doctor,
@@ -88,6 +89,7 @@ for name, function, summary in (
     ("export-c", export_c.command, "Write the firmware's kernel as C99, for a real controller."),
     ("ranges", ranges.command, "Say which of the firmware's words can overflow, with proof."),
     ("study", study.command, "Say what each bit buys: sweep formats, tables and rates."),
+    ("busload", busload.command, "Say how busy the bus is, and how late a frame can be."),
     ("laws", laws.command, "Check the laws of dead reckoning, with pictures."),
     ("effects", effects.command, "List what can make a real robot differ."),
     ("schema", schema.command, "Print the JSON schema of a file we read or write."),

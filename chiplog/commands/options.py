@@ -77,7 +77,8 @@ InterfaceOption = Annotated[
     str,
     typer.Option(
         "--interface",
-        help="python-can interface: virtual, socketcan, udp_multicast or any other it knows.",
+        help="python-can interface: virtual, chiplog (simulated bit by bit), socketcan, "
+        "udp_multicast or any other it knows.",
     ),
 ]
 ChannelOption = Annotated[
