@@ -16,7 +16,8 @@ Column = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
 
 _WORD_BITS = 64
 _WORD_BYTES = 8
-_EXACT_FLOATS = 1 << 53
+_EXACT_FLOATS = 2.0**53
+_SURE_OF_INT64 = 2.0**62
 _FLOAT_TYPES: dict[int, Any] = {16: np.float16, 32: np.float32, 64: np.float64}
 
 
@@ -42,10 +43,10 @@ def decode_columns_scaled(spec: MessageSpec, data: NDArray[np.uint8]) -> dict[st
     """
     words = _Words(spec, data)
     scaled: dict[str, Column] = {}
-    for signal in spec.signals.values():
-        values = _scaled(signal, words)
-        if signal.invalid_raw is not None:
-            values[_raw(signal, words) == signal.invalid_raw] = np.nan
+    # In one piece: large pages make it cheap to get.
+    block = np.empty((len(spec.signals), len(data)))
+    for signal, values in zip(spec.signals.values(), block, strict=True):
+        _scale(signal, words, values)
         scaled[signal.name] = values
     selectors = {s.multiplexer for s in spec.signals.values() if s.multiplexer is not None}
     if selectors:
@@ -157,23 +158,25 @@ def _raw(signal: SignalSpec, words: _Words) -> Column:
     return fields.view(np.int64)  # type: ignore[no-any-return]
 
 
-def _scaled(signal: SignalSpec, words: _Words) -> NDArray[np.float64]:
+def _scale(signal: SignalSpec, words: _Words, scaled: NDArray[np.float64]) -> None:
+    """Fill `scaled` with the signal's scaled values, NaN where it is not available."""
     from can_bus.field_words import scale_fields  # noqa: PLC0415
 
-    factor, offset = signal.factor, signal.offset
+    factor, offset, invalid = signal.factor, signal.offset, signal.invalid_raw
+    ends = [signal.low_code * factor + offset, signal.high_code * factor + offset]
     is_whole = factor.is_integer() and offset.is_integer()
-    if signal.is_float:
-        raw = _raw(signal, words).astype(np.float64)
-        # What needs no scaling stays as it is, −0.0 as well.
-        return raw if factor == 1 and offset == 0 else raw * factor + offset
-    ends = [code * int(factor) + int(offset) for code in (signal.low_code, signal.high_code)]
-    if not is_whole or max(map(abs, ends)) <= _EXACT_FLOATS:
+    if not signal.is_float and (not is_whole or max(map(abs, ends)) <= _EXACT_FLOATS):
         source, left, right = words.of(signal)
-        scaled = np.empty(len(source))
-        scale_fields(source, left, right, signal.is_signed, factor, offset, scaled)
-        return scaled
-    # Whole numbers that a float may not hold: exact first, then rounded once.
-    kind: Any = np.int64 if all(abs(end) < 1 << (_WORD_BITS - 1) for end in ends) else object
-    exact: Any = _raw(signal, words).astype(kind) * int(factor) + int(offset)
-    rounded: NDArray[np.float64] = exact.astype(np.float64)
-    return rounded
+        fields = (source, left, right, signal.is_signed, factor, offset)
+        scale_fields(*fields, invalid is not None, invalid or 0, scaled)
+        return
+    raw = _raw(signal, words)
+    if signal.is_float:
+        # What needs no scaling stays as it is, −0.0 as well.
+        scaled[:] = raw if factor == 1 and offset == 0 else raw * factor + offset
+    else:
+        # Whole numbers that a float may not hold: exact first, then rounded once.
+        kind: Any = np.int64 if max(map(abs, ends)) < _SURE_OF_INT64 else object
+        scaled[:] = raw.astype(kind) * int(factor) + int(offset)
+    if invalid is not None:
+        scaled[raw == invalid] = np.nan

@@ -16,7 +16,7 @@ from can_bus.logs.columns import read_log_columns
 from can_bus.logs.log_columns import LogColumns
 from can_bus.specs import MessageSpec
 
-_STANDARD: Final = 1 << 11
+_STANDARD_IDS: Final = 1 << 11
 _WORD_BYTES: Final = 8
 
 
@@ -77,31 +77,35 @@ def _rows_by_message(
     log: LogColumns, database: Database
 ) -> list[tuple[MessageSpec, NDArray[np.intp]]]:
     """Return the messages that have frames in the log, and which ones."""
+    # numba takes a quarter of a second to import: only who decodes whole logs pays for it.
+    from can_bus.field_words import number_frames, sort_rows  # noqa: PLC0415
+
     width = log.data.shape[1]
     known = [spec for spec in database.messages.values() if spec.length_bytes <= width]
-    standard = np.zeros(_STANDARD, dtype=np.uint16)  # its number from 1; 0: unknown
+    standard = np.zeros(_STANDARD_IDS, dtype=np.uint16)
     extended = {}
     for place, spec in enumerate(known, start=1):
         if spec.is_extended:
             extended[spec.frame_id] = place
         else:
             standard[spec.frame_id] = place
-    number = standard[log.frame_id & np.uint32(_STANDARD - 1)]
-    is_extended = np.flatnonzero(log.is_extended)
-    if len(is_extended):
-        number[is_extended] = 0
-        if extended:
-            ids = np.array(sorted(extended), dtype=np.uint32)
-            places = np.array([extended[one] for one in ids.tolist()], dtype=np.uint16)
-            wanted = log.frame_id[is_extended]
-            at = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-            number[is_extended] = np.where(ids[at] == wanted, places[at], 0)
-    least = np.array([0, *(spec.length_bytes for spec in known)], dtype=np.uint8)
-    number[~log.is_data | (log.length < least[number])] = 0
-    order = np.argsort(number, kind="stable")
-    stops = np.cumsum(np.bincount(number, minlength=len(known) + 1)).tolist()
+    number = np.empty(len(log), dtype=np.uint16)
+    counts = number_frames(
+        log.frame_id,
+        log.is_extended,
+        log.is_data,
+        log.length,
+        standard,
+        np.array(sorted(extended), dtype=np.uint32),
+        np.array([extended[one] for one in sorted(extended)], dtype=np.uint16),
+        np.array([0, *(spec.length_bytes for spec in known)], dtype=np.uint8),
+        number,
+    )
+    stops = np.cumsum(counts)
+    rows = np.empty(len(log), dtype=np.intp)
+    sort_rows(number, stops - counts, rows)
     return [
-        (spec, order[start:stop])
-        for spec, start, stop in zip(known, stops[:-1], stops[1:], strict=True)
-        if stop > start
+        (spec, rows[stop - count : stop])
+        for spec, count, stop in zip(known, counts[1:].tolist(), stops[1:].tolist(), strict=True)
+        if count
     ]
