@@ -220,5 +220,5 @@ def _cannot_open_socketcan(channel: str, bitrate: int | None, error: Exception) 
         remedy = f"as root: {vcan_commands(channel)}"
     else:
         rate = bitrate if bitrate is not None else "BITRATE"
-        remedy = f"as root: ip link set {channel} up type can bitrate {rate}"
+        remedy = f"as root: ip link set {channel} up type can bitrate {rate} restart-ms 100"
     return CanBusError(f"socketcan: {problem}; {remedy}")

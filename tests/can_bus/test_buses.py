@@ -393,5 +393,5 @@ def test_a_missing_vcan_comes_with_the_three_commands_that_make_it() -> None:
 
 
 def test_a_missing_can_interface_comes_with_the_command_that_brings_it_up() -> None:
-    with pytest.raises(CanBusError, match=r"ip link set can17 up type can bitrate 250000"):
+    with pytest.raises(CanBusError, match=r"ip link set can17 up type can bitrate 250000 restart-ms 100"):
         open_bus("socketcan", "can17", bitrate=250_000)

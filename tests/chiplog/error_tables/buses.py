@@ -32,7 +32,7 @@ BUS: tuple[Row, ...] = (
         "simulated time on a real bus",
         "chiplog run --interface udp_multicast --time lockstep",
         "--time lockstep --interface udp_multicast: that bus has no simulated clock; expected "
-        "--interface virtual, or --time real",
+        "--interface virtual or chiplog, or --time real",
     ),
     Row(
         "a bus argument that is none",
@@ -53,7 +53,7 @@ BUS: tuple[Row, ...] = (
     Row(
         "an interface that does not exist",
         "chiplog run --interface banana --channel 0",
-        "no interface 'banana': python-can knows canalystii, cantact, etas, "
+        "no interface 'banana': python-can knows canalystii, cantact, chiplog, etas, "
         "gs_usb, iscan, ixxat, kvaser, neousys, neovi, nican, nixnet, pcan, "
         "robotell, seeedstudio, serial, slcan, socketcan, socketcand, systec, "
         "udp_multicast, usb2can, vector, virtual",
@@ -96,8 +96,8 @@ BUS += (
         "CAN hardware that is not there",
         "chiplog run --interface socketcan --channel can7",
         "socketcan: this kernel has no SocketCAN; "
-        "as root: ip link set can7 up type can bitrate BITRATE",
+        "as root: ip link set can7 up type can bitrate BITRATE restart-ms 100",
         or_line="socketcan: there is no network interface 'can7'; "
-        "as root: ip link set can7 up type can bitrate BITRATE",
+        "as root: ip link set can7 up type can bitrate BITRATE restart-ms 100",
     ),
 )
