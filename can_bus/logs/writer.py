@@ -21,6 +21,10 @@ LOG_CHANNEL: Final = "vcan0"
 """Channel name in candump logs: the same for every run, so that equal runs are equal bytes."""
 
 _FLUSH_PERIOD_S: Final = 1.0
+# Only whole records go to the disk, so that a log whose writer was killed ends with one: the buffer
+# holds all frames between two flushes. The longest, a CAN FD frame in ASC, takes 400 bytes.
+_MOST_UNFLUSHED: Final = 2048
+_BUFFER_BYTES: Final = 1 << 20
 # BLF keeps a container in memory until it is full: 16 KiB are some 300 frames.
 _BLF_CONTAINER_BYTES: Final = 16 * 1024
 _FIRST_WALL_CLOCK_S: Final = 631152000.0  # 1990: what is earlier is no wall clock, as in BLF
@@ -52,7 +56,8 @@ def open_log_writer(path: str | Path) -> LogWriter:
     """Create a log whose format is given by its suffix: `.log` (candump), `.asc` or `.blf`.
 
     What was written is on disk after each second of the frames' own time, and all of it after
-    `close`. Raises CanBusError for another suffix or a file that cannot be created.
+    `close`: a process that is killed loses the frames of its last second at most, and the file ends
+    with a whole one. Raises CanBusError for another suffix or a file that cannot be created.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -62,8 +67,10 @@ def open_log_writer(path: str | Path) -> LogWriter:
         if suffix == ".log":
             return CandumpWriter(path)
         if suffix == ".asc":
-            return _LibraryWriter(path, can.ASCWriter(path))
-        return _LibraryWriter(path, can.BLFWriter(path, max_container_size=_BLF_CONTAINER_BYTES))
+            text = path.open("w", encoding="ascii", newline="\n", buffering=_BUFFER_BYTES)
+            return _LibraryWriter(path, can.ASCWriter(text))
+        file = path.open("wb", buffering=_BUFFER_BYTES)
+        return _LibraryWriter(path, can.BLFWriter(file, max_container_size=_BLF_CONTAINER_BYTES))
     except OSError as error:
         raise CanBusError(f"{path}: cannot create this log: {error.strerror}") from error
 
@@ -78,9 +85,10 @@ class CandumpWriter:
     def __init__(self, path: Path) -> None:
         """Create the file. Raises OSError when it cannot be."""
         self._path = path
-        self._file = path.open("w", encoding="ascii", newline="\n")
+        self._file = path.open("w", encoding="ascii", newline="\n", buffering=_BUFFER_BYTES)
         self._write: Callable[[str], int] = self._file.write
         self._flush_at_s = -1.0
+        self._unflushed = 0
         self._stamp_s = math.nan
         self._start = ""  # of each line with that stamp: the frames of a tick share it
 
@@ -102,9 +110,11 @@ class CandumpWriter:
             frame = f"{message.arbitration_id:03X}#{message.data.hex().upper()}"
         try:
             self._write(f"{self._start}{frame} {direction}\n")
-            if stamp_s >= self._flush_at_s:
+            self._unflushed += 1
+            if stamp_s >= self._flush_at_s or self._unflushed == _MOST_UNFLUSHED:
                 self._file.flush()
                 self._flush_at_s = stamp_s + _FLUSH_PERIOD_S
+                self._unflushed = 0
         except OSError as error:
             raise _cannot_write(self._path, error) from error
 
@@ -151,6 +161,7 @@ class _LibraryWriter:
         self._path = path
         self._writer = writer
         self._flush_at_s = -1.0
+        self._unflushed = 0
         self._is_open = True
         self._is_started = False
 
@@ -166,10 +177,23 @@ class _LibraryWriter:
         twin = copy(message)
         twin.is_rx = received
         twin.channel = None
+        self._unflushed += 1
+        is_due = message.timestamp >= self._flush_at_s or self._unflushed == _MOST_UNFLUSHED
+        if is_due and isinstance(self._writer, can.BLFWriter):
+            self._end_container(self._writer)
         self._writer.on_message_received(twin)
-        if message.timestamp >= self._flush_at_s:
+        if is_due:
             self._writer.file.flush()
             self._flush_at_s = message.timestamp + _FLUSH_PERIOD_S
+            self._unflushed = 0
+        if isinstance(self._writer, can.BLFWriter):
+            self._writer.max_container_size = _BLF_CONTAINER_BYTES
+
+    @staticmethod
+    def _end_container(writer: can.BLFWriter) -> None:
+        """Let the container end with the next frame, of which the first byte is still in it."""
+        pending = writer.file_size() - writer.file.tell()
+        writer.max_container_size = pending + 1
 
     def close(self) -> None:
         if self._is_open:
