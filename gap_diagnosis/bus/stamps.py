@@ -17,7 +17,10 @@ from gap_diagnosis.bus.events import Message
 Floats = NDArray[np.float64]
 
 _GRID: Final = 200
-_CLIP: Final = 8.0
+_LEVELS: Final = 2000
+_LASTS: Final = 20
+_LEAST_FOR_TAILS: Final = 200
+_CLIP: Final = 12.0
 _STAMP_STEP_S: Final = 1e-6
 _SCALES: Final = 6
 MOST_INDEPENDENT: Final = 400
@@ -61,17 +64,35 @@ def log_usual_spread(messages: Sequence[Message]) -> tuple[float, float]:
 
 def jitter(messages: Sequence[Message]) -> Choice:
     """Return the evidence that messages jitter beyond the usual, with a common level."""
-    news: Floats = np.geomspace(*prior.JITTER_PRESENT_S, _GRID, dtype=np.float64)
-    logs = np.zeros(_GRID)
+    news: Floats = np.geomspace(*prior.JITTER_PRESENT_S, _LEVELS, dtype=np.float64)
+    logs, posterior = np.zeros(_LEVELS), np.zeros(_LEVELS)
     for message in messages:
         sd, count = spread_of(message)
         logs = logs + _log_spread(news, sd, min(count, MOST_INDEPENDENT))
+        posterior = posterior + _log_spread(news, sd, count / _inflation(message))
     usual, best = log_usual_spread(messages)
-    total = float(logsumexp(logs)) - math.log(_GRID)
-    return Choice(total - usual, float(logs.max()) - best, news, _weights(logs))
+    total = float(logsumexp(logs)) - math.log(_LEVELS)
+    return Choice(total - usual, float(logs.max()) - best, news, _weights(posterior))
 
 
-def _log_spread(sigma: Floats, sd: float, count: int) -> Floats:
+def _inflation(message: Message) -> float:
+    """Return how much less a spread is known than that of as many independent normal values.
+
+    By the lateness' tails, and by how long its size lasts from frame to frame.
+    """
+    late = message.late_s[message.steady()]
+    if len(late) < _LEAST_FOR_TAILS:
+        return 1.0
+    square = (late - late.mean()) ** 2
+    away = square - square.mean()
+    power = float(away @ away) / len(away)
+    if power <= 0:
+        return 1.0
+    lasting = sum(float(away[lag:] @ away[:-lag]) / len(away) for lag in range(1, _LASTS)) / power
+    return max(0.5 * power / float(square.mean()) ** 2 * max(1.0 + 2.0 * lasting, 0.5), 1.0)
+
+
+def _log_spread(sigma: Floats, sd: float, count: float) -> Floats:
     return -count * (np.log(sigma) + 0.5 * (sd / sigma) ** 2)
 
 

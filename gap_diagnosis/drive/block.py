@@ -54,7 +54,7 @@ def drive_block(
 
 
 @dataclass(frozen=True)
-class _Setting:
+class Setting:
     """A variant with everything that does not change from grid point to grid point."""
 
     variant: Variant
@@ -183,6 +183,16 @@ class DriveBlock:
             pareto_k=grid.pareto_k,
         )
 
+    @property
+    def data(self) -> DriveData:
+        """Commands and wheels."""
+        return self._data
+
+    def setting_of(self, effect: str) -> Setting:
+        """Return the setting of one effect without variants."""
+        (variant,) = self._variants(frozenset({effect}))
+        return self._setting(variant, frozenset({effect}))
+
     def _variants(self, effects: frozenset[str]) -> list[Variant]:
         """Return the variants of a set; of a mistake beside other effects the best one alone."""
         made = variants(self._data, self._nominal, sorted(effects), self._doubted)
@@ -202,7 +212,7 @@ class DriveBlock:
         ]
         return same or made
 
-    def _anew(self, settings: Sequence[_Setting], logs: Floats) -> Floats:
+    def _anew(self, settings: Sequence[Setting], logs: Floats) -> Floats:
         """Return log evidences of the best few at noise levels of their own; the rest are lost.
 
         A wrong unit makes the noise of no effect so large that all units look alike.
@@ -213,7 +223,7 @@ class DriveBlock:
             found[place] = self._evidence(settings[place], levels, rough=True)[0]
         return found
 
-    def _levels_of(self, setting: _Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
+    def _levels_of(self, setting: Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
         """Return noise levels, sought from those of no effect and, for other data, elsewhere."""
         starts = [
             self._levels,
@@ -223,7 +233,7 @@ class DriveBlock:
         levels, free = max(found, key=lambda one: one[1])
         return levels, free + setting.variant.log_constant
 
-    def _setting(self, variant: Variant, effects: frozenset[str]) -> _Setting:
+    def _setting(self, variant: Variant, effects: frozenset[str]) -> Setting:
         shapes = Shapes(variant.data, self._robot)
         nominal = shapes.angle({})
         has_gain = "drive_gain" in effects
@@ -239,7 +249,7 @@ class DriveBlock:
         nuisances = np.zeros((0, *nominal.shape))
         if columns:
             nuisances = np.stack(columns)
-        return _Setting(
+        return Setting(
             variant,
             shapes,
             tuple(shapes.coordinate(one) for one in sorted(effects) if one in BENT),
@@ -249,7 +259,7 @@ class DriveBlock:
         )
 
     def _fit_levels(
-        self, setting: _Setting, values: Mapping[str, float], start: Floats
+        self, setting: Setting, values: Mapping[str, float], start: Floats
     ) -> tuple[Floats, float]:
         made = setting.columns(values)
         linear = np.concatenate((made[1:], setting.variant.columns, setting.nuisances))
@@ -265,18 +275,18 @@ class DriveBlock:
         return levels, value
 
     def _evidence(
-        self, setting: _Setting, logs: Floats, *, rough: bool = False, start: Floats | None = None
+        self, setting: Setting, logs: Floats, *, rough: bool = False, start: Floats | None = None
     ) -> tuple[float, Weighted, Floats]:
         """Return the log evidence at noise levels, its points, and the prior's scales."""
         log_density, sd = self._density(setting, logs, rough=rough)
         points = integrate(log_density, setting.bounds, start)
         return points.log_integral, points, sd
 
-    def _locate(self, setting: _Setting) -> Floats:
+    def _locate(self, setting: Setting) -> Floats:
         log_density, _ = self._density(setting, self._levels, rough=True)
         return locate(log_density, setting.bounds)
 
-    def _density(self, setting: _Setting, logs: Floats, *, rough: bool) -> tuple[Values, Floats]:
+    def _density(self, setting: Setting, logs: Floats, *, rough: bool) -> tuple[Values, Floats]:
         """Return the log posterior density of the bending parameters, and the prior's scales."""
         data = setting.variant.data
         levels = Levels.of(logs, data.tick_rad)
@@ -301,7 +311,7 @@ class DriveBlock:
         return log_density, sd
 
     def _parameters(
-        self, setting: _Setting, logs: Floats, grid: Weighted, sd: Floats
+        self, setting: Setting, logs: Floats, grid: Weighted, sd: Floats
     ) -> dict[str, Estimate]:
         """Return estimates from draws of the grid, and of the linear coefficients given a point."""
         random = np.random.default_rng(0)
@@ -350,7 +360,7 @@ def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int
     return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
 
 
-def _grams(setting: _Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
+def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
     data = setting.variant.data
     own = 2 if setting.has_gain else 0
     size = own + len(white_fixed)

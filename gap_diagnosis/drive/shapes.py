@@ -24,7 +24,7 @@ BENT: Final = (
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 
-_PARAMETER: Final = {
+PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
     "drive_deadband": "rate",
     "drive_delay": "delay",
@@ -50,7 +50,7 @@ class Coordinate:
     @property
     def key(self) -> str:
         """effect.parameter."""
-        return f"{self.effect}.{_PARAMETER[self.effect]}"
+        return f"{self.effect}.{PARAMETERS[self.effect]}"
 
     def value(self, coordinate: Floats) -> Floats:
         """Return the parameter."""

@@ -8,7 +8,7 @@ is known. An effect alters the first three.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
@@ -22,6 +22,7 @@ from gap_diagnosis.firmware.candidates import (
     overflow_candidates,
     smooth,
 )
+from gap_diagnosis.firmware.cells import cell_about
 from gap_diagnosis.firmware.comparison import (
     catch_all_scores,
     component_scores,
@@ -56,6 +57,8 @@ _KEPT_AFTER_SCREEN: Final = 16
 _SCREEN_NATS: Final = 200.0
 _ANY_SIZE: Final = 0.01
 _LEAST_WIDTH: Final = 2.0**-46
+_CELLS: Final = tuple(sign * step for step in range(1, 5) for sign in (1, -1))
+"""So many steps of the kernel's resolution beside the best value are tried as well."""
 _NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
 
 
@@ -207,7 +210,6 @@ class Singles:
     def around(self, parameter: RealParameter, beside: Candidate | None = None) -> list[Candidate]:
         """Return the best value of a real parameter, and its neighbours to the last bit."""
         bench = self.bench
-
         changes: Mapping[str, Any] = {} if beside is None else beside.changes
         timing = {} if self._offset is None else {"offset_lsb": self._offset}
         timing |= {} if beside is None else beside.timing
@@ -229,9 +231,20 @@ class Singles:
             spread = max(abs(best), 1.0)
             values += [best + step * spread for step in _NEIGHBOURS]
             values += [round(best, digits) for digits in range(3, 12)]
+            low, high = cell_about(best, _same_as(pose, pose_at), parameter.low, parameter.high)
+            values += [0.5 * (low + high) + step * (high - low) for step in _CELLS]
+        values = [one for one in values if parameter.low <= one <= parameter.high and one]
+
+        def is_equal(value: float) -> bool:
+            pose = pose_at(value)
+            return pose is not None and bench.is_equal(pose)
+
+        for value in values:
+            if is_equal(value):
+                low, high = cell_about(value, is_equal, parameter.low, parameter.high)
+                return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
         width = max(_LEAST_WIDTH, 2.0 * self._resolution())
-        kept = {value for value in values if parameter.low <= value <= parameter.high and value}
-        return [parameter.at(value, width) for value in sorted(kept)]
+        return [parameter.at(value, width) for value in sorted(set(values))]
 
     def _resolution(self) -> float:
         """Return about how finely the record tells a constant: a digit over path and turn."""
@@ -288,3 +301,11 @@ class Singles:
             for one in candidates
             if (program := self.bench.program(one.changes, **one.timing)) is not None
         ]
+
+
+def _same_as(pose: Floats, pose_at: Callable[[float], Floats | None]) -> Callable[[float], bool]:
+    def is_same(value: float) -> bool:
+        other = pose_at(value)
+        return other is not None and np.array_equal(other, pose, equal_nan=True)
+
+    return is_same

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import beta
 
 from firmware_model import FRESH
 from gap_diagnosis.firmware.candidates import Candidate, altered_config
@@ -18,6 +20,7 @@ _QUANTA: Final = 4.0
 _MOST_WINDOW_S: Final = 30.0
 _MOST_STARTS: Final = 8
 _MOST_ENDS: Final = 500
+_PARTS: Final = 12
 
 
 def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
@@ -152,17 +155,25 @@ def missed_deadlines(bench: Workbench) -> list[Candidate]:
     skipped = skipped_ticks(bench)
     if not skipped or len(skipped) > bench.inputs.ticks // 2:
         return []
-    share = (len(skipped) + 1) / (bench.inputs.ticks + 2)
-    width = math.sqrt(share * (1.0 - share) / bench.inputs.ticks)
+    ticks = bench.inputs.ticks
+    share = (len(skipped) + 1) / (ticks + 2)
+    # Which ticks were lost is as good as a message of this length, at this rate.
+    message = ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share))
+    # The probability's own distribution, the prior being even in logarithm, in equal parts.
+    edges = beta.ppf(
+        np.linspace(0.0, 1.0, _PARTS + 1)[1:-1], len(skipped), ticks - len(skipped) + 1
+    )
+    low, high = 1.5 * edges[0] - 0.5 * edges[1], 1.5 * edges[-1] - 0.5 * edges[-2]
+    edges = np.concatenate([[max(low, 0.5 * edges[0])], edges, [high]])
     return [
         Candidate(
-            {"missed_deadline.probability": share},
+            {"missed_deadline.probability": float(0.5 * (one + other))},
             {"missed_deadline": share},
-            # Which ticks were lost is as good as a message of this length, at this rate.
-            bench.inputs.ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share)),
-            {"missed_deadline.probability": width},
+            message - math.log(_PARTS),
+            {"missed_deadline.probability": float(0.5 * (other - one))},
             {"skipped": skipped},
         )
+        for one, other in pairwise(edges)
     ]
 
 

@@ -162,6 +162,7 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 ("radius_scale",),
                 "there are no raw counts in the log (opposite sign; wheel_radius)",
             ),
+            Twins(("fixed_tick_period",), "the constant is tick_period"),
         ),
     ),
     Effect(
@@ -218,6 +219,7 @@ EFFECTS: Final[tuple[Effect, ...]] = (
         ),
         "The odometry's gyro turns are off by a constant ratio, its distances are not.",
         _tick_period,
+        twins=(Twins(("firmware_constant",), "its constant is tick_period"),),
     ),
     Effect(
         "blend_weight",
