@@ -8,7 +8,7 @@ frames the gyro alone turns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -66,6 +66,17 @@ def drive_chunks(drive: Sequence[Stretch]) -> Iterator[NDArray[np.int64]]:
             part[:, 3], part[:, 4] = one.gyro_code, one.gyro_validity
             yield part
         left, right = left + one.left_step * one.ticks, right + one.right_step * one.ticks
+
+
+def until(drive: Drive, ticks: int) -> Drive:
+    """Return the first so many ticks of a drive, the baseline not counted."""
+    kept: list[Stretch] = []
+    for one in drive:
+        kept.append(replace(one, ticks=min(one.ticks, ticks)))
+        ticks -= one.ticks
+        if ticks <= 0:
+            break
+    return tuple(kept)
 
 
 def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Iterator[Drive]:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from firmware_model import Kernel, KernelConfig
 from firmware_model.integers import SATURATE
 from precision_study.ranges.bounds import Intermediate, intermediates
-from precision_study.ranges.drives import Drive, drive_chunks, drives
+from precision_study.ranges.drives import Drive, drive_chunks, drives, until
 from precision_study.ranges.envelope import Envelope
 
 Verdict = Literal["impossible", "overflows", "not provoked"]
@@ -74,7 +74,7 @@ def _finding(config: KernelConfig, envelope: Envelope, value: Intermediate) -> F
     for drive in drives(config, envelope, value):
         tick = first_overflow(config, value, drive)
         if tick is not None:
-            return Finding(value, "overflows", drive, tick)
+            return Finding(value, "overflows", until(drive, tick), tick)
     return Finding(value, "not provoked")
 
 

@@ -66,7 +66,7 @@ def measure(config: KernelConfig, drives: Drives) -> Errors:
         counts = np.clip(drives.ticks - part.start, 0, size)
         for row, count in enumerate(counts.tolist()):
             if count > 0:
-                np.maximum(largest[:, row], errors[:, row, :count].max(axis=1), largest[:, row])
+                largest[:, row] = np.maximum(largest[:, row], errors[:, row, :count].max(axis=1))
                 final[:, row] = errors[:, row, count - 1]
                 fallen = part.status[row, :count] & _FALLEN_BACK
                 fallback[row] += np.count_nonzero(fallen)

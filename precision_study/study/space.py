@@ -177,9 +177,12 @@ def with_adc_bits(plant: PlantDescription, bits: Any) -> PlantDescription:
         StudyError: a number of bits that the description does not take, or with which a code at
             rest is no longer whole.
     """
+    limits = type(plant.adc).model_json_schema()["properties"]["bits"]
+    low, high = limits["minimum"], limits["maximum"]
+    if type(bits) is not int or not low <= bits <= high:
+        raise StudyError(f"{ADC_BITS} = {bits!r}: expected a whole number from {low} to {high}")
     tables: dict[str, dict[str, Any]] = plant.model_dump()
-    is_number = isinstance(bits, int) and not isinstance(bits, bool) and 1 <= bits <= 64
-    change = bits - plant.adc.bits if is_number else 0
+    change = bits - plant.adc.bits
     for table in tables.values():
         for name, value in table.items():
             if name.startswith("sensitivity_lsb_per_"):

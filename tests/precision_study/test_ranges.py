@@ -204,7 +204,8 @@ def test_a_word_of_any_robot_is_proved_or_overflowed_by_a_drive_that_the_kernel_
             continue
         assert one.tick is not None
         kernel = Kernel(config)
-        kernel.run(inputs_of(one)[: one.tick + 1])
+        assert sum(part.ticks for part in one.drive) == one.tick  # and the baseline before them
+        kernel.run(inputs_of(one))
         if one.intermediate.word == "velocity":
             assert (config.velocity_high_q in (abs(kernel.v_m_s_q), abs(kernel.w_rad_s_q))) or (
                 config.velocity_low_q in (kernel.v_m_s_q, kernel.w_rad_s_q)
@@ -301,3 +302,13 @@ def test_the_command_answers_with_its_status_and_the_same_facts_as_data(
     assert wrong["field"] == "firmware.position.word_bits"
     assert wrong["drive"][0]["left_step"] == answer["envelope"]["step_ticks"]
     assert np.isclose(wrong["tick"] * 0.01, 339, atol=1)
+    assert f"overflows after {wrong['tick'] / 100:g} s of: {wrong['tick']:,} ticks of " in said
+
+
+def test_formats_that_no_kernel_bears_are_refused_with_their_line(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robot.toml").write_text("[firmware.step]\nfrac_bits = 2\nconstant_frac_bits = 5\n")
+    assert main(["ranges", "--robot", "robot.toml"]) == 2
+    assert "robot.toml:3: firmware.step.constant_frac_bits = 5: " in capsys.readouterr().err
