@@ -154,7 +154,16 @@ def _whiten(
     log_determinant = 0.0
     gain = np.zeros(10)
     fresh_angle = 0.0
+    # What the contact adds to the heading from a block's mean to its end: its covariance with the
+    # states, its variance, its estimate.
+    late = np.zeros(10)
+    late_variance = 0.0
+    late_state = np.zeros(width)
     for k in range(nodes):
+        # States are those at a block's end, what is compared are means over its ticks: for noise
+        # that is fresh at each tick, the covariance of end and lateness and the latter's variance.
+        together = (ticks[k] - 1.0) / (2.0 * ticks[k])
+        spread = (ticks[k] - 1.0) * (2.0 * ticks[k] - 1.0) / (6.0 * ticks[k] ** 2)
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
             # x -= dy * heading, y += dx * heading, gyro angle += bias * dt
@@ -185,7 +194,8 @@ def _whiten(
             along = 0.25 * (left + right)
             cross = 0.5 * (right - left) / wheelbase_m
             side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
-            covariance[0] += (left + right) / (wheelbase_m * wheelbase_m)
+            turn = (left + right) / (wheelbase_m * wheelbase_m)
+            covariance[0] += turn
             covariance[11] += c * c * along + s * s * side
             covariance[22] += s * s * along + c * c * side
             covariance[12] += c * s * (along - side)
@@ -197,6 +207,12 @@ def _whiten(
             fresh_angle = gyro_noise * gyro_noise * dt
             covariance[33] += fresh_angle
             covariance[44] += walk * walk * dt
+            late[:] = 0.0
+            late[0] = together * turn
+            late[1] = together * c * cross
+            late[2] = together * s * cross
+            late_variance = spread * turn
+            late_state[:] = 0.0
         stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
         for q in range(5, 7):
             moved = left_moved[k] if q == 5 else right_moved[k]
@@ -234,26 +250,35 @@ def _whiten(
                     + left_share * covariance[50 + i]
                     + right_share * covariance[60 + i]
                 )
+            late_gain = late[first] + late[second]
+            late_gain += left_share * late[5] + right_share * late[6]
             variance = noise + gain[first] + gain[second]
             variance += left_share * gain[5] + right_share * gain[6]
+            if channel >= 2:
+                variance += late_variance - 2.0 * late_gain
+                late_gain -= late_variance
+                for i in range(10):
+                    gain[i] -= late[i]
             if channel == 3:
-                # The state is the angle at the block's end, what is compared its mean: what the
-                # gyro's noise adds from the mean to the end is no news when the end is known.
-                count = ticks[k]
-                together = fresh_angle * (count - 1.0) / (2.0 * count)
-                variance += fresh_angle * (count - 1.0) * (2.0 * count - 1.0) / (6.0 * count**2)
-                variance -= 2.0 * together
-                gain[3] -= together
+                variance += fresh_angle * (spread - 2.0 * together)
+                gain[3] -= fresh_angle * together
             log_determinant += np.log(variance)
             scale = 1.0 / np.sqrt(variance)
+            late_gain *= scale
             for i in range(10):
                 gain[i] *= scale
             for j in range(width):
                 expected = state[first, j] + state[second, j]
                 expected += left_share * state[5, j] + right_share * state[6, j]
+                if channel >= 2:
+                    expected -= late_state[j]
                 out[rows, j] = (columns[channel, k, j] - expected) * scale
+            for j in range(width):
+                late_state[j] += late_gain * out[rows, j]
+            late_variance -= late_gain * late_gain
             for i in range(10):
                 amount = gain[i]
+                late[i] -= amount * late_gain
                 for j in range(width):
                     state[i, j] += amount * out[rows, j]
                 for j in range(10):

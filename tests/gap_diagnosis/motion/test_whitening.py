@@ -64,7 +64,7 @@ def dense_covariance() -> Floats:
     bias = draw(1e-12)
     slow = [draw(slow_position**2), draw(slow_position**2), draw(slow_heading**2)]
     quantum: list[dict[int, float]] = [{}, {}]
-    mean = gyro
+    mean_angle, mean = angle, gyro
     rows = []
     for k in range(NODES.count):
         c, s = COURSE.cosine[k], COURSE.sine[k]
@@ -76,13 +76,19 @@ def dense_covariance() -> Floats:
                 plus((1.0, y), (COURSE.step_x_m[k], angle)),
                 plus((1.0, gyro), (dt, bias)),
             )
-            left = draw(contact**2 * COURSE.left_path_m[k])
-            right = draw(contact**2 * COURSE.right_path_m[k])
+            ticks = int(NODES.ticks[k])
+            lefts = [draw(contact**2 * COURSE.left_path_m[k] / ticks) for _ in range(ticks)]
+            rights = [draw(contact**2 * COURSE.right_path_m[k] / ticks) for _ in range(ticks)]
+            left, right = (plus(*((1.0, one) for one in side)) for side in (lefts, rights))
+            turns = [
+                plus((1 / axle, one), (-1 / axle, other))
+                for one, other in zip(rights, lefts, strict=True)
+            ]
+            mean_angle = plus((1.0, angle), *((1 - i / ticks, turns[i]) for i in range(ticks)))
             side = draw(lateral**2 * 0.5 * (COURSE.left_path_m[k] + COURSE.right_path_m[k]))
             angle = plus((1.0, angle), (1 / axle, right), (-1 / axle, left))
             x = plus((1.0, x), (0.5 * c, left), (0.5 * c, right), (-s, side))
             y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
-            ticks = int(NODES.ticks[k])
             noise = [draw(gyro_noise**2 * dt / ticks) for _ in range(ticks)]
             mean = plus((1.0, gyro), *((1 - tick / ticks, noise[tick]) for tick in range(ticks)))
             gyro = plus((1.0, gyro), *((1.0, one) for one in noise))
@@ -104,9 +110,9 @@ def dense_covariance() -> Floats:
         channels = (
             plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, draw(white))),
             plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, draw(white))),
-            plus((1.0, angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
+            plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
             plus(
-                (1.0, angle),
+                (1.0, mean_angle),
                 (1.0, mean),
                 (1.0, counted),
                 (1.0, draw(COURSE.gyro_floor_rad**2 + fast)),
