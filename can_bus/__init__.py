@@ -23,6 +23,7 @@ from can_bus.e2e import (
     crc8_profile1,
     crc8_profile1_array,
 )
+from can_bus.e2e_state import E2EState, E2EStateMachine, ProfileStatus, StateLimits
 from can_bus.errors import BusFullError, CanBusError
 from can_bus.faults import FAULT_KINDS, Fault, FaultInjector, FaultKind
 from can_bus.frames import Frame, QuickMessage, make_message, timestamp_us
@@ -59,6 +60,8 @@ __all__ = [
     "DisturbanceSchedule",
     "Disturbances",
     "E2EProtection",
+    "E2EState",
+    "E2EStateMachine",
     "E2EStatus",
     "Fault",
     "FaultInjector",
@@ -69,12 +72,14 @@ __all__ = [
     "LogWriter",
     "MessageColumns",
     "MessageSpec",
+    "ProfileStatus",
     "QueuedFrame",
     "QuickMessage",
     "Raw",
     "Reason",
     "ResponseTime",
     "SignalSpec",
+    "StateLimits",
     "Traffic",
     "check_interface",
     "columns_of",

@@ -10,6 +10,8 @@ import can
 
 from can_bus.database import Database, identifier_key
 from can_bus.e2e import CounterCheck, E2EStatus, crc8, unsupported_profile
+from can_bus.e2e_state import E2EState, E2EStateMachine, ProfileStatus
+from can_bus.errors import CanBusError
 from can_bus.frames import MICROSECONDS_PER_S
 from can_bus.signals import Raw, SignalSpec
 from can_bus.specs import MessageSpec
@@ -46,12 +48,13 @@ class Accepted(NamedTuple):
 class _Reception:
     """What the checker knows and remembers of one accepted message."""
 
-    __slots__ = ("counter", "crc_start", "fields", "last_us", "length_bytes", "spec")
+    __slots__ = ("counter", "crc_start", "fields", "last_us", "length_bytes", "machine", "spec")
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
         self.length_bytes = spec.length_bytes
         self.counter = None if spec.e2e is None else CounterCheck(spec.e2e)
+        self.machine = E2EStateMachine()
         self.crc_start = spec.crc_start
         self.last_us: int | None = None
         self.fields = (
@@ -116,12 +119,14 @@ class FrameChecker:
                 missed_cycles = (2 * (now_us - last_us) + cycle_us) // (2 * cycle_us) - 1
                 if missed_cycles > 0:
                     counter.pass_cycles(missed_cycles)
+                    reception.machine.pass_cycles(missed_cycles)
             if crc8(data[1:], reception.crc_start) != data[0]:
-                counter.reject_crc()
+                reception.machine.add(counter.reject_crc())
                 self._reject("crc", message)
                 return None
             alive = data[1] & 0x0F
             status = counter.check(alive)
+            reception.machine.add(status)
             if status is not _OK and not status.is_accepted:
                 self._reject("counter", message)
                 return None
@@ -151,6 +156,17 @@ class FrameChecker:
             self._reject("age", message)
             return None
         return Accepted(reception.spec, raw, invalid, round(stamp), alive)
+
+    def e2e(self, name: str) -> tuple[ProfileStatus, E2EState]:
+        """Return the result of a protected message's last cycle, and the state of its stream.
+
+        Cycles without a frame count when the next frame comes. Raises CanBusError for a message
+        that this receiver does not accept.
+        """
+        for reception in self._receptions.values():
+            if reception.spec.name == name:
+                return reception.machine.status, reception.machine.state
+        raise CanBusError(f"this receiver does not accept {name!r}")
 
     def _reject(self, reason: Reason, message: can.Message) -> None:
         self.rejected[reason] += 1
