@@ -19,6 +19,7 @@ from error_tables import (
     recordings,
     rig,
     simulated,
+    studies,
     tables,
     trials,
     usage,
@@ -44,6 +45,7 @@ SECTIONS: Mapping[str, tuple[Row, ...]] = {
     "Tables": tables.TABLES,
     "Diagnosis": diagnosis.DIAGNOSIS,
     "Blind trials": trials.TRIALS,
+    "Study": studies.STUDIES,
     "Output": logs.OUTPUT,
 }
 
