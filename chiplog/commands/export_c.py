@@ -28,14 +28,24 @@ def command(
     from chiplog.terminal import show_line
     from firmware_model.c99_export import export_files
     from hil_harness.assembly import load_wire
+    from hil_harness.errors import HarnessError
     from hil_harness.nodes.firmware import firmware_config
     from hil_harness.robot import load_robot
 
     described, wire = load_robot(robot), load_wire(dbc, signals)
-    config = firmware_config(described, wire.signal_map, wire.tick_period_us, allow_overflow=force)
+    given = described, wire.signal_map, wire.tick_period_us
+    forced = ""
+    try:
+        config = firmware_config(*given)
+    except HarnessError as error:
+        if not force:
+            raise
+        config, forced = firmware_config(*given, allow_overflow=True), str(error)
     texts = export_files(config, described.name)
     write_files(out, texts)
     show_line(f"wrote {', '.join(texts)} to {out}")
+    if forced:
+        show_line(f"by force, although {forced}; the state's overflow_count counts overflows")
 
 
 def write_files(folder: Path, texts: dict[str, str]) -> None:

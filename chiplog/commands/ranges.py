@@ -33,19 +33,18 @@ def command(
     a drive that overflows the word is run through the kernel. Exit status 1 if a word can overflow.
     """
     from chiplog.terminal import show_line, show_table
-    from firmware_model import FirmwareError, build_config
     from hil_harness.assembly import load_wire
-    from hil_harness.kernel_inputs import KernelInputs
+    from hil_harness.errors import HarnessError
+    from hil_harness.nodes.firmware import firmware_config
     from hil_harness.robot import load_robot
     from precision_study.ranges import Envelope, find_ranges, to_json
 
     described, wire = load_robot(robot), load_wire(dbc, signals)
-    gyro = KernelInputs(wire.signal_map, described.plant).gyro
-    constants = described.firmware_constants(wire.tick_period_us, gyro)
+    given = described, wire.signal_map, wire.tick_period_us
     try:
-        config = build_config(described.firmware, constants)
-    except FirmwareError:  # a word is too narrow: which, and when, is what is asked here
-        config = build_config(described.firmware, constants, allow_overflow=True)
+        config = firmware_config(*given)
+    except HarnessError:  # a word may be too narrow: which, and when, is what is asked here
+        config = firmware_config(*given, allow_overflow=True)
     envelope = Envelope.of(config, mission_s=mission_s, speed_m_s=speed_m_s)
     findings = find_ranges(config, envelope)
     if json_file is not None:
@@ -54,7 +53,7 @@ def command(
         head = ["intermediate", "at most", "bits", "needed", "overflow"]
         show_table(head, [row(one, config) for one in findings])
         show_line()
-        show_line(answer(findings))
+        show_line(answer(findings, config))
     if any(one.verdict != "impossible" for one in findings):
         raise typer.Exit(1)
 
@@ -70,13 +69,30 @@ def row(finding: Finding, config: KernelConfig) -> list[str]:
     return [value.name, f"{bound:.4g} {value.unit}", *widths, said]
 
 
-def answer(findings: list[Finding]) -> str:
-    """Return the answer in a sentence."""
+def answer(findings: list[Finding], config: KernelConfig) -> str:
+    """Return the answer: a sentence, or a line for each word that can overflow."""
     wrong = [one for one in findings if one.verdict != "impossible"]
     if not wrong:
         return "No word can overflow."
-    return "Can overflow: " + "; ".join(
-        f"{one.intermediate.name} ({one.intermediate.field} = {one.intermediate.word_bits}, "
-        f"expected at least {one.intermediate.least_word_bits})"
+    return "\n".join(
+        f"{one.intermediate.name}: {one.intermediate.field} = {one.intermediate.word_bits}, "
+        f"expected at least {one.intermediate.least_word_bits}{shown(one, config)}"
         for one in wrong
     )
+
+
+def shown(finding: Finding, config: KernelConfig) -> str:
+    """Return the drive that overflows a word, in words."""
+    if finding.drive is None or finding.tick is None:
+        return ""
+    parts = []
+    for one in finding.drive:
+        frames = "no frame" if one.frame_every == 0 else "a frame in each"
+        if one.frame_every > 1:
+            frames += f" {one.frame_every}th"
+        gyro = f"gyro code {one.gyro_code}" if one.gyro_validity == 0 else "gyro invalid"
+        steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in each"
+        ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
+        parts.append(f"{ticks} of {steps}, {frames}, {gyro}")
+    time_s = finding.tick * config.constants.tick_period_s
+    return f"; overflows after {time_s:g} s of: {'; '.join(parts)}"

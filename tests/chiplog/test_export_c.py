@@ -18,6 +18,7 @@ from firmware_model.tables import quarter_sine_table
 from hil_harness.assembly import load_wire
 from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario_names
 
 STRICT = [
     "-std=c99",
@@ -139,13 +140,15 @@ def test_formats_that_overflow_are_refused_before_anything_is_written(
     assert not (tmp_path / "c").exists()
 
 
-@pytest.mark.parametrize("scenario", ["lesson", "stop_and_go", "spin"])
+@pytest.mark.parametrize("scenario", scenario_names())
 def test_every_kernel_puts_the_same_bytes_on_the_bus(
-    chiplog: Chiplog, tmp_path: Path, scenario: str
+    chiplog: Chiplog, tmp_path: Path, scenario: str, size: str
 ) -> None:
+    """Small: the first 2 s of each scenario. Full: half a minute."""
+    duration_s = "2" if size == "small" else "30"
+    words = ("--scenario", scenario, "--duration-s", duration_s)
     for kernel in ("compiled", "python", "c99"):
-        words = ("--scenario", scenario, "--duration-s", "6", "--kernel", kernel, "--out", kernel)
-        assert chiplog("run", *words).status == 0
+        assert chiplog("run", *words, "--kernel", kernel, "--out", kernel).status == 0
     for name in ("bus.log", "state.json"):
         found = {
             (tmp_path / kernel / name).read_bytes() for kernel in ("compiled", "python", "c99")
@@ -202,7 +205,9 @@ def test_formats_that_overflow_run_by_force_and_the_overflows_are_counted(
 def test_formats_that_overflow_are_exported_by_force(chiplog: Chiplog, tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(NARROW)
     assert chiplog("export-c", "--robot", "robot.toml", "--out", "c").status == 2
-    assert chiplog("export-c", "--robot", "robot.toml", "--out", "c", "--force").status == 0
+    forced = chiplog("export-c", "--robot", "robot.toml", "--out", "c", "--force")
+    assert forced.status == 0
+    assert "by force, although robot.toml:2: firmware.position.word_bits = 12: the lo" in forced.out
     assert ".position_high_q = INT64_C(2047)," in (tmp_path / "c" / CONFIG_HEADER).read_text()
 
 

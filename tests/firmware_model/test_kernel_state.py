@@ -33,6 +33,20 @@ def test_a_run_continues_from_a_saved_state_as_if_never_stopped(
     assert resumed.state() == through.state()
 
 
+@pytest.mark.parametrize("implementation", ["python", "compiled", "c99"])
+def test_many_ticks_taken_at_once_are_the_same_ticks(implementation: Implementation) -> None:
+    config = config_of(mode="blend")
+    ticks = random_ticks(config, seed=6, count=1_500)
+    ticks[::7, 2] = 259  # no validity; 3 in its lower 8 bits
+    ticks[::11, 4] = -256  # FRESH in its lower 8 bits
+    together, one_by_one = Kernel(config, implementation), Kernel(config, "python")
+    together.run(ticks[:1_000])
+    together.run(ticks[1_000:])
+    for tick in ticks.tolist():
+        one_by_one.step(*tick)
+    assert together.state() == one_by_one.state()
+
+
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
 def test_every_field_is_a_plain_int_at_all_times(implementation: Implementation) -> None:
     kernel = Kernel(config_of(), implementation)

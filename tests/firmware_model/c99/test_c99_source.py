@@ -62,7 +62,7 @@ def test_a_cplusplus_compiler_may_include_the_header(sources: Path) -> None:
 def test_cppcheck_finds_nothing(sources: Path) -> None:
     quiet = ["--quiet", "--suppress=missingIncludeSystem", "--suppress=unusedFunction"]
     checks = ["--enable=all", "--inconclusive", "--std=c99", "--error-exitcode=1"]
-    assert run("cppcheck", *checks, *quiet, c99.SOURCE, folder=sources) == ""
+    assert run("cppcheck", *checks, *quiet, c99.SOURCE, c99.HOST, folder=sources) == ""
 
 
 @pytest.mark.parametrize("level", ["-O0", "-Os", "-O2", "-O3"])
@@ -113,11 +113,23 @@ def test_a_compiler_that_shifts_or_converts_otherwise_would_stop(
 
 
 def test_each_function_says_its_scaling_and_why_nothing_overflows() -> None:
-    text = c99.text(c99.SOURCE) + c99.text(c99.HEADER)
-    comments = re.findall(r"/\*\*\n(.*?)\*/\n(?:static|void|int32_t chiplog)", text, re.S)
-    assert len(comments) > 40
-    assert [one for one in comments if "Scaling and overflow: " not in one] == []
-    assert [one for one in comments if "@brief" not in one] == []
+    """A function of the file says it above its body, one that a user calls in the header."""
+    source, header = c99.text(c99.SOURCE), c99.text(c99.HEADER)
+    defined = re.findall(r"^(static )?[^\n(/#]*\b(\w+)\([^;{}]*\)\n\{", source, re.M)
+    assert len(defined) > 40
+    for is_static, name in defined:
+        text, start = (source, "static ") if is_static else (header, "")
+        comments = re.findall(rf"/\*\*((?:(?!\*/).)*)\*/\n{start}[^\n(]*\b{name}\(", text, re.S)
+        assert len(comments) == 1, name
+        assert "@brief" in comments[0], name
+        assert "Scaling and overflow: " in comments[0], name
+
+
+def test_no_operator_divides_and_no_type_is_of_floating_point() -> None:
+    for name in (c99.SOURCE, c99.HEADER):
+        code = re.sub(r"/\*.*?\*/", "", c99.text(name), flags=re.S)
+        assert "//" not in code
+        assert re.findall(r"[/%]|\b(?:float|double|malloc|long)\b", code) == []
 
 
 def test_the_structs_hold_the_kernels_fields_and_the_header_its_status_bits() -> None:
