@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from chiplog.errors import CommandError
+from hil_harness.export.tum import tum_text
 from hil_harness.results import SUMMARY_SCHEMA, RunResult
 
 BUS_LOG = "bus.log"
@@ -105,17 +105,11 @@ class RunFolder:
 
 
 def reference_tum(result: RunResult) -> str:
-    """Return truth (or reference) as `t x y z qx qy qz qw` rows, on the clock of the log.
-
-    17 digits give every float64 back bit for bit. The quaternion is a turn about z by the heading.
-    """
+    """Return truth (or reference) as `t x y z qx qy qz qw` rows, on the clock of the log."""
     stamps_s, poses = result.stamp_us / 1e6, result.truth
     if result.reference is not None:
         stamps_s, poses = result.reference
-    return "".join(
-        f"{t:.17g} {x:.17g} {y:.17g} 0 0 0 {math.sin(h / 2):.17g} {math.cos(h / 2):.17g}\n"
-        for t, (x, y, h) in zip(stamps_s.tolist(), poses.tolist(), strict=True)
-    )
+    return tum_text(stamps_s, poses)
 
 
 def _is_a_run(summary: Path) -> bool:

@@ -85,11 +85,21 @@ def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
     return ReplayResult(path, node.ticks, fields, difference, rejected, node.kernel.state())
 
 
+def logged_steps(path: Path, wire: Wire) -> Iterator[LoggedStep]:
+    """Yield the steps of a log's firmware: what it had received, and what it sent.
+
+    Raises as `replay` does.
+    """
+    messages = firmware_messages(wire.database, wire.signal_map)
+    ours = {(spec.frame_id, spec.is_extended): spec for spec in messages}
+    return _steps(path, ours, wire)
+
+
 _Key = tuple[int, bool]
 
 
 @dataclass
-class _Step:
+class LoggedStep:
     """One step of the firmware as the log has it."""
 
     now_us: int
@@ -98,9 +108,9 @@ class _Step:
     is_last: bool = False
 
 
-def _with_last(steps: Iterator[_Step]) -> Iterator[_Step]:
+def _with_last(steps: Iterator[LoggedStep]) -> Iterator[LoggedStep]:
     """Mark the last step: the log may have ended inside it."""
-    before: _Step | None = None
+    before: LoggedStep | None = None
     for step in steps:
         if before is not None:
             yield before
@@ -110,7 +120,7 @@ def _with_last(steps: Iterator[_Step]) -> Iterator[_Step]:
         yield before
 
 
-def _steps(path: Path, ours: Mapping[_Key, MessageSpec], wire: Wire) -> Iterator[_Step]:
+def _steps(path: Path, ours: Mapping[_Key, MessageSpec], wire: Wire) -> Iterator[LoggedStep]:
     """Return the steps of a log: by what was sent, or, if not every step sends, by the stamps."""
     period_us = wire.tick_period_us
     if any((spec.cycle_time_us or period_us) == period_us for spec in ours.values()):
@@ -120,7 +130,7 @@ def _steps(path: Path, ours: Mapping[_Key, MessageSpec], wire: Wire) -> Iterator
 
 def _steps_by_answers(
     messages: Iterator[can.Message], ours: Mapping[_Key, MessageSpec]
-) -> Iterator[_Step]:
+) -> Iterator[LoggedStep]:
     """Each block of the firmware's frames ends a step; what was received before is its input."""
     received: list[can.Message] = []
     sent: dict[_Key, can.Message] = {}
@@ -138,20 +148,20 @@ def _steps_by_answers(
         yield _step(received, sent)
 
 
-def _step(received: list[can.Message], sent: Mapping[_Key, can.Message]) -> _Step:
+def _step(received: list[can.Message], sent: Mapping[_Key, can.Message]) -> LoggedStep:
     frames = list(sent.values())
-    return _Step(timestamp_us(frames[0]), received, frames)
+    return LoggedStep(timestamp_us(frames[0]), received, frames)
 
 
 def _steps_by_stamps(
     path: Path, ours: Mapping[_Key, MessageSpec], period_us: int
-) -> Iterator[_Step]:
+) -> Iterator[LoggedStep]:
     """In a log of a lockstep run each tick has its own stamp; ticks without a frame are steps too.
 
     Raises HarnessError for a log of a real-time run: there the steps without an answer left no
     trace.
     """
-    step = _Step(0, [], [])
+    step = LoggedStep(0, [], [])
     for message in read_log(path):
         stamp_us = timestamp_us(message)
         if stamp_us % period_us or stamp_us < step.now_us:
@@ -163,7 +173,7 @@ def _steps_by_stamps(
             )
         while stamp_us > step.now_us:
             yield step
-            step = _Step(step.now_us + period_us, [], [])
+            step = LoggedStep(step.now_us + period_us, [], [])
         is_ours = (message.arbitration_id, message.is_extended_id) in ours
         (step.sent if is_ours and not message.is_error_frame else step.received).append(message)
     yield step
@@ -172,7 +182,7 @@ def _steps_by_stamps(
 def _compare(
     path: Path,
     tick: int,
-    step: _Step,
+    step: LoggedStep,
     computed: list[can.Message],
     ours: Mapping[_Key, MessageSpec],
 ) -> tuple[int, Difference | None]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.ros_reference import read_ros_rows, ros_file
 from gap_diagnosis.recording import Recording, Reference
 
 Floats = NDArray[np.float64]
@@ -29,7 +30,9 @@ _NORM_TOLERANCE: Final = 0.05
 
 
 def read_reference(path: str | Path) -> Reference:
-    """Read a ``.tum`` file.
+    """Read a ``.tum`` file, or the poses of a ROS recording: ``FILE.mcap`` or ``FILE.mcap:/topic``.
+
+    A rosbag2 folder, its ``.db3`` or a ``.bag`` will do as well.
 
     The heading is left out where every row has the same quaternion although the path bends: such a
     file has positions only.
@@ -38,7 +41,12 @@ def read_reference(path: str | Path) -> Reference:
     stamps that do not ascend, fewer than two rows.
     """
     path = Path(path)
-    rows, lines = _read(path)
+    recording = ros_file(path)
+    if recording is None:
+        rows, lines = _read(path)
+    else:
+        rows = read_ros_rows(*recording, MAX_ROWS)
+        lines = np.arange(1, len(rows) + 1)
     if len(rows) < 2:
         raise DiagnosisError(f"{path}: {len(rows)} rows: expected at least two, each {_FORM}")
     broken = np.asarray(~np.isfinite(rows).all(axis=1), dtype=np.bool_)
