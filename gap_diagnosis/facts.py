@@ -10,6 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import InputFile, LogFacts
 from hil_harness.robot import Robot
@@ -59,10 +60,13 @@ def input_files(
 
 
 def _sha256(path: Path) -> str:
+    recording = ros_file(path)
+    path = path if recording is None else recording[0]
     digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
+    for part in sorted(path.iterdir()) if path.is_dir() else [path]:  # a rosbag2 is a folder
+        with part.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
     return digest.hexdigest()
 
 

@@ -34,8 +34,9 @@ def command(
         list[Path] | None,
         typer.Option(
             "--reference",
-            metavar="FILE.tum",
-            help="Trajectory measured from outside, one per LOG in their order (repeatable).",
+            metavar="FILE",
+            help="Trajectory measured from outside, one per LOG in their order (repeatable): .tum, "
+            "or .mcap, rosbag2 or .bag, with :/topic behind it where several state poses.",
         ),
     ] = None,
     holdout: Annotated[
