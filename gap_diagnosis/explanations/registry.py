@@ -133,11 +133,32 @@ def _one_sided_slip(motion: Motion) -> Iterable[Variant]:
 
 
 def _gyro_saturation(motion: Motion) -> Iterable[Variant]:
+    flat = _flat_top(motion)
+    if flat is not None:
+        known = {"limit": flat}
+        yield Variant("gyro_saturation", gyro.gyro_saturation, (), known, known)
+        return
     fastest = float(np.abs(motion.turn_rate_rad_s).max())
     for share in (0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3):
         limit = {"limit": share * fastest}
         if fastest > 0.1:
             yield Variant("gyro_saturation", gyro.gyro_saturation, (), limit, limit)
+
+
+_LEAST_AT_TOP: Final = 20
+
+
+def _flat_top(motion: Motion) -> float | None:
+    """Return the rate beyond which no code goes though many go so far; None where there is none."""
+    if motion.gyro_code is None:
+        return None
+    away = np.abs(motion.gyro_code - motion.gyro_zero_rate_code)
+    reach = float(away.max())
+    at_top = np.count_nonzero(away >= reach - 0.6)
+    just_below = np.count_nonzero((away < reach - 0.6) & (away > reach - 1.6))
+    if reach < 1 or at_top < max(_LEAST_AT_TOP, 5 * just_below):
+        return None
+    return reach / motion.gyro_sensitivity_lsb_per_rad_s
 
 
 def _adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
@@ -378,10 +399,10 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     An effect that a user's library explains without a rank of its own acts last.
     """
     prediction = Prediction(motion)
-    ordered = sorted(settings, key=lambda one: _rank(one[0]))
+    ordered = sorted(settings, key=lambda one: rank_of(one[0]))
     rolled = False
     for variant, coefficients in ordered:
-        if not rolled and _rank(variant) >= 1:
+        if not rolled and rank_of(variant) >= 1:
             prediction.roll()
             rolled = True
         variant.apply(prediction, coefficients)
@@ -390,7 +411,8 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     return prediction
 
 
-def _rank(variant: Variant) -> int:
+def rank_of(variant: Variant) -> int:
+    """Return when a variant acts: encoder 0, wheel 1, gyro 2, reference 3."""
     known = EXPLAINED.get(variant.effect)
     return variant.stage_rank if known is None else known.stage_rank
 

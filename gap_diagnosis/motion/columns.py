@@ -45,11 +45,13 @@ class Term:
         weights: per coefficient (one for a variant without any, whose amplitude is 1), the base
             columns it is made of: pairs of index and weight.
         tolerances: per coefficient, what is no news.
+        log_weight: log prior of this variant over the effect's others, beside an even share.
     """
 
     variant: Variant
     weights: tuple[tuple[tuple[int, float], ...], ...]
     tolerances: tuple[float, ...]
+    log_weight: float = 0.0
 
     @property
     def is_fixed(self) -> bool:

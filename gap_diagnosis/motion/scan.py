@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -15,6 +15,7 @@ from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.recording import Floats
 
 Effects = frozenset[str]
@@ -27,6 +28,8 @@ _REFITTED: Final = 8
 _GREEDY: Final = 3
 _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
+_WINDOWED: Final = 8
+_WORTH_WINDOW: Final = 20.0
 _EXTENDED: Final = 4
 _THIRD_VARIANTS: Final = 3
 _WORTH_THIRD: Final = 10.0
@@ -173,13 +176,48 @@ class Scan:
             self.by_effect[term.variant.effect].append(better)
             self.spans[term.variant.effect] = edged.spans
             added = True
-        if added:
+        asked = self._part_of_the_log()
+        if added or asked is not None:
             levels = [gram.levels for gram in self._grams]
+            levels += [] if asked is None else [asked]
             self._grams.clear()
             self._kept.clear()
             self.found.clear()
             for one_levels in levels:
                 self._add_levels(one_levels)
+
+    def _part_of_the_log(self) -> Floats | None:
+        """Give an effect a window where that makes it the best account of all; return its levels.
+
+        It is sought at the described noise levels: where nothing explains a change, levels grow.
+        """
+        gram, kept = self._grams[0], self._kept[0]
+        density = self.model.level_prior.log_density(np.log(gram.levels))
+        best_so_far = self._ranked()[0].log_evidence
+        if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
+            return None
+        leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
+        best: tuple[float, Term] | None = None
+        for term in leading:
+            window = best_window(self.model, term, gram.levels)
+            if window is not None and (best is None or window[1] > best[0]):
+                best = window[1], window[0]
+        if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
+            return None
+        term = best[1]
+        at_ends = self.model.refit((term,), gram.levels)
+        if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
+            return None
+        edged = best_edges(self.model, (term,), 0, at_ends.coefficients, at_ends.levels)
+        between = self.model.refit(
+            (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
+        )
+        if between.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_EDGES:
+            return None
+        added = replace(self.model.add(edged.term.variant, term), log_weight=LOG_WEIGHT)
+        self.by_effect[term.variant.effect].append(added)
+        self.spans[term.variant.effect] = edged.spans
+        return between.levels
 
     def _greedy(self, gram: Gram) -> list[Term]:
         """Return a few terms that together take most of what is there."""
@@ -213,8 +251,8 @@ class Scan:
         for effect, (found, order) in singles.items():
             self._offer(found)
             kept[effect] = order[:_VARIANTS_KEPT]
-        self._kept.append(kept)
         ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
+        self._kept.append({effect: kept[effect] for effect in ranked})
         for first, second in combinations(ranked, 2):
             if ranked.index(first) < _LEADERS:
                 lead = kept[first][:1]
@@ -228,10 +266,11 @@ class Scan:
     ) -> tuple[Found, list[Term]]:
         """Return the account of a set of effects whose variants are *choices*."""
         scored = [score(gram, terms, self.model.prior) for terms in choices]
-        order = sorted(range(len(scored)), key=lambda i: -scored[i].log_evidence)
+        weighed = [one.log_evidence + sum(t.log_weight for t in one.terms) for one in scored]
+        order = sorted(range(len(scored)), key=lambda i: -weighed[i])
         best = scored[order[0]]
-        count = math.prod(len(self.by_effect[t.variant.effect]) for t in best.terms)
-        evidence = log_sum(np.array([one.log_evidence for one in scored])) - math.log(count)
+        count = math.prod(self._choices(t.variant.effect) for t in best.terms)
+        evidence = log_sum(np.array(weighed)) - math.log(count)
         effects = frozenset(term.variant.effect for term in best.terms)
         found = Found(
             effects,
@@ -241,6 +280,10 @@ class Scan:
             gram.levels,
         )
         return found, [scored[i].terms[-1] for i in order]
+
+    def _choices(self, effect: str) -> int:
+        """Return how many variants of an effect share its prior evenly."""
+        return max(sum(term.log_weight == 0.0 for term in self.by_effect[effect]), 1)
 
     def _offer(self, found: Found) -> None:
         known = self.found.get(found.effects)

@@ -1,0 +1,111 @@
+"""When an effect begins and ends: windows for effects that act on the whole log otherwise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import fields, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Action, Variant, rank_of
+from gap_diagnosis.motion.columns import GROSS, Term
+from gap_diagnosis.motion.evidence import gram_of, score
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.recording import Floats
+
+_GYRO_RANK: Final = 2
+_SHARE: Final = 0.1
+"""One effect in ten does not act on the whole log."""
+LOG_WEIGHT: Final = math.log(_SHARE / (SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2))
+"""Log prior of one window of the grid, beside the effect on the whole log."""
+
+
+def can_begin(term: Term) -> bool:
+    """Tell whether an effect is sought in windows: one amplitude, of a wheel, encoder or gyro."""
+    variant = term.variant
+    return (
+        len(variant.coefficients) == 1
+        and "start_s" not in variant.fixed
+        and variant.effect not in GROSS
+        and rank_of(variant) <= _GYRO_RANK
+    )
+
+
+def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
+    """Return the variant acting from *start_s* until *stop_s* [s, log time] only."""
+    window = {"start_s": start_s, "stop_s": stop_s}
+    return replace(
+        variant,
+        act=_between(variant),
+        fixed=window,
+        report={**variant.report, **window},
+    )
+
+
+def _between(variant: Variant) -> Action:
+    def act(prediction: Prediction, *, start_s: float, stop_s: float, **size: float) -> None:
+        whole = copy(prediction)
+        variant.act(whole, **size, **variant.fixed)
+        t_s = prediction.motion.t_s
+        inside = (t_s >= start_s) & (t_s < stop_s)
+        for one in fields(prediction):
+            before, after = getattr(prediction, one.name), getattr(whole, one.name)
+            if after is not before:
+                setattr(prediction, one.name, np.where(inside, after, before))
+
+    return act
+
+
+def best_window(model: MotionModel, term: Term, levels: Floats) -> tuple[Term, float] | None:
+    """Return the term in the window of a grid that suits it best, with its log evidence.
+
+    The choice of a window costs what its prior says. None where the whole log is better.
+    """
+    t_s = model.nodes.motion.t_s
+    edges = np.linspace(t_s[0] - 1e-6, t_s[-1] + 1e-6, SLIP_WINDOWS + 1)
+    scores = _scores(model, term, levels, edges)
+    whole = scores.pop((0, SLIP_WINDOWS))
+    first, last = max(scores, key=lambda window: scores[window])
+    evidence = scores[first, last] + LOG_WEIGHT
+    if evidence <= whole:
+        return None
+    variant = windowed(term.variant, float(edges[first]), float(edges[last]))
+    return replace(term, variant=variant), evidence
+
+
+def _scores(
+    model: MotionModel, term: Term, levels: Floats, edges: Floats
+) -> dict[tuple[int, int], float]:
+    """Return the log evidence in every window whose ends lie on *edges*: one column per end."""
+    nodes = model.nodes
+    nominal = residuals(nodes, predict(nodes.smooth))
+    step = math.sqrt(
+        term.tolerances[0] * model.prior.of(term.variant.effect, term.variant.coefficients[0]).high
+    )
+    free = [index for index, _ in model.columns.nuisances]
+    columns: list[Floats] = [
+        model.columns.values[..., index] for index in [0, *(i + 1 for i in free)]
+    ]
+    for edge in edges[1:]:
+        variant = windowed(term.variant, float(edges[0]), float(edge))
+        moved = residuals(nodes, predict(nodes.smooth, [(variant, (step,))]))
+        columns.append((nominal - moved) / step)
+    values = np.ascontiguousarray(np.stack(columns, axis=-1))
+    white, log_determinant, rows = whiten(values, model.course, levels, nodes.ticks)
+    nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
+    gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
+    until = len(free) - 1
+    found = {}
+    for first, last in combinations(range(len(edges)), 2):
+        weight: Sequence[tuple[int, float]] = ((until + last, 1.0), (until + first, -1.0))
+        own = replace(term, weights=(tuple(weight[: 2 if first else 1]),))
+        found[first, last] = gram.log_nothing + score(gram, [own], model.prior).log_evidence
+    return found

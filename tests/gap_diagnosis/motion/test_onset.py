@@ -1,0 +1,65 @@
+"""An effect that begins or ends during the log is told with its window."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE, nodes_of
+
+from gap_diagnosis.explanations import EXPLAINED, predict
+from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.onset import windowed
+from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+STILL = replace(scenario("figure8"), effects=())
+MOTION = nodes_of(
+    synthetic_recording(ROBOT, WIRE, STILL, (), 1, reference=EXACT, duration_s=9.0)
+).motion
+ONE_AMPLITUDE = [
+    variant
+    for effect in ("radius_scale", "radius_mismatch", "wheelbase_scale", "gyro_scale", "gyro_bias")
+    for variant in EXPLAINED[effect].variants(MOTION)
+]
+START_S, STOP_S = 3.0, 6.0
+
+
+def arrays(prediction: Prediction) -> dict[str, np.ndarray]:
+    count = len(prediction.motion.t_s)
+    return {
+        one.name: np.broadcast_to(getattr(prediction, one.name), count)
+        for one in fields(prediction)
+        if one.name != "motion"
+    }
+
+
+@pytest.mark.parametrize("variant", ONE_AMPLITUDE, ids=lambda one: one.effect)
+def test_inside_its_window_an_effect_acts_as_ever_and_outside_not_at_all(variant: Variant) -> None:
+    inside = (MOTION.t_s >= START_S) & (MOTION.t_s < STOP_S)
+    ever = arrays(predict(MOTION, [(variant, (0.01,))]))
+    never = arrays(predict(MOTION))
+    found = arrays(predict(MOTION, [(windowed(variant, START_S, STOP_S), (0.01,))]))
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, np.where(inside, ever[name], never[name]))
+
+
+def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
+    onset_s, bias = 30.0, 0.006
+    setting = EffectSetting("gyro_bias", (("bias", bias), ("start_s", onset_s)))
+    recording = synthetic_recording(
+        ROBOT, WIRE, STILL, (setting,), 11, reference=ReferenceNoise(), duration_s=60.0
+    )
+    scan = Scan(MotionModel(recording, ROBOT, default_prior()))
+    best = max(scan.found.values(), key=lambda one: one.log_evidence)
+    (term,) = best.terms
+    assert term.variant.effect == "gyro_bias"
+    assert float(term.variant.report["start_s"]) == pytest.approx(onset_s, abs=1.0)
+    assert best.refitted is not None
+    assert best.refitted.coefficients[0][0] == pytest.approx(bias, rel=0.1)
