@@ -134,7 +134,7 @@ def tolerances(robot: Robot, effect: str, coefficient: str) -> float:
         "gyro_scale": known.gyro_scale,
         "gyro_bias": known.gyro_bias_rad_s,
         "reference_time_offset": known.time_offset_s,
-        "gyro_lag": max(known.time_offset_s, load_wire().tick_period_us * 1e-6),
+        "gyro_lag": known.time_offset_s,
     }
     return stated.get(effect, default_prior().of(effect, coefficient).tolerance)
 

@@ -6,25 +6,41 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats
 
 _SHARP_S: Final = 0.01
-"""What a lag takes off is the finest part of a turn: it must not be smoothed away before."""
+"""What a lag or a delay takes off is the finest part of a turn: it must not be smoothed away."""
+
+
+def sharp_turn_rate(motion: Motion, smoothing_s: float = _SHARP_S) -> Floats:
+    """Return the mean turn rate of each tick, float64[n] [rad/s], hardly smoothed."""
+    turn = np.diff(motion.heading_rad, prepend=motion.heading_rad[0])
+    rate = turn / np.maximum(motion.dt_s, 1e-9)
+    return np.asarray(gaussian_filter1d(rate, smoothing_s / float(np.median(motion.dt_s[1:]))))
 
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the true rate: a first-order filter, and of what it shows the mean over each tick."""
     if time_constant <= 0:
         return
-    m = p.motion
-    step = float(np.median(m.dt_s[1:]))
-    turn = np.diff(m.heading_rad, prepend=m.heading_rad[0])
-    rate = gaussian_filter1d(turn / np.maximum(m.dt_s, 1e-9), _SHARP_S / step)
+    step = float(np.median(p.motion.dt_s[1:]))
+    rate = sharp_turn_rate(p.motion)
     share = -np.expm1(-step / time_constant)
     filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]
     # The filter's exact mean over a tick in which the rate is constant.
     gap = np.append(rate[0], filtered[:-1]) - rate
     p.gyro_rad_s = p.gyro_rad_s + share * time_constant / step * gap
+
+
+def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
+    """Trail the true rate by so little that only the mean delay shows.
+
+    It is told from the finest details of a turn, where counting errors would pass for a lag: the
+    rate is smoothed more.
+    """
+    m = p.motion
+    p.gyro_rad_s = p.gyro_rad_s - time_constant * np.gradient(m.turn_rate_rad_s, m.t_s)
 
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:

@@ -1,8 +1,15 @@
 """Stages reference and bus: what the outside measurement and the stamps add to the true pose."""
 
+from typing import Final
+
 import numpy as np
 
+from gap_diagnosis.explanations.gyro import sharp_turn_rate
 from gap_diagnosis.prediction import Prediction
+
+_SMOOTHING_S: Final = 0.007
+"""Less than a tick: counting errors average out between two ticks, where a delay would be drawn to
+without any smoothing; more smoothing rounds a turn off, which passes for a lag."""
 
 
 def reference_yaw(p: Prediction, *, angle: float) -> None:
@@ -23,7 +30,8 @@ def reference_time_offset(p: Prediction, *, offset: float) -> None:
 
 def reference_clock_skew(p: Prediction, *, skew: float) -> None:
     """Let the reference's clock run fast."""
-    p.reference_delay_s = p.reference_delay_s + skew * p.motion.elapsed_s
+    # A stamp is (1 + skew) times the true time; what is at hand is the time of the stamp.
+    p.reference_delay_s = p.reference_delay_s + skew / (1 + skew) * p.motion.elapsed_s
 
 
 def reference_scale(p: Prediction, *, scale: float) -> None:
@@ -38,8 +46,7 @@ def encoder_latency(p: Prediction, *, delay: float) -> None:
 
 def gyro_latency(p: Prediction, *, delay: float) -> None:
     """Stamp the gyro late: it shows the rate of a moment ago."""
-    t_s = p.motion.t_s
-    p.gyro_rad_s = np.interp(t_s - delay, t_s, p.gyro_rad_s)
+    _move_gyro(p, -delay)
 
 
 def sensors_latency(p: Prediction, *, delay: float) -> None:
@@ -50,5 +57,10 @@ def sensors_latency(p: Prediction, *, delay: float) -> None:
 def counts_latency(p: Prediction, *, delay: float) -> None:
     """Stamp the counts late, the gyro not: against the counts' clock the gyro is early."""
     encoder_latency(p, delay=delay)
-    t_s = p.motion.t_s
-    p.gyro_rad_s = np.interp(t_s + delay, t_s, p.gyro_rad_s)
+    _move_gyro(p, delay)
+
+
+def _move_gyro(p: Prediction, by_s: float) -> None:
+    """Let the gyro show the rate of another moment."""
+    t_s, rate = p.motion.t_s, sharp_turn_rate(p.motion, _SMOOTHING_S)
+    p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate

@@ -38,6 +38,9 @@ class Variant:
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
         stage_rank: order of acting, for effects of a user's library.
+        chance: how far what happened may be off from the coefficient, a rate or probability, by
+            chance alone (standard deviation), for that coefficient.
+        little: how small amounts act, where a share of a large one would look otherwise.
     """
 
     effect: str
@@ -49,6 +52,8 @@ class Variant:
     polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
     is_positive: bool = False
     stage_rank: int = 3
+    little: Action | None = None
+    chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""
@@ -115,7 +120,33 @@ def _missed_ticks(motion: Motion) -> Iterable[Variant]:
             threshold = share * fastest
             fixed = {"threshold": threshold}
             report: dict[str, Value] = {"side": side, "threshold": threshold}
-            yield Variant("missed_ticks", act, ("probability",), fixed, report, is_positive=True)
+            yield Variant(
+                "missed_ticks",
+                act,
+                ("probability",),
+                fixed,
+                report,
+                is_positive=True,
+                chance=_chance_of_missed(side, threshold),
+            )
+
+
+def _chance_of_missed(side: str, threshold: float) -> Callable[[Motion, float], float]:
+    """Return the standard deviation of the share of ticks that a probability lets get lost."""
+
+    def chance(motion: Motion, probability: float) -> float:
+        step = motion.left_step_rad if side == "left" else motion.right_step_rad
+        rate = motion.left_rate_rad_s if side == "left" else motion.right_rate_rad_s
+        ticks = float(np.abs(step[np.abs(rate) > threshold]).sum()) / motion.rad_per_count
+        share = min(max(probability, 0.0), 1.0)
+        return math.sqrt(share * (1.0 - share) / max(ticks, 1.0))
+
+    return chance
+
+
+def _chance_of_extra(motion: Motion, rate: float) -> float:
+    """Return the standard deviation of the mean rate that spurious counts come at."""
+    return math.sqrt(abs(rate) / float(motion.elapsed_s[-1]))
 
 
 SLIP_WINDOWS: Final = 12
@@ -299,6 +330,13 @@ def _turn_back(a: Any, b: Any) -> tuple[Any, Any]:
     return a, -b
 
 
+_LAG: Final = Variant(
+    "gyro_lag",
+    gyro.gyro_lag,
+    ("time_constant",),
+    is_positive=True,
+    little=gyro.little_gyro_lag,
+)
 _AMPLITUDE = ("amplitude", "phase")
 _DOWNHILL = ("ratio", "direction")
 
@@ -314,7 +352,14 @@ _ALL: Final = (
         polar=_AMPLITUDE,
     ),
     Explanation("missed_ticks", 0, _missed_ticks),
-    _sided("extra_ticks", "encoder", encoder.extra_ticks_left, encoder.extra_ticks_right, "rate"),
+    _sided(
+        "extra_ticks",
+        "encoder",
+        encoder.extra_ticks_left,
+        encoder.extra_ticks_right,
+        "rate",
+        chance=_chance_of_extra,
+    ),
     Explanation("encoder_dead", 0, _encoder_dead),
     Explanation("encoder_wrap", 0, _encoder_wrap),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
@@ -363,7 +408,7 @@ _ALL: Final = (
         polar_turn=_turn_back,
     ),
     Explanation("frame_latency", 2, _frame_latency),
-    _plain("gyro_lag", "gyro", gyro.gyro_lag, "time_constant", positive=True),
+    Explanation("gyro_lag", 2, lambda motion: (_LAG,)),
     _plain("gyro_nonlinearity", "gyro", gyro.gyro_nonlinearity, "quadratic", "cubic"),
     _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale"),
     _plain("gyro_temperature_scale", "gyro", gyro.gyro_temperature_scale, "slope"),

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -23,6 +24,8 @@ from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
 _THREES: Final = 12
+_REDRAWN: Final = 30
+"""So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
@@ -221,7 +224,9 @@ class MotionBlock:
             named = term.variant.parameters(draws[:, column : column + width]) if width else {}
             column += width
             for name, samples in named.items():
-                parameters[f"{effect}.{name}"] = _estimate(name, samples)
+                by_chance = term.variant.chance(self.model.nodes.motion, samples.mean())
+                spread = samples + by_chance * rng.standard_normal(len(samples))
+                parameters[f"{effect}.{name}"] = _estimate(name, spread)
             for name, value in term.variant.report.items():
                 key = f"{effect}.{name}"
                 if name in EDGES:
@@ -253,7 +258,11 @@ class MotionBlock:
 
 
 def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:
-    """Return draws float64[4000, k] of the coefficients from the posterior mixture."""
+    """Return draws float64[4000, k] of the coefficients from the posterior mixture.
+
+    What lies within its tolerance is no news and is drawn again, as the evidence leaves it out;
+    sizes that cannot be negative are never drawn so.
+    """
     count = scored.means.shape[1]
     if count == 0:
         return np.zeros((_DRAWS, 0))
@@ -261,15 +270,36 @@ def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Flo
     factors = np.linalg.cholesky(
         scored.covariances + 1e-18 * np.eye(count) * np.trace(scored.covariances[0])
     )
-    normal = rng.standard_normal((_DRAWS, count))
-    draws = scored.means[picked] + np.einsum("sij,sj->si", factors[picked], normal)
+    draws = np.zeros((_DRAWS, count))
+    again = np.ones(_DRAWS, dtype=np.bool_)
+    for _ in range(_REDRAWN):
+        which = picked[again]
+        normal = rng.standard_normal((len(which), count))
+        draws[again] = scored.means[which] + np.einsum("sij,sj->si", factors[which], normal)
+        again = ~_is_news(draws, terms)
+        if not again.any():
+            break
     column = 0
     for term in terms:
         for _ in term.weights:
             if term.variant.is_positive:
                 draws[:, column] = np.abs(draws[:, column])
             column += 1
-    return np.asarray(draws)
+    return draws
+
+
+def _is_news(draws: Floats, terms: Sequence[Term]) -> NDArray[np.bool_]:
+    """Tell of draws float64[s, k] whether each term has a coefficient beyond its tolerance."""
+    news = np.ones(len(draws), dtype=np.bool_)
+    column = 0
+    for term in terms:
+        beyond = np.zeros(len(draws), dtype=np.bool_)
+        for tolerance in term.tolerances:
+            size = draws[:, column] if term.variant.is_positive else np.abs(draws[:, column])
+            beyond |= size > tolerance
+            column += 1
+        news &= beyond
+    return news
 
 
 def _estimate(name: str, samples: Floats) -> Estimate:

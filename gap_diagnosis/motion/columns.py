@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -113,7 +113,7 @@ def build_columns(
         if effect == "adc_stuck_bit":
             variants = [one for one in variants if _is_constant(nodes, one)]
         for variant in variants:
-            weights = []
+            weights: list[tuple[tuple[int, float], ...]] = []
             limits = []
             if not variant.coefficients:
                 change = nominal - residuals(nodes, predict(nodes.smooth, [(variant, ())]))
@@ -133,10 +133,16 @@ def build_columns(
                 if not _says_something(change * step):
                     break
                 base.append(change)
-                weights.append(((len(base) - 2, 1.0),))
+                weight = [(len(base) - 2, 1.0)]
                 limits.append(limit)
                 if len(variants) == 1 and effect not in NEVER_NUISANCE and effect in EXPLAINED:
+                    if variant.little is not None:
+                        little = replace(variant, act=variant.little)
+                        moved = residuals(nodes, predict(nodes.smooth, [(little, steps)]))
+                        base.append((nominal - moved) / step)
+                        weight.append((len(base) - 2, 0.0))  # this effect's too: never beside it
                     nuisances.append((len(base) - 2, 0.5 * limit))
+                weights.append(tuple(weight))
             if len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
     values = np.ascontiguousarray(np.stack(base, axis=-1))

@@ -80,7 +80,7 @@ class MotionModel:
         self.keep = everything if keep is None else keep
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
-        self.tolerances = _tolerances(robot, float(np.median(motion.dt_s[1:])))
+        self.tolerances = _tolerances(robot)
         self.columns: Columns = build_columns(
             self.nodes,
             prior,
@@ -300,8 +300,8 @@ def _bounded(
     )
 
 
-def _tolerances(robot: Robot, tick_s: float) -> dict[str, float]:
-    """Return tolerances by ``effect.coefficient``; a lag below one tick cannot be told."""
+def _tolerances(robot: Robot) -> dict[str, float]:
+    """Return tolerances by ``effect.coefficient``."""
     known = robot.tolerance
     return {
         "radius_scale.scale": known.radius_scale,
@@ -311,7 +311,7 @@ def _tolerances(robot: Robot, tick_s: float) -> dict[str, float]:
         "gyro_scale.scale": known.gyro_scale,
         "gyro_bias.bias": known.gyro_bias_rad_s,
         "reference_time_offset.offset": known.time_offset_s,
-        "gyro_lag.time_constant": max(known.time_offset_s, tick_s),
+        "gyro_lag.time_constant": known.time_offset_s,
     }
 
 

@@ -13,6 +13,7 @@ from typing import Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import smoothed
 from gap_diagnosis.prediction import Motion, Prediction
@@ -20,6 +21,8 @@ from gap_diagnosis.recording import Floats, Reference
 
 _BLOCK_S: Final = 0.05
 _MOST_NODES: Final = 12_000
+_SHARP_S: Final = 0.015
+"""Averages what a count rounds off, and hardly anything of a motion."""
 
 Ints = NDArray[np.int64]
 
@@ -39,6 +42,8 @@ class Nodes:
         sample_node: int64[r], which block that is.
         samples: float64[r], how many it has.
         has_gyro, has_reference, has_heading: which channels there are.
+        described: float64[3, n], x, y [m] and heading [rad] as the description has them, to first
+            order about the estimated motion; hardly smoothed: along it delays move.
         gyro_kept: bool[m], blocks whose gyro is used.
     """
 
@@ -54,6 +59,7 @@ class Nodes:
     sample_starts: Ints
     sample_node: Ints
     samples: Floats
+    described: Floats
     gyro_kept: NDArray[np.bool_]
     has_gyro: bool
     has_reference: bool
@@ -109,6 +115,7 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
         sample_starts=sample_starts.astype(np.int64),
         sample_node=node.astype(np.int64),
         samples=samples,
+        described=_described(motion, step_s),
         gyro_kept=np.logical_and.reduceat(keep, starts),
         has_gyro=motion.gyro_turn_rad is not None,
         has_reference=len(tick) > 0,
@@ -127,14 +134,7 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     """
     motion = nodes.motion
     out = np.full((CHANNELS, nodes.count), np.nan)
-    d_x, d_y, d_heading = _deviation(
-        np.diff(motion.x_m, prepend=motion.x_m[0]),
-        np.diff(motion.y_m, prepend=motion.y_m[0]),
-        motion.heading_rad,
-        prediction.forward_m,
-        prediction.lateral_m,
-        prediction.turn_rad,
-    )
+    d_x, d_y, d_heading = _deviations(motion, prediction)
     delay = np.asarray(prediction.encoder_delay_s)
     if np.any(delay != 0.0):
         velocity_x, velocity_y = _velocity(motion)
@@ -151,6 +151,25 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     return out
 
 
+def _deviations(motion: Motion, prediction: Prediction) -> tuple[Floats, Floats, Floats]:
+    """Return how far a prediction leaves the estimated motion: x, y, heading, float64[n] each."""
+    return _deviation(
+        np.diff(motion.x_m, prepend=motion.x_m[0]),
+        np.diff(motion.y_m, prepend=motion.y_m[0]),
+        motion.heading_rad,
+        prediction.forward_m,
+        prediction.lateral_m,
+        prediction.turn_rad,
+    )
+
+
+def _described(motion: Motion, step_s: float) -> Floats:
+    """Return the description's x, y and heading, float64[3, n], hardly smoothed."""
+    places = np.array([motion.x_m, motion.y_m, motion.heading_rad])
+    places += _deviations(motion, Prediction(motion))
+    return np.asarray(gaussian_filter1d(places, _SHARP_S / step_s, mode="nearest"))
+
+
 def _velocity(motion: Motion) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
     return motion.speed_m_s * cosine, motion.speed_m_s * sine
@@ -161,9 +180,12 @@ def _compare_reference(
 ) -> None:
     motion, tick = nodes.motion, nodes.sample_tick
     true_t_s = nodes.sample_t_s - _at(p.reference_delay_s, tick)
-    x_m = np.interp(true_t_s, motion.t_s, motion.x_m)
-    y_m = np.interp(true_t_s, motion.t_s, motion.y_m)
-    heading = np.interp(true_t_s, motion.t_s, motion.heading_rad)
+    # The noise of a count must not depend on where between two ticks a delay comes to lie.
+    moved = [np.interp(true_t_s, motion.t_s, path) - path[tick] for path in nodes.described]
+    x_m, y_m, heading = (
+        known[tick] + by
+        for known, by in zip((motion.x_m, motion.y_m, motion.heading_rad), moved, strict=True)
+    )
     # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
     cosine, sine = np.cos(heading), np.sin(heading)
     forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)

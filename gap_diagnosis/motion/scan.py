@@ -35,7 +35,9 @@ _THIRD_VARIANTS: Final = 3
 _WORTH_THIRD: Final = 10.0
 """A third effect is sought beside pairs that gain this much on the best single effect [nat]."""
 _NEAR: Final = 12.0
-"""Sets this many nats below the best are not fitted again."""
+"""Sets this many nats below the best are not fitted again,"""
+_LOOSE: Final = 0.25
+"""single effects only if they lack this share of what the best gains as well."""
 
 
 @dataclass(frozen=True)
@@ -299,8 +301,12 @@ class Scan:
         singles = [one for one in ranked if len(one.effects) == 1][: _REFITTED // 2]
         pairs = [one for one in ranked if len(one.effects) == 2][: _REFITTED // 2]
         pairs += [one for one in ranked if len(one.effects) == 3][: _REFITTED // 4]
-        least = self._ranked()[0].log_evidence - _NEAR
-        return singles[:1] + [one for one in singles[1:] + pairs if one.log_evidence > least]
+        best = self._ranked()[0].log_evidence
+        least = best - _NEAR
+        # A straight line errs the more, the more there is to explain: singles get a chance.
+        loose = least - _LOOSE * (best - self.found[frozenset()].log_evidence)
+        close = [one for one in singles[1:] if one.log_evidence > loose]
+        return singles[:1] + close + [one for one in pairs if one.log_evidence > least]
 
     def _refit(self, one: Found) -> None:
         again = self.model.refit(one.terms, one.levels)

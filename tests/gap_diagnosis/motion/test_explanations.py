@@ -164,3 +164,17 @@ def test_a_lag_is_read_to_a_twentieth_of_a_millisecond():
         )
         best = lag_s + 0.001 * (low - high) / (low - 2 * middle + high)
         assert abs(best - lag_s) < 5e-5
+
+
+def test_a_reference_clock_that_runs_far_off_is_read_to_a_thousandth():
+    skew = 0.007
+    setting = EffectSetting("reference_clock_skew", (("skew", skew),))
+    (run,) = synthetic_recordings(
+        without_noise(ROBOT), WIRE, DRIVE, [((setting,), 3)], reference=EXACT, duration_s=60.0
+    )
+    low, middle, high = (
+        energy(explained(run, "reference_clock_skew", {"skew": one}))
+        for one in (0.99 * skew, skew, 1.01 * skew)
+    )
+    best = skew + 0.005 * skew * (low - high) / (low - 2 * middle + high)
+    assert abs(best - skew) < 1e-3 * skew
