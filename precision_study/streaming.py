@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import FRESH, KernelConfig
 from firmware_model.compiled import compiled_batch
-from firmware_model.kernel import config_record, initial_state
+from firmware_model.config import CONFIG_DTYPE
+from firmware_model.kernel import initial_state
 from firmware_model.state import STATE_DTYPE
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
@@ -56,12 +58,10 @@ def stream(
         chunk_ticks: how many ticks are held at once.
     """
     runs, ticks = left_count.shape
-    records = np.repeat(config_record(config), runs)
-    table = np.array(config.table, dtype=np.int64)
-    states = np.zeros(runs, STATE_DTYPE)
-    states[:] = astuple(initial_state(config))
-    twin_configs = np.zeros(runs, TWIN_CONFIG_DTYPE)
-    twin_configs[:] = astuple(build_twin_config(config))
+    records = _repeated(config, CONFIG_DTYPE, runs)
+    table = _table(config)
+    states = _repeated(initial_state(config), STATE_DTYPE, runs)
+    twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
     twins = np.zeros(runs, TWIN_DTYPE)
     longest = min(chunk_ticks, ticks)
     fresh = np.broadcast_to(np.full((1, longest), FRESH, np.int8), (runs, longest))
@@ -92,3 +92,28 @@ def stream(
             twin_pose,
         )
         yield Stretch(start, pose_q, twin_pose, status, states["overflow_count"])
+
+
+_KEPT_TABLES = 64
+_TABLES: dict[tuple[str, int, int, int], Ints] = {}
+
+
+def _table(config: KernelConfig) -> Ints:
+    """Return the sine or CORDIC table, which many configurations share, as an array."""
+    trig = config.description.trig
+    key = (trig.method, trig.entries, trig.iterations, trig.frac_bits)
+    table = _TABLES.get(key)
+    if table is None:
+        if len(_TABLES) >= _KEPT_TABLES:
+            _TABLES.clear()
+        table = np.array(config.table, dtype=np.int64)
+        _TABLES[key] = table
+    return table
+
+
+def _repeated(record: object, dtype: np.dtype[Any], runs: int) -> NDArray[Any]:
+    """Return one record per run; the fields of *dtype* are attributes of *record*."""
+    assert dtype.names is not None  # a record type
+    records = np.zeros(runs, dtype)
+    records[:] = tuple(getattr(record, name) for name in dtype.names)
+    return records

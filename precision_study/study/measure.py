@@ -15,6 +15,8 @@ from precision_study.study.drives import Drives
 
 Floats = NDArray[np.float64]
 
+_CHUNK: Final = 8192
+"""Ticks of all rows together that are held at once: few enough for the processor's cache."""
 _FALLEN_BACK: Final = int(StatusBit.WHEEL_FALLBACK)
 
 
@@ -57,7 +59,7 @@ def measure(config: KernelConfig, drives: Drives) -> Errors:
     largest = np.zeros((4, rows))
     fallback = np.zeros(rows, dtype=np.int64)
     overflows = np.zeros(rows, dtype=np.int64)
-    chunk = max(65536 // rows, 256)
+    chunk = max(_CHUNK // rows, 64)
     for part in stream(config, drives.left, drives.right, drives.gyro, chunk_ticks=chunk):
         size = part.pose_q.shape[1]
         errors = _errors(
