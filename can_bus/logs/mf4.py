@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import sys
 from collections.abc import Callable, Iterator
@@ -57,6 +58,8 @@ def read_mf4_blocks(
     asammdf = _asammdf(path)
     with quiet("asammdf"), _no_complaints_of_the_dead():
         blocks = _read(asammdf, path, refuse_beyond)
+        if isinstance(blocks, str):
+            gc.collect()  # they hold each other
     if isinstance(blocks, str):
         raise CanBusError(f"{path}: not an MF4 file that can be read: {blocks}")
     yield from _good_frames(path, _by_time(blocks))

@@ -81,7 +81,7 @@ def logged_trajectories(
         raise HarnessError(f"{log}: no odometry frames: expected {names} in the log")
     program = FirmwareProgram(robot, wire.signal_map, wire.tick_period_us)
     twin = trace(program, node.inputs).float_twin
-    time_s = np.array(stamps_us) * 1e-6
+    time_s = np.array(stamps_us) / 1e6
     wheelbase_m = robot.plant.wheels.wheelbase_m
     return (
         _trajectory(
