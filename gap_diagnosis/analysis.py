@@ -20,6 +20,7 @@ from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import Alternative, alternatives
+from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
@@ -39,6 +40,7 @@ class Analysis:
         blocks: all blocks, the motion's first.
         alternatives: what an unlisted cause in the motion could depend on, best first.
         unknown: log evidence of an unlisted cause by stage, less that of no effect.
+        outliers: number of reference samples left out.
     """
 
     recording: Recording
@@ -46,6 +48,7 @@ class Analysis:
     blocks: tuple[Block, ...]
     alternatives: tuple[Alternative, ...]
     unknown: Mapping[str, float]
+    outliers: int = 0
 
     @property
     def firmware(self) -> FirmwareBlock | None:
@@ -73,6 +76,7 @@ def analyse(
     as_received, recording = recording, recording if bus is None else bus.without_stale()
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
+        recording, outliers = without_outliers(recording, robot)
         gross = looks_gross(recording, robot)
         model = MotionModel(recording, robot, prior, gross=gross, without=without, library=library)
         motion = MotionBlock(
@@ -106,6 +110,7 @@ def analyse(
         tuple(_without(one, without) for one in blocks),
         tuple(others),
         _unknown(others, drive, firmware),
+        outliers,
     )
 
 

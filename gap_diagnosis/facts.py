@@ -19,8 +19,7 @@ ASSUMPTIONS: Final = (
     "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m).",
     "The reference is off by white noise and by noise that lasts about a second, levels estimated.",
     "Constants within the tolerances of robot.toml are no news.",
-    "At most two effects act on the motion and one on what only drive, bus or firmware show, or "
-    "one acts that is not in the library.",
+    "At most three effects act, or one that is not in the library.",
     "Start pose and small offsets of clocks are free in every fit.",
 )
 
@@ -118,4 +117,10 @@ def notes_on(analyses: Sequence[Analysis], more: Sequence[str]) -> tuple[str, ..
         if lost:
             parts = ", ".join(f"{count} by {reason}" for reason, count in sorted(lost.items()))
             notes.append(f"{one.name}: frames rejected: {parts}.")
+    for analysis in analyses:
+        if analysis.outliers:
+            notes.append(
+                f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
+                "off their neighbours and were left out."
+            )
     return (*notes, *more)
