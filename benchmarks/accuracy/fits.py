@@ -6,6 +6,7 @@ import math
 import time
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -36,11 +37,18 @@ ANGLES: Final = ("phase", "direction")
 _STEP: Final = 0.1
 
 
-def run_case(study: Study, effect: str, number: int) -> dict[str, Any] | None:
-    """Return the result of one case; None where the drive gives the effect no place."""
+def run_case(
+    study: Study, effect: str, number: int, *, duration_s: float | None = None
+) -> dict[str, Any]:
+    """Return the result of one case; its truth is None where the drive has no place for it.
+
+    *duration_s* cuts the drive short.
+    """
     draw = np.random.default_rng([zlib.crc32(f"{study} {effect}".encode()), number])
     exact = study == "exact"
     world = draw_world(effect, draw, exact=exact)
+    if duration_s is not None:
+        world = replace(world, scenario=replace(world.scenario, duration_s=duration_s))
     without = model_of(world, world.recording(None, {}), effect, exact=exact)
     times = math.nan
     if study == "prior":
@@ -54,7 +62,7 @@ def run_case(study: Study, effect: str, number: int) -> dict[str, Any] | None:
     started = time.perf_counter()
     model = model_of(world, world.recording(effect, truth), effect, exact=exact)
     block = MotionBlock(model)
-    fit = block.detail(frozenset({effect}))
+    fit = _detail(block, effect)
     seconds = time.perf_counter() - started
     bound = {} if effect in STEPPED else bounds(world, model, effect, truth)
     return {
@@ -66,6 +74,13 @@ def run_case(study: Study, effect: str, number: int) -> dict[str, Any] | None:
         "bound": bound,
         "levels": [float(one) for one in np.log(block.levels / world.levels)],
     }
+
+
+def _detail(block: MotionBlock, effect: str) -> Fit:
+    """Return the fit by one name; nothing where the block sees no place for the effect."""
+    if effect not in block.effects:
+        return Fit((effect,), 0.0, 0.0)
+    return block.detail(frozenset({effect}))
 
 
 def found(fit: Fit, effect: str, name: str, truth: Truth) -> dict[str, Any] | None:
