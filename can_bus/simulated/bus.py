@@ -145,8 +145,12 @@ class SimulatedBus(can.BusABC):
         self._is_open = True
         self.channel_info = f"simulated bus {channel} ({self._controller.name})"
         super().__init__(channel, can_filters)
-        for fault in planned:
-            self.inject(fault)
+        try:
+            for fault in planned:
+                self.inject(fault)
+        except CanBusError as error:
+            self.shutdown()
+            raise can.CanInitializationError(str(error)) from error
 
     # --- python-can's interface ------------------------------------------------------------------
 

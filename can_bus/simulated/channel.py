@@ -19,11 +19,11 @@ from can_bus.simulated.confinement import RECOVERY_SEQUENCE_BITS
 from can_bus.simulated.controller import NS_PER_S, Controller
 from can_bus.simulated.disturbed_frame import Station, play
 from can_bus.simulated.error_frames import error_message, restart_message
+from can_bus.simulated.fault_actions import babble, queued
 from can_bus.simulated.faults import ActiveFault, BusFault, FaultPlan
-from can_bus.simulated.frame_bits import FrameContent
 from can_bus.simulated.messages import copy_of, message_of
-from can_bus.simulated.queues import Pending, TransmitQueue, arbitration_key
-from can_bus.timing import INTERFRAME_BITS, frame_length_bits
+from can_bus.simulated.queues import Pending, TransmitQueue
+from can_bus.timing import INTERFRAME_BITS
 
 NEVER_NS: Final = 1 << 80
 """Later than any time."""
@@ -116,22 +116,7 @@ class Channel:
         if not self.faults.queueing:
             controller.queue.push(pending)
             return
-        delay_ns, copies = 0, 1
-        for active in self.faults.queueing:
-            message = pending.message
-            if active.concerns(controller.name, message) and active.strike(self.now_ns):
-                kind = active.fault.kind
-                if kind == "duplication":
-                    copies += 1
-                elif kind == "reordering":
-                    active.held.append((controller, pending))
-                    return
-                else:
-                    delay_ns += active.draw_delay_ns()
-        batch = [pending, *(_twin(pending) for _ in range(copies - 1))]
-        for active in self.faults.queueing:
-            batch += active.release(controller, pending)
-        for one in batch:
+        for delay_ns, one in queued(self.faults.queueing, controller, pending, self.now_ns):
             if delay_ns:
                 self.at(self.now_ns + delay_ns, _push_of(controller, one))
             else:
@@ -144,30 +129,12 @@ class Channel:
             if time_ns is not None:  # the wire looks again at who is silent
                 self.at(time_ns, _nothing)
         if fault.kind == "babbling":
-            self._babble(active)
+            node = next((one for one in self.controllers if one.name == fault.node), None)
+            if node is None:
+                node = Controller(fault.node or "", TransmitQueue("priority"))
+                self.add(node)
+            babble(active, node, self)
         return active
-
-    def _babble(self, active: ActiveFault) -> None:
-        fault = active.fault
-        name, frame_id = fault.node or "", fault.arbitration_id or 0
-        node = next((one for one in self.controllers if one.name == name), None)
-        if node is None:
-            node = Controller(name, TransmitQueue("priority"))
-            self.add(node)
-        babbler = node
-        length = frame_length_bits(frame_id, fault.is_extended, fault.data)
-        key = arbitration_key(frame_id, fault.is_extended, False)
-        content = FrameContent(frame_id, fault.is_extended, False, len(fault.data), fault.data)
-
-        def babble() -> None:
-            if active.is_on and active.strike(self.now_ns):
-                pending = Pending(key, message_of(content, 0.0), length, again)
-                babbler.queue.push(pending)
-
-        def again() -> None:
-            self.at(self.now_ns + round(fault.delay_s * NS_PER_S), babble)
-
-        self.at(active.start_ns, babble)
 
     # --- the clock -------------------------------------------------------------------------------
 
@@ -489,7 +456,3 @@ def _nothing() -> None:
 
 def _push_of(controller: Controller, pending: Pending) -> Callable[[], None]:
     return lambda: controller.queue.push(pending)
-
-
-def _twin(pending: Pending) -> Pending:
-    return Pending(pending.key, copy_of(pending.message, 0.0), pending.length_bits)

@@ -203,6 +203,15 @@ def test_faults_come_from_a_file(tmp_path: Path) -> None:
         assert heard == [0x100, 0x700]
 
 
+def test_babble_that_no_frame_carries_opens_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "faults.toml"
+    path.write_text('[[fault]]\nkind = "babbling"\nnode = "b"\narbitration_id = 0x800\n')
+    with pytest.raises(can.CanInitializationError, match="0x800 does not fit 11 bits"):
+        SimulatedBus("babble", faults=path)
+    with SimulatedBus("babble", bitrate=125_000) as bus:
+        assert bus.bitrate == 125_000
+
+
 BAD_FAULTS = [
     ({"kind": "rain"}, "no bus fault 'rain': there are loss, corruption"),
     ({"kind": "silence"}, "bus fault 'silence' needs the name of a node"),
