@@ -86,6 +86,9 @@ def case(effect: str, number: int, wire: Wire, folder: Path) -> dict[str, Any] |
         kinds = (*drives.FAMILIAR, *drives.NEW)
         scenario = drives.drive(kinds[int(draw.integers(len(kinds)))], draw, fastest)
         truth = draw_values(effect, "field", world_of(scenario, robot, wire), draw)
+        if effect == "blend_weight":  # no weight is more than 1
+            most = 1.0 - robot.firmware.blend_weight
+            truth["weight"] = min(float(truth["weight"]), most * float(draw.uniform(0.0, 1.0)))
         worlds = {**draw_nominal(robot, frozenset({effect}), draw), **draw_surroundings(draw)}
         settings = [EffectSetting(one, tuple(v.items())) for one, v in worlds.items()]
         settings.append(EffectSetting(effect, tuple(truth.items())))

@@ -51,7 +51,10 @@ class Variant:
 
 
 def variants(
-    data: DriveData, nominal: Floats, effects: Sequence[str], doubted: frozenset[str]
+    data: DriveData,
+    nominal: Floats,
+    effects: Sequence[str],
+    doubted: frozenset[str] = frozenset(),
 ) -> list[Variant]:
     """Return every variant of a set of effects; *nominal* is what a gain of both wheels adds,
     *doubted* the signals of which a mistake of the set-up may be."""

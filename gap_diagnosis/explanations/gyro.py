@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
+from scipy.special import ndtr
 
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
@@ -95,8 +96,17 @@ def gyro_g_sensitivity(p: Prediction, *, x: float, y: float) -> None:
 
 
 def gyro_saturation(p: Prediction, *, limit: float) -> None:
-    """Clip the rate."""
-    p.gyro_rad_s = np.clip(p.gyro_rad_s, -limit, limit)
+    """Clip each sample: near the limit its noise is cut off on one side."""
+    m = p.motion
+    sd = max(m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s, 1e-12)
+    above, below = (p.gyro_rad_s - limit) / sd, (-limit - p.gyro_rad_s) / sd
+    p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond(above) + sd * _mean_beyond(below)
+
+
+def _mean_beyond(away: Floats) -> Floats:
+    """Return the mean of the positive part of a normal value of mean *away* and deviation 1."""
+    density = np.exp(-0.5 * away**2) / np.sqrt(2 * np.pi)
+    return np.asarray(density + away * ndtr(away), dtype=np.float64)
 
 
 def adc_inl(p: Prediction, *, peak: float) -> None:

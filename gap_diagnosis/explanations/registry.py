@@ -185,8 +185,8 @@ def _flat_top(motion: Motion) -> float | None:
         return None
     away = np.abs(motion.gyro_code - motion.gyro_zero_rate_code)
     reach = float(away.max())
-    at_top = np.count_nonzero(away >= reach - 0.6)
-    just_below = np.count_nonzero((away < reach - 0.6) & (away > reach - 1.6))
+    at_top = int(np.count_nonzero(away >= reach - 0.6))
+    just_below = int(np.count_nonzero((away < reach - 0.6) & (away > reach - 1.6)))
     if reach < 1 or at_top < max(_LEAST_AT_TOP, 5 * just_below):
         return None
     return reach / motion.gyro_sensitivity_lsb_per_rad_s

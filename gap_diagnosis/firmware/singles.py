@@ -37,6 +37,7 @@ from gap_diagnosis.firmware.scored import Scored
 from gap_diagnosis.firmware.timed import (
     auto_zero_candidates,
     calibration_candidates,
+    exact_auto_zero,
     missed_deadlines,
     no_calibration,
     no_tick_missed,
@@ -160,7 +161,8 @@ class Singles:
         for parameter in smooth(effect, bench.config):
             candidates += self.around(parameter)
         if effect == "auto_zero":
-            candidates += auto_zero_candidates(bench)
+            exact = [] if self.is_equal else exact_auto_zero(bench)
+            candidates += exact or auto_zero_candidates(bench)
             candidates.append(no_turn_zeroed())
         if effect == "firmware_overflow":
             candidates += overflow_candidates(bench.config, bench.used_bits())
@@ -224,6 +226,15 @@ class Singles:
             # One value speaks for all: either the log shows each of them, or none.
             return [parameter.at(_ANY_SIZE, parameter.large)]
         best = bench.solve(pose_at, parameter.low, parameter.high)
+        if (there := pose_at(best)) is None or not bench.is_near(there):
+            again = bench.solve(
+                pose_at,
+                parameter.low,
+                parameter.high,
+                bench.nearest(pose_at, parameter.low, parameter.high),
+            )
+            if bench.distance(pose_at, again) < bench.distance(pose_at, best):
+                best = again
         if abs(best) < parameter.small:
             return [parameter.unseen()]
         values = [best]
@@ -243,7 +254,8 @@ class Singles:
             if is_equal(value):
                 low, high = cell_about(value, is_equal, parameter.low, parameter.high)
                 return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
-        width = max(_LEAST_WIDTH, 2.0 * self._resolution())
+        # Where no value gives the record's bits, it is known as well as the misfit lets it be.
+        width = max(_LEAST_WIDTH, 2.0 * self._resolution(), bench.looseness(pose_at, best))
         return [parameter.at(value, width) for value in sorted(set(values))]
 
     def _resolution(self) -> float:

@@ -12,6 +12,7 @@ from scipy.stats import beta
 
 from firmware_model import FRESH
 from gap_diagnosis.firmware.candidates import Candidate, altered_config
+from gap_diagnosis.firmware.cells import cell_about
 from gap_diagnosis.firmware.replay import Program
 from gap_diagnosis.firmware.workbench import NOTHING_LEARNT, Workbench
 from gap_diagnosis.recording import Floats
@@ -21,6 +22,9 @@ _MOST_WINDOW_S: Final = 30.0
 _MOST_STARTS: Final = 8
 _MOST_ENDS: Final = 500
 _PARTS: Final = 12
+_THRESHOLDS_RAD_S: Final = (1e-4, 0.3)
+_THRESHOLD_POINTS: Final = 24
+_CLOSINGS: Final = 6
 
 
 def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
@@ -56,6 +60,49 @@ def auto_zero_candidates(bench: Workbench) -> list[Candidate]:
         )
         for value, width in dict(thresholds).items()
     ]
+
+
+def exact_auto_zero(bench: Workbench) -> list[Candidate]:
+    """Return the thresholds whose replay is the record to its last digit; nothing where none is.
+
+    The nearer a threshold is to the right one, the later the first turn that it treats wrongly, so
+    that the search closes in on the replay that holds longest.
+    """
+    tried = np.geomspace(*_THRESHOLDS_RAD_S, _THRESHOLD_POINTS)
+    for _ in range(_CLOSINGS):
+        held = [_held_rows(bench, float(one)) for one in tried]
+        at = int(np.argmax(held))
+        if held[at] == len(bench.windows.rows):
+            low, high = cell_about(
+                float(tried[at]),
+                lambda value: _held_rows(bench, value) == len(bench.windows.rows),
+                *_THRESHOLDS_RAD_S,
+            )
+            value, width = 0.5 * (low + high), 0.5 * (high - low)
+            return [
+                Candidate(
+                    {"auto_zero.threshold": value},
+                    {"auto_zero_rad_s": value},
+                    math.log(max(min(0.2 * 2 * width / value, 1.0), 1e-12)),
+                    {"auto_zero.threshold": width},
+                )
+            ]
+        # Several thresholds may hold equally long: the right one lies among them or beside them.
+        best = np.flatnonzero(np.array(held) == held[at])
+        low, high = tried[max(best[0] - 1, 0)], tried[min(best[-1] + 1, len(tried) - 1)]
+        tried = np.linspace(low, high, _THRESHOLD_POINTS)
+    return []
+
+
+def _held_rows(bench: Workbench, threshold: float) -> int:
+    """Return with how many rows of the record, from the start, a replay with it agrees."""
+    program = bench.program({"auto_zero_rad_s": threshold})
+    if program is None:
+        return 0
+    rows = bench.windows.rows
+    away = np.abs(bench.windows.pose - bench.poses(program)[rows])
+    wrong = np.flatnonzero(np.any(away > 0.51 * bench.windows.quantum, axis=1))
+    return int(wrong[0]) if len(wrong) else len(rows)
 
 
 def calibration_candidates(bench: Workbench) -> list[Candidate]:

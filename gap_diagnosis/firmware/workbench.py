@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from firmware_model import KernelConfig
 from gap_diagnosis.firmware.candidates import altered_config
@@ -17,6 +18,9 @@ from gap_diagnosis.firmware.foreign import Steps, recorded_path
 from gap_diagnosis.firmware.inputs import ReplayInputs
 from gap_diagnosis.firmware.replay import Program, Start, replay
 from gap_diagnosis.recording import Floats, Ints
+
+PoseAt = Callable[[float], Floats | None]
+"""The pose on the recording's rows under a value; None where no firmware has it."""
 
 NOTHING_LEARNT: Final[Mapping[str, float]] = {
     "calibration_start_s": 0.0,
@@ -134,19 +138,53 @@ class Workbench:
             [recorded_path(known) / quantum_m, (known[:, 2] - known[0, 2]) / quantum_rad]
         )
 
-    def solve(self, pose_at: Callable[[float], Floats | None], low: float, high: float) -> float:
-        """Return the value whose pose comes closest to the record in path and heading.
-
-        Gauss-Newton from 0; 0 where the record says nothing of the value.
-        """
+    @property
+    def wanted(self) -> Floats:
+        """What the record says, as `signals`."""
         recorded = np.zeros((len(self.places), 3))
         recorded[self.windows.rows] = self.windows.pose
-        wanted = self.signals(recorded)
-        value, step = 0.0, 1e-3 if high >= 1e-3 else -1e-3
-        there = pose_at(step)
-        if there is None:
+        return self.signals(recorded)
+
+    def distance(self, pose_at: PoseAt, value: float) -> float:
+        """Return the root mean square of what a value leaves, in units of the record."""
+        pose = pose_at(value)
+        if pose is None:
+            return math.inf
+        return float(np.sqrt(np.mean((self.wanted - self.signals(pose)) ** 2)))
+
+    def nearest(self, pose_at: PoseAt, low: float, high: float) -> float:
+        """Return about where a value leaves least, by a search over its range."""
+        found = minimize_scalar(
+            lambda value: min(self.distance(pose_at, float(value)), 1e300),
+            bounds=(low, min(high, 1.0)),
+            method="bounded",
+            options={"xatol": 1e-6},
+        )
+        return float(found.x)
+
+    def looseness(self, pose_at: PoseAt, value: float) -> float:
+        """Return by how much a value may be off for what it leaves, as if that lasted."""
+        step = 1e-4 * max(abs(value), 1e-3)
+        there, beside = pose_at(value), pose_at(value + step)
+        if there is None or beside is None:
             return 0.0
-        neutral = pose_at(0.0)
+        slope = (self.signals(beside) - self.signals(there)) / step
+        steep = float(np.sqrt(np.mean(slope**2)))
+        left = np.abs(self.wanted - self.signals(there)) <= 1.0
+        return 0.0 if left.all() or steep <= 0.0 else self.distance(pose_at, value) / steep
+
+    def solve(self, pose_at: PoseAt, low: float, high: float, begin: float = 0.0) -> float:
+        """Return the value whose pose comes closest to the record in path and heading.
+
+        Gauss-Newton from *begin*, where it stays if the record says nothing of the value.
+        """
+        wanted = self.wanted
+        step = 1e-3 if high >= begin + 1e-3 else -1e-3
+        value = begin
+        there = pose_at(begin + step)
+        if there is None:
+            return begin
+        neutral = pose_at(begin)
         origin = self.signals(self.described if neutral is None else neutral)
         slope, ours = (self.signals(there) - origin) / step, origin
         for _ in range(_NEWTON_STEPS):
