@@ -100,7 +100,7 @@ TUM = b"# t x y z qx qy qz qw\n0.0 0 0 0 0 0 0 1\n0.1 1e-3 0 0 0 0 0.1 0.995\n0.
 NAMES = ("bus.log", "bus.asc", "bus.blf", "robot.toml", "mine.toml", "map.toml", "effects.toml")
 
 
-@pytest.mark.parametrize("name", (*NAMES, "way.tum", "mine.dbc"))
+@pytest.mark.parametrize("name", [*NAMES, "way.tum", "mine.dbc"])
 def test_any_file_is_read_or_refused_in_one_line(name: str, tmp_path: Path, size: str) -> None:
     path = tmp_path / name
     readers: dict[str, tuple[Callable[[Path], object], list[bytes]]] = {

@@ -54,14 +54,14 @@ class Drive:
 def invalid(stream: random.Random, spec: MessageSpec, now_us: int, tick: int) -> can.Message:
     """Return a frame of a sensor that is wrong by construction.
 
-    Up to three inverted bits are always caught by the CRC of profile 1, whose Hamming distance is
-    four at this length.
+    One or two inverted bits are always caught by the CRC of profile 1, whose polynomial is
+    primitive and whose Hamming distance is three at this length.
     """
     raw = {signal.name: stream.getrandbits(signal.length_bits) for signal in spec.payload}
     message: can.Message = make_message(spec, encode_frame(spec, raw, tick), now_us)
     kind = stream.randrange(7)
     if kind == 0:
-        for bit in stream.sample(range(8 * len(message.data)), stream.randint(1, 3)):
+        for bit in stream.sample(range(8 * len(message.data)), stream.randint(1, 2)):
             message.data[bit // 8] ^= 1 << bit % 8
     elif kind == 1:
         sizes = [size for size in range(9) if size != spec.length_bytes]
