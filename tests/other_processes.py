@@ -18,6 +18,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final
 
+GENEROUS_S: Final = 600.0
+"""Not a deadline: only what never comes is waited for so long."""
+
 _SERVER: Final = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["chiplog.cli", "hil_harness.standalone", "chiplog.commands.node"])
 
@@ -55,8 +58,11 @@ class Command:
 
     def until(self, holds: Callable[[], bool]) -> None:
         """Wait until something holds; fails where this command ends before."""
+        end_s = time.monotonic() + GENEROUS_S
         while not holds():
-            assert self._process.is_alive(), f"it ended:\n{self.stdout}\n{self.stderr}"
+            said = f"{self.stdout}\n{self.stderr}"
+            assert self._process.is_alive(), f"it ended:\n{said}"
+            assert time.monotonic() < end_s, f"it never came:\n{said}"
             time.sleep(0.02)
 
     def stop(self) -> int | None:

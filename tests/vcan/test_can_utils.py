@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import os
 import re
 import struct
@@ -15,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import can
+import cantools_command
 import pytest
 from on_vcan import VCAN_ENV
 from other_processes import Command
@@ -141,20 +143,18 @@ def test_whatever_cangen_makes_we_hear_as_candump_does(channel: str, tmp_path: P
     assert len({(one.is_extended_id, one.is_remote_frame) for one in heard}) >= 2
 
 
-def test_cantools_decodes_what_candump_hears_with_our_dbc(channel: str) -> None:
+def test_cantools_decodes_what_candump_hears_with_our_dbc(
+    channel: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = ["candump", "-n", "3", channel]
     with open_bus("socketcan", channel) as bus, started(command, channel) as candump:
         for message in encoder_messages(3):
             bus.send(message)
         dump, _ = candump.communicate()
-    cantools = Path(sys.executable).parent / "cantools"
-    decoded = subprocess.run(
-        [cantools, "decode", "--single-line", shipped_path()],
-        input=dump,
-        capture_output=True,
-        check=True,
-        text=True,
-    ).stdout
+    monkeypatch.setattr(sys, "argv", ["cantools", "decode", "--single-line", str(shipped_path())])
+    monkeypatch.setattr(sys, "stdin", io.StringIO(dump))
+    cantools_command.main()
+    decoded = capsys.readouterr().out
     counts = re.findall(r"ENCODER\(.*left_count: (\d+).*right_count: (\d+)", decoded)
     assert counts == [("0", "0"), ("7", "5"), ("14", "10")]
 
@@ -169,7 +169,7 @@ def test_cantools_monitor_shows_our_signals(channel: str, tmp_path: Path) -> Non
     with (
         open_bus("socketcan", channel) as bus,
         Command(
-            "cantools:_main",
+            "cantools_command:main",
             [*arguments, str(shipped_path())],
             tmp_path / "monitor",
             terminal=os.ttyname(theirs),
