@@ -131,8 +131,8 @@ def tables(runs: int) -> dict[str, list[Row]]:
     lesson = (plant.left_count, plant.right_count, plant.gyro_code)
     default = build_config(FirmwareDescription(), constants)
     columns = [random_ticks(default, seed, 20_000).T for seed in range(max(runs // 4, 1))]
-    left, right, encoder, code, gyro = np.stack(columns, axis=1)
-    faults = (left, right, code, encoder, gyro)
+    left, right, encoder, code, gyro = np.ascontiguousarray(np.stack(columns, axis=1))
+    faults = (left, right, code, encoder.astype(np.int8), gyro.astype(np.int8))
     floor = build_config(FirmwareDescription.from_table(FLOOR), constants)
     narrow = build_config(FirmwareDescription.from_table(NARROW), constants)
     restless = restless_drive(2000)
