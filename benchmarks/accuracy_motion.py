@@ -95,7 +95,17 @@ def _case(given: tuple[Task, str | None]) -> dict[str, Any] | None:
     task, until = given
     if until is not None and f"{datetime.now():%H:%M}" >= until:
         return None
-    return run_case(*task)
+    try:
+        return run_case(*task)
+    except (ArithmeticError, LookupError, ValueError) as error:  # told on the page
+        study, effect, number = task
+        return {
+            "study": study,
+            "effect": effect,
+            "number": number,
+            "truth": None,
+            "failed": repr(error),
+        }
 
 
 if __name__ == "__main__":

@@ -64,7 +64,8 @@ def run_case(
     block = MotionBlock(model)
     fit = _detail(block, effect)
     seconds = time.perf_counter() - started
-    bound = {} if effect in STEPPED else bounds(world, model, effect, truth)
+    has_bound = study != "prior" and effect not in STEPPED
+    bound = bounds(world, model, effect, truth) if has_bound else {}
     return {
         **head,
         "truth": truth,

@@ -32,6 +32,10 @@ def page(results: Sequence[Result], day: date | None = None) -> str:
     """Return the page, in Markdown."""
     day = day or date.today()
     parts = [_HEAD, f"Measured on {day:%Y-%m-%d} with\n\n{_commands(results)}\n"]
+    failed = [one for one in results if "failed" in one]
+    if failed:
+        names = ", ".join(sorted({f"`{one['effect']}`" for one in failed}))
+        parts.append(f"Cases that ended with an error and are left out: {len(failed)} ({names}).")
     parts += [_bounds(results), _steps(results), _coverage(results)]
     return "\n".join(part.strip("\n") + "\n" for part in parts if part)
 
