@@ -77,7 +77,7 @@ def read_lines(  # type: ignore[no-untyped-def]
         for _ in range(_DECIMALS):
             at += 1
             digit = text[at] - _ZERO
-            if digit > 9:
+            if digit < 0 or digit > 9:
                 return start, row
             stamp = stamp * 10 + np.int64(digit)
         if text[at + 1] != 41 or text[at + 2] != _SPACE:  # )

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hil_harness.export import Trajectory
 
 SUFFIXES = (".mcap", ".tum")
+_MOST_NOISE_MM = 1000
 
 
 class TrajectoryName(StrEnum):
@@ -77,8 +78,10 @@ def command(
 
     if to.suffix.lower() not in SUFFIXES:
         raise CommandError(f"--to {to}: expected a file that ends in {' or '.join(SUFFIXES)}")
-    if not 0 <= contact_noise_mm <= 1000:
-        raise CommandError(f"--contact-noise-mm {contact_noise_mm:g}: expected 0 to 1000")
+    if not 0 <= contact_noise_mm <= _MOST_NOISE_MM:
+        raise CommandError(
+            f"--contact-noise-mm {contact_noise_mm:g}: expected 0 to {_MOST_NOISE_MM}"
+        )
     if log.is_dir():
         found = log / REFERENCE
         truth = found if truth is None and found.is_file() else truth

@@ -102,6 +102,12 @@ DRIVES: tuple[Row, ...] = (
         "1 references for 2 logs: expected one --reference for each log, in order, or none",
     ),
     Row(
+        "a ROS recording as reference that is not there",
+        "chiplog diagnose table.csv --reference gone.mcap",
+        "gone.mcap: cannot read this reference: No such file or directory",
+        {"table.csv": DRIVE},
+    ),
+    Row(
         "a reference that is not there",
         "chiplog diagnose table.csv --reference a.tum",
         "a.tum: cannot read this reference: No such file or directory",

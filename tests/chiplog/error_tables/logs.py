@@ -245,3 +245,35 @@ LOGS += (
         links={"bus.log": "/dev/full"},
     ),
 )
+
+LOGS += (
+    _log(
+        "a BLF log whose objects do not follow each other",
+        "bus.blf",
+        _blf(_container(b"no object here" + bytes(20))),
+        "bus.blf: truncated or corrupt BLF file after 0 frames: no object where one should begin",
+    ),
+    _log(
+        "a BLF log with an object too small for its frame",
+        "bus.blf",
+        _blf(_container(struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 1, 2, 0, 0, 0) + bytes(8))),
+        "bus.blf: truncated or corrupt BLF file after 0 frames: an object of 40 bytes is too small "
+        "for a frame",
+    ),
+    Row(
+        "an export to a file of another kind",
+        "chiplog export bus.log --to way.csv",
+        "--to way.csv: expected a file that ends in .mcap or .tum",
+    ),
+    Row(
+        "an export with a wheel's error below zero",
+        "chiplog export bus.log --to way.tum --contact-noise-mm -1",
+        "--contact-noise-mm -1: expected 0 to 1000",
+    ),
+    Row(
+        "an export of a log without odometry",
+        "chiplog export bus.log --to way.tum",
+        "bus.log: no odometry frames: expected ODOMETRY_X, ODOMETRY_Y, ODOMETRY_HEADING in the log",
+        {"bus.log": _FRAMES},
+    ),
+)
