@@ -134,6 +134,8 @@ def coverage(some: Sequence[float], level: float) -> float:
 
 def uniformity(some: Sequence[float]) -> float:
     """Return the p-value of a chi-square test that ranks are uniform (Talts et al. 2018)."""
+    if len(some) < 2 * _LEAST_IN_A_BIN:
+        return 1.0  # too few to say anything
     bins = max(2, min(_MOST_BINS, len(some) // _LEAST_IN_A_BIN))
     counts, _ = np.histogram(some, bins=bins, range=(0.0, 1.0))
     return float(chisquare(counts).pvalue)
