@@ -192,6 +192,12 @@ def _flat_top(motion: Motion) -> float | None:
     return reach / motion.gyro_sensitivity_lsb_per_rad_s
 
 
+def _adc_inl(motion: Motion) -> Iterable[Variant]:
+    """Return the converter's bend, where the log has a converter: codes, not physical rates."""
+    if motion.gyro_code is not None:
+        yield Variant("adc_inl", gyro.adc_inl, ("peak",))
+
+
 def _adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
     if motion.gyro_code is None:
         return
@@ -419,7 +425,7 @@ _ALL: Final = (
     _plain("gyro_g_sensitivity", "gyro", gyro.gyro_g_sensitivity, "x", "y"),
     Explanation("gyro_frozen", 2, _gyro_frozen),
     Explanation("gyro_saturation", 2, _gyro_saturation),
-    _plain("adc_inl", "gyro", gyro.adc_inl, "peak"),
+    Explanation("adc_inl", 2, _adc_inl),
     Explanation("adc_stuck_bit", 2, _adc_stuck_bit),
     _plain("reference_yaw", "reference", reference.reference_yaw, "angle"),
     _plain("reference_lever_arm", "reference", reference.reference_lever_arm, "x", "y"),
