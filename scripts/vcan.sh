@@ -15,11 +15,15 @@ cache=${CHIPLOG_VCAN_CACHE:-${XDG_CACHE_HOME:-${HOME:-/tmp}/.cache}/chiplog/vcan
 modules="virtio_pci 9pnet_virtio 9p overlay can-raw can-bcm vcan"
 bus="ip link add dev vcan0 type vcan && ip link set up vcan0 && ip link set up lo"
 
+# Root needs no user namespace of its own, and in a chroot may not have one.
+separate="unshare --net"
+[ "$(id -u)" = 0 ] || separate="unshare --user --map-root-user --net"
+
 has() { PATH="$PATH:/usr/sbin:/sbin" command -v "$1" >/dev/null; }
 
 has_namespace() {
     [ "${CHIPLOG_VCAN_WHERE:-namespace}" = namespace ] && has unshare && has ip &&
-        unshare --user --map-root-user --net sh -c "$bus" 2>/dev/null
+        $separate sh -c "$bus" 2>/dev/null
 }
 
 # What the machine lacks, one per line: what it is, and the Debian package that has it.
@@ -117,6 +121,6 @@ esac
 
 export CHIPLOG_VCAN=vcan0
 if has_namespace; then
-    exec unshare --user --map-root-user --net sh -c "$bus"' && exec "$@"' sh "$@"
+    exec $separate sh -c "$bus"' && exec "$@"' sh "$@"
 fi
 in_machine "$@"
