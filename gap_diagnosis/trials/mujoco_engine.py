@@ -59,7 +59,7 @@ def drive_through(
     pose = table[:, :3].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     return Driven(
-        time_s=np.arange(len(table)) * tick_period_us * 1e-6,
+        time_s=np.arange(len(table), dtype=np.float64) * (tick_period_us * 1e-6),
         pose=_from_start(pose),
         wheel_rad=table[:, 3:5] - table[0, 3:5],
         wheel_rad_s=table[:, 5:7],

@@ -41,7 +41,12 @@ def free_udp_port() -> int:
 
 
 @pytest.fixture(
-    params=["virtual", "chiplog", "udp_multicast", pytest.param("socketcan", marks=pytest.mark.vcan)]
+    params=[
+        "virtual",
+        "chiplog",
+        "udp_multicast",
+        pytest.param("socketcan", marks=pytest.mark.vcan),
+    ]
 )
 def open_handle(request: pytest.FixtureRequest) -> Iterator[OpenBus]:
     """Open any number of handles on one bus that nothing else is on."""
@@ -393,5 +398,7 @@ def test_a_missing_vcan_comes_with_the_three_commands_that_make_it() -> None:
 
 
 def test_a_missing_can_interface_comes_with_the_command_that_brings_it_up() -> None:
-    with pytest.raises(CanBusError, match=r"ip link set can17 up type can bitrate 250000 restart-ms 100"):
+    with pytest.raises(
+        CanBusError, match=r"ip link set can17 up type can bitrate 250000 restart-ms 100"
+    ):
         open_bus("socketcan", "can17", bitrate=250_000)
