@@ -1,32 +1,22 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
-from typing import Final
-
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
-
-_SHARP_S: Final = 0.01
-"""What a lag or a delay takes off is the finest part of a turn: it must not be smoothed away."""
-
-
-def sharp_turn_rate(motion: Motion, smoothing_s: float = _SHARP_S) -> Floats:
-    """Return the mean turn rate of each tick, float64[n] [rad/s], hardly smoothed."""
-    turn = np.diff(motion.heading_rad, prepend=motion.heading_rad[0])
-    rate = turn / np.maximum(motion.dt_s, 1e-9)
-    return np.asarray(gaussian_filter1d(rate, smoothing_s / float(np.median(motion.dt_s[1:]))))
 
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
-    """Trail the true rate: a first-order filter, and of what it shows the mean over each tick."""
+    """Trail the true rate: a first-order filter, and of what it shows the mean over each tick.
+
+    The rate is a smooth one: in the fine details of counted turns, counting errors pass for a lag.
+    """
     if time_constant <= 0:
         return
     step = float(np.median(p.motion.dt_s[1:]))
-    rate = sharp_turn_rate(p.motion)
+    rate = p.motion.turn_rate_rad_s
     share = -np.expm1(-step / time_constant)
     filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]
     # The filter's exact mean over a tick in which the rate is constant.

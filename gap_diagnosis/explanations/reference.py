@@ -1,15 +1,8 @@
 """Stages reference and bus: what the outside measurement and the stamps add to the true pose."""
 
-from typing import Final
-
 import numpy as np
 
-from gap_diagnosis.explanations.gyro import sharp_turn_rate
 from gap_diagnosis.prediction import Prediction
-
-_SMOOTHING_S: Final = 0.007
-"""Less than a tick: counting errors average out between two ticks, where a delay would be drawn to
-without any smoothing; more smoothing rounds a turn off, which passes for a lag."""
 
 
 def reference_yaw(p: Prediction, *, angle: float) -> None:
@@ -62,5 +55,5 @@ def counts_latency(p: Prediction, *, delay: float) -> None:
 
 def _move_gyro(p: Prediction, by_s: float) -> None:
     """Let the gyro show the rate of another moment."""
-    t_s, rate = p.motion.t_s, sharp_turn_rate(p.motion, _SMOOTHING_S)
+    t_s, rate = p.motion.t_s, p.motion.turn_rate_rad_s
     p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate

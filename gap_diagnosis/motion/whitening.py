@@ -220,7 +220,9 @@ def _whiten(
             for j in range(width):
                 state[q, j] *= keep
             _scale_state(covariance, q, keep)
-            covariance[11 * q] += (1.0 - keep * keep) * quantum_variance
+            # The more counts a block has, the less of their rounding lasts beyond it.
+            lasting = quantum_variance / (1.0 + moved)
+            covariance[11 * q] += (1.0 - keep * keep) * lasting
         c, s = cosine[k], sine[k]
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):

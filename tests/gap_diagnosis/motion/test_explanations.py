@@ -69,8 +69,14 @@ WHOLE: dict[str, Values] = {
 NO_COLUMN = {"ticks_per_rev", "frame_latency"}
 """Told by another's name, or only where rows are put together by stamps (test_latency)."""
 
-LEFT: dict[str, float] = {"missed_ticks": 0.2, "extra_ticks": 0.2, "adc_stuck_bit": 0.2}
-"""Share of the misfit that may be left where counts come at random, or codes without noise."""
+LEFT: dict[str, float] = {
+    "longitudinal_slip": 0.12,
+    "missed_ticks": 0.2,
+    "extra_ticks": 0.2,
+    "adc_stuck_bit": 0.2,
+}
+"""Share of the misfit that may be left where counts come at random, codes have no noise, or a
+smoothed acceleration rounds off what the drive's first moments are like."""
 
 DRIVE = replace(scenario("calibration"), seed=3)
 
@@ -153,7 +159,7 @@ def test_the_size_that_fits_best_is_the_size_that_was_simulated(effect):
     assert abs(best - 1.0) < 0.02 + 0.2 / np.sqrt(energy(column))
 
 
-def test_a_lag_is_read_to_a_twentieth_of_a_millisecond():
+def test_a_lag_is_read_to_a_tenth_of_a_millisecond():
     """The tick is 10 ms: a filter taken for its value at the tick's end reads 5 ms off."""
     cases = [((EffectSetting("gyro_lag", (("time_constant", lag),)),), 3) for lag in LAGS_S]
     runs = synthetic_recordings(without_noise(ROBOT), WIRE, DRIVE, cases, reference=EXACT)
@@ -163,7 +169,7 @@ def test_a_lag_is_read_to_a_twentieth_of_a_millisecond():
             for one in (lag_s - 0.002, lag_s, lag_s + 0.002)
         )
         best = lag_s + 0.001 * (low - high) / (low - 2 * middle + high)
-        assert abs(best - lag_s) < 5e-5
+        assert abs(best - lag_s) < 1e-4
 
 
 def test_a_reference_clock_that_runs_far_off_is_read_to_a_thousandth():

@@ -99,7 +99,8 @@ def dense_covariance() -> Floats:
                 slow[index] = plus((decay, slow[index]), (1.0, fresh))
         for wheel in (0, 1):
             keep = max(1.0 - moved[wheel], math.exp(-COURSE.dt_s[k] / QUANTUM_S)) if k else 0.0
-            fresh = draw((1 - keep**2) * COURSE.quantum_m**2)
+            lasting = COURSE.quantum_m**2 / (1 + moved[wheel])
+            fresh = draw((1 - keep**2) * lasting)
             quantum[wheel] = plus((keep, quantum[wheel]), (1.0, fresh))
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
         midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
