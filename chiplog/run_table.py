@@ -49,9 +49,9 @@ def _facts(result: RunResult, report: Path) -> list[list[str]]:
         rows.append(
             [
                 "timing",
-                f"{q.count(late.missed_deadlines)} missed deadlines, ticks start "
-                f"{late.jitter_p50_us:.0f} µs late (median), {late.jitter_p99_us:.0f} µs (99 %), "
-                f"{late.jitter_max_us:.0f} µs at most{outage_clause(late)}",
+                f"{q.count(late.missed_deadlines)} missed deadlines, late by "
+                f"{late.jitter_p50_us:.0f} µs (median), {late.jitter_p99_us:.0f} (99 %), "
+                f"{late.jitter_max_us:.0f} at most{outage_clause(late)}",
             ]
         )
     overflows = result.kernel_state.get("overflow_count", 0)

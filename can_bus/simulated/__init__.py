@@ -6,13 +6,12 @@ do when something goes wrong), `confinement` (error counters), `queues` (what wa
 python-can sees).
 """
 
-from can_bus.simulated.bus import DEFAULT_BITRATE, SimulatedBus
+from can_bus.simulated.bus import SimulatedBus
 from can_bus.simulated.faults import BUS_FAULT_KINDS, ActiveFault, BusFault, BusFaultKind
 from can_bus.simulated.queues import TRANSMIT_ORDERS, TransmitOrder
 
 __all__ = [
     "BUS_FAULT_KINDS",
-    "DEFAULT_BITRATE",
     "TRANSMIT_ORDERS",
     "ActiveFault",
     "BusFault",

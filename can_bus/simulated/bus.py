@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +13,7 @@ import can
 from can.typechecking import AutoDetectedConfig, CanFilters
 from can.typechecking import Channel as ChannelName
 
+from can_bus.database import load_database
 from can_bus.errors import CanBusError
 from can_bus.simulated.channel import NEVER_NS, Channel
 from can_bus.simulated.confinement import ErrorState
@@ -23,9 +25,6 @@ from can_bus.simulated.pace import Pace, is_notifier_stopped
 from can_bus.simulated.periodic import SimulatedCyclicTask
 from can_bus.simulated.queues import Pending, TransmitOrder, TransmitQueue, arbitration_key
 from can_bus.timing import frame_length_bits
-
-DEFAULT_BITRATE: Final = 500_000
-"""Of a channel whose first handle names none, bit/s."""
 
 _STATES: Final = {
     ErrorState.ACTIVE: can.BusState.ACTIVE,
@@ -74,7 +73,7 @@ class SimulatedBus(can.BusABC):
     Args:
         channel: any name.
         can_filters: as for every python-can bus; a frame that does not match is not kept.
-        bitrate: in bit/s; None: the channel's, 500000 for a new one.
+        bitrate: in bit/s; None: the channel's, that of the shipped DBC for a new one.
         node: name of the node, as faults name it; None: `node-1` and so on.
         receive_own_messages: also receive what this handle has sent, when it has been sent.
         ignore_rx_error_frames: do not receive error frames.
@@ -367,11 +366,19 @@ class SimulatedBus(can.BusABC):
             channel.add(controller)
 
 
+@cache
+def _usual_bitrate() -> int:
+    """Return the bit rate [bit/s] that the shipped DBC names."""
+    usual = load_database().bitrate
+    assert usual is not None  # tests/can_bus hold the shipped DBC to it
+    return usual
+
+
 def _open_wire(name: Hashable, bitrate: int | None) -> _Wire:
     with _wires_lock:
         wire = _wires.get(name)
         if wire is None:
-            wire = _wires[name] = _Wire(DEFAULT_BITRATE if bitrate is None else int(bitrate))
+            wire = _wires[name] = _Wire(_usual_bitrate() if bitrate is None else int(bitrate))
         elif bitrate is not None and bitrate != wire.channel.bitrate:
             raise CanBusError(
                 f"bitrate = {bitrate}: channel {name!r} runs at {wire.channel.bitrate} bit/s"

@@ -205,7 +205,7 @@ def _study(
     refuse_unfit(
         points,
         described,
-        distance_m=_farthest_m(scenarios, course),
+        distance_m=_farthest_m(scenarios, course, wire.tick_period_us),
         table_bytes=table_bytes,
         force=force,
     )
@@ -220,14 +220,13 @@ def _study(
     )
 
 
-def _farthest_m(scenarios: Sequence[Scenario], course: Course) -> float:
+def _farthest_m(scenarios: Sequence[Scenario], course: Course, period_us: int) -> float:
     """Return how far a robot gets from its start at most."""
     import numpy as np
 
     if course.distance_m is not None:
         return course.distance_m
     assert course.duration_s is not None  # a course is one or the other
-    period_us = 10_000
     speeds = (
         float(np.abs(one.commands(max(one.tick_count(period_us), 1), period_us)[:, 0]).max())
         for one in scenarios

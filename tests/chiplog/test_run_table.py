@@ -51,7 +51,7 @@ def test_refused_frames_are_named_by_reason(capsys: pytest.CaptureFixture[str]) 
 
 def test_a_real_time_run_says_how_late_its_ticks_were(capsys: pytest.CaptureFixture[str]) -> None:
     text = "\n".join(printed(run_result(time="real"), capsys))
-    assert "2 missed deadlines, ticks start 31 µs late (median), 480 µs at most" in text
+    assert "2 missed deadlines, late by 31 µs (median), 120 (99 %), 480 at most" in text
 
 
 def test_the_last_line_is_the_path_of_the_page(capsys: pytest.CaptureFixture[str]) -> None:
