@@ -144,7 +144,12 @@ def test_the_summary_has_every_field_of_the_contract(lesson: RunResult) -> None:
     assert set(summary["bus"]["rejected"]) == {
         "length", "crc", "counter", "range", "age", "unknown_id",
     }  # fmt: skip
-    assert set(summary["timing"]) == {"missed_deadlines", "jitter_us"}
+    assert set(summary["timing"]) == {
+        "missed_deadlines",
+        "jitter_us",
+        "outages",
+        "unsent_frames",
+    }
     assert set(summary["timing"]["jitter_us"]) == {"p50", "p99", "max"}
 
 
