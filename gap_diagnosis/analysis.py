@@ -74,6 +74,7 @@ def analyse(
     # What a stale producer said again, only the ECU took for news.
     bus = bus_block(recording, wire) if recording.frames else None
     as_received, recording = recording, recording if bus is None else bus.without_stale()
+    outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
         recording, outliers = without_outliers(recording, robot)

@@ -148,7 +148,8 @@ def test_scripts_that_the_readme_names_are_there_and_parse() -> None:
         for line in block.lines:
             script = ROOT / line.split()[0]
             assert os.access(script, os.X_OK), line
-            subprocess.run(["sh", "-n", script], check=True)
+            if script.read_bytes().startswith(b"#!/bin/sh"):
+                subprocess.run(["sh", "-n", script], check=True)
 
 
 def test_the_demo_script_ends_in_the_command_that_the_readme_shows() -> None:

@@ -47,7 +47,7 @@ def test_a_heading_from_outside_tells_a_lever_arm_from_a_time_offset_positions_a
     for heading, inner in rows.items():
         pull = np.linalg.solve(inner[1:2, 1:2], inner[1:2, :1])
         explained[heading] = float((inner[:1, 1:2] @ pull)[0, 0] / inner[0, 0])
-    assert explained[False] > 2 * explained[True]
+    assert explained[False] > 1.4 * explained[True]
 
 
 def test_arcs_at_several_speeds_tell_a_lever_arm_from_lateral_slip():

@@ -29,7 +29,7 @@ SIMULATED: tuple[Row, ...] = (
         "--time lockstep, or another --interface",
     ),
     Row(
-        "a bit rate that classic CAN has not",
+        "a bit rate beyond classic CAN on the simulated bus",
         "chiplog run --interface chiplog --channel bench --dbc mine.dbc",
         f"{_OPEN}bitrate = 5000000: expected 1 to 1000000 [bit/s]",
         {"mine.dbc": _dbc_at(5_000_000)},
