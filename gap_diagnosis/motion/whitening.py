@@ -2,13 +2,15 @@
 
 The noise of a log, in the terms of docs/explanation: the contact of each wheel is a random walk
 over distance, the gyro's angle a random walk over time on a walking bias, each count is off by a
-quantum that stays while the wheel stands, the reference is off by white and by slow noise. Because
+quantum that stays while the wheel stands and is averaged over what it counts while it turns, the
+reference is off by white and by slow noise. Because
 the filter is linear, one pass whitens the data and every effect's column alike, with the same
 gains; what comes out is a plain least-squares problem.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,12 +36,19 @@ LEVELS: Final = (
 """Levels of noise, in the order of a vector of levels."""
 
 QUANTUM_S: Final = 0.5
-"""Correlation time of a count's quantisation error: at steady speed it beats with the samples."""
+"""Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
+beats with the samples."""
+_HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
 @dataclass(frozen=True)
 class Course:
-    """What the filter must know of the motion, per block: float64[m] each."""
+    """What the filter must know of the motion, per block: float64[m] each.
+
+    *quantum_m* is the standard deviation of one reading of a wheel's way, *beat_m* that of its part
+    which beats with the samples: of a rounding error after noise of sigma counts, the first
+    harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008, chapter 4).
+    """
 
     dt_s: Floats
     step_x_m: Floats
@@ -51,6 +60,7 @@ class Course:
     cosine: Floats
     sine: Floats
     quantum_m: float
+    beat_m: float
     wheelbase_m: float
     samples: Floats
     gyro_floor_rad: float
@@ -82,7 +92,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_moved=right_path / per_count_m,
         cosine=np.cos(heading),
         sine=np.sin(heading),
-        quantum_m=per_count_m * float(np.sqrt(1 / 12 + noise_ticks**2)),
+        quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),
+        beat_m=per_count_m * math.exp(-0.5 * (math.tau * noise_ticks) ** 2) / _HARMONIC,
         wheelbase_m=motion.wheelbase_m,
         samples=samples,
         gyro_floor_rad=1e-6,
@@ -105,6 +116,7 @@ def whiten(
         course.cosine,
         course.sine,
         course.quantum_m,
+        course.beat_m,
         course.wheelbase_m,
         course.samples,
         course.gyro_floor_rad,
@@ -127,6 +139,7 @@ def _whiten(
     cosine: Floats,
     sine: Floats,
     quantum_m: float,
+    beat_m: float,
     wheelbase_m: float,
     samples: Floats,
     gyro_floor: float,
@@ -214,15 +227,22 @@ def _whiten(
             late_variance = spread * turn
             late_state[:] = 0.0
         stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
+        few = 0.0
         for q in range(5, 7):
             moved = left_moved[k] if q == 5 else right_moved[k]
-            keep = 0.0 if k == 0 else max(1.0 - moved, stays)
+            # In motion a block averages its readings' errors. At one speed in so many as a block has
+            # ticks, they beat more slowly than blocks follow each other.
+            averaged = min(max(moved, 1.0), ticks[k])
+            mean_variance = quantum_variance / averaged
+            in_step = stays * min(beat_m * beat_m / mean_variance, 1.0) / ticks[k]
+            keep = 0.0 if k == 0 else max(1.0 - moved, in_step)
             for j in range(width):
                 state[q, j] *= keep
             _scale_state(covariance, q, keep)
-            # The more counts a block has, the less of their rounding lasts beyond it.
-            lasting = quantum_variance / (1.0 + moved)
-            covariance[11 * q] += (1.0 - keep * keep) * lasting
+            covariance[11 * q] += (1.0 - keep * keep) * mean_variance
+            # The reference meets fewer readings than the block has: those are averaged less.
+            met = min(max(samples[k], 1.0), averaged)
+            few += quantum_variance / met - mean_variance
         c, s = cosine[k], sine[k]
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):
@@ -230,20 +250,18 @@ def _whiten(
             # Every channel is the sum of two states and a share of each wheel's quantum.
             if channel == 0:
                 first, second, left_share, right_share = 1, 7, -0.5 * c, -0.5 * c
-                noise = position * position / samples[k] + 1e-12
+                noise = position * position / samples[k] + 0.25 * c * c * few + 1e-12
             elif channel == 1:
                 first, second, left_share, right_share = 2, 8, -0.5 * s, -0.5 * s
-                noise = position * position / samples[k] + 1e-12
+                noise = position * position / samples[k] + 0.25 * s * s * few + 1e-12
             elif channel == 2:
                 first, second = 0, 9
                 left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
-                noise = heading * heading / samples[k] + 1e-12
+                noise = heading * heading / samples[k] + few / (wheelbase_m * wheelbase_m) + 1e-12
             else:
                 first, second = 0, 3
                 left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
-                averaged = min(max(left_moved[k], right_moved[k], 1.0), ticks[k])
-                fast = 2.0 * quantum_variance / (wheelbase_m * wheelbase_m) / averaged
-                noise = gyro_floor * gyro_floor + fast
+                noise = gyro_floor * gyro_floor
             one, two = 10 * first, 10 * second
             for i in range(10):
                 gain[i] = (

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from motion_cases import EXACT, ROBOT, WIRE, Floats, nodes_of
 from scipy.stats import chi2, kstest
 
-from gap_diagnosis.motion.nodes import CHANNELS
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.nodes import CHANNELS, residuals
 from gap_diagnosis.motion.whitening import LEVELS as NAMES
 from gap_diagnosis.motion.whitening import QUANTUM_S, course_of, whiten
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
 SIZES = {
@@ -28,8 +30,10 @@ SIZES = {
 }
 LEVELS = np.array([SIZES[name] for name in NAMES])
 NOISE_TICKS = 0.2
+RARE = replace(EXACT, rate_hz=40.0)
+"""Two samples in a block of five ticks: the reference meets fewer readings than the block has."""
 NODES = nodes_of(
-    synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=EXACT, duration_s=9.0)
+    synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=RARE, duration_s=9.0)
 )
 COURSE = course_of(NODES, NOISE_TICKS)
 SEEN = np.ones((CHANNELS, NODES.count), dtype=np.bool_)
@@ -97,26 +101,29 @@ def dense_covariance() -> Floats:
             for index, level in enumerate((slow_position, slow_position, slow_heading)):
                 fresh = draw((1 - decay**2) * level**2)
                 slow[index] = plus((decay, slow[index]), (1.0, fresh))
+        few = 0.0
         for wheel in (0, 1):
-            keep = max(1.0 - moved[wheel], math.exp(-COURSE.dt_s[k] / QUANTUM_S)) if k else 0.0
-            lasting = COURSE.quantum_m**2 / (1 + moved[wheel])
-            fresh = draw((1 - keep**2) * lasting)
-            quantum[wheel] = plus((keep, quantum[wheel]), (1.0, fresh))
+            averaged = min(max(moved[wheel], 1.0), NODES.ticks[k])
+            whole = COURSE.quantum_m**2 / averaged
+            share = min(COURSE.beat_m**2 / whole, 1.0) / NODES.ticks[k]
+            in_step = share * math.exp(-COURSE.dt_s[k] / QUANTUM_S)
+            keep = max(1.0 - moved[wheel], in_step) if k else 0.0
+            quantum[wheel] = plus((keep, quantum[wheel]), (1.0, draw((1 - keep**2) * whole)))
+            few += COURSE.quantum_m**2 / min(max(COURSE.samples[k], 1.0), averaged) - whole
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
         midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
         white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
-        averaged = min(max(*moved, 1.0), NODES.ticks[k])
-        fast = 2 * (COURSE.quantum_m / axle) ** 2 / averaged
-        read = heading**2 / max(COURSE.samples[k], 1.0) + 1e-12
+        read = heading**2 / max(COURSE.samples[k], 1.0) + few / axle**2 + 1e-12
+        first, second = (draw(white + 0.25 * one**2 * few) for one in (c, s))
         channels = (
-            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, draw(white))),
-            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, draw(white))),
+            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first)),
+            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second)),
             plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
             plus(
                 (1.0, mean_angle),
                 (1.0, mean),
                 (1.0, counted),
-                (1.0, draw(COURSE.gyro_floor_rad**2 + fast)),
+                (1.0, draw(COURSE.gyro_floor_rad**2)),
             ),
         )
         rows += [one for one, seen in zip(channels, SEEN[:, k], strict=True) if seen]
@@ -165,3 +172,33 @@ def test_noise_of_the_model_comes_out_white_with_unit_variance():
     assert kstest(white.ravel(), "norm").pvalue > 1e-4
     neighbours = (white[1:] * white[:-1]).sum() / math.sqrt(count * (rows - 1))
     assert abs(neighbours) < 4.0
+
+
+def test_counting_errors_of_a_drive_come_out_with_unit_variance_at_rest_and_in_motion():
+    known = dict(SIZES)
+    gyro = ROBOT.plant.gyro
+    known["contact_m_per_sqrt_m"] = 1e-4
+    known["lateral_m_per_sqrt_m"] = 2e-5
+    known["gyro_noise_rad_per_sqrt_s"] = gyro.noise_density_rad_per_sqrt_s
+    known["gyro_bias_walk_rad_s_per_sqrt_s"] = 1e-7
+    noise = ReferenceNoise()
+    known["reference_position_m"] = noise.position_m
+    known["reference_heading_rad"] = noise.heading_rad
+    known["reference_slow_position_m"] = noise.coloured_position_m
+    known["reference_slow_heading_rad"] = noise.coloured_heading_rad
+    known["reference_slow_s"] = noise.correlation_time_s
+    levels = np.array([known[name] for name in NAMES])
+    for kind in ("stop_and_go", "calibration"):
+        log = synthetic_recording(
+            ROBOT, WIRE, scenario(kind), (), 5, reference=noise, contact_noise_m_per_sqrt_m=1e-4
+        )
+        nodes = nodes_of(log)
+        course = course_of(nodes, ROBOT.plant.encoder.noise_ticks)
+        data = residuals(nodes, predict(nodes.motion))
+        white, _, _ = whiten(np.ascontiguousarray(data[..., None]), course, levels, nodes.ticks)
+        block, channel = np.nonzero(~np.isnan(data).T)
+        rests = (course.left_moved + course.right_moved)[block] < 1
+        for part in (rests, ~rests):
+            gyro_part = white[part & (channel == 3), 0]
+            away = (np.mean(gyro_part**2) - 1) / math.sqrt(2 / len(gyro_part))
+            assert abs(away) < 4
