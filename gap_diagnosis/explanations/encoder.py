@@ -52,14 +52,21 @@ def extra_ticks_right(p: Prediction, *, rate: float) -> None:
 
 
 def _without_extra(p: Prediction, step_rad: Floats, wheel_rad_s: Floats, rate: float) -> Floats:
-    """Take spurious counts off: each one where the other wheel rests, their mean in motion."""
+    """Take spurious counts off: each one where the other wheel rests, their mean in motion.
+
+    A rest in which the counter went the other way, or not at all, speaks against this rate: there
+    the mean is taken off too.
+    """
     motion = p.motion
     others = np.minimum(np.abs(motion.left_rate_rad_s), np.abs(motion.right_rate_rad_s))
     slow = 3 * abs(rate) * motion.rad_per_count + 5 * motion.rad_per_count
     rests = (others <= motion.rad_per_count) & (np.abs(wheel_rad_s) < slow)
     if rate == 0.0:
         return step_rad
-    return np.where(rests, 0.0, step_rad - rate * motion.dt_s * motion.rad_per_count)
+    which_rest = np.cumsum(np.diff(rests, prepend=False))
+    net_rad = np.bincount(which_rest, weights=step_rad)[which_rest]
+    spurious = rests & (net_rad * rate > 0)
+    return np.where(spurious, 0.0, step_rad - rate * motion.dt_s * motion.rad_per_count)
 
 
 def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:

@@ -230,8 +230,8 @@ def _whiten(
         few = 0.0
         for q in range(5, 7):
             moved = left_moved[k] if q == 5 else right_moved[k]
-            # In motion a block averages its readings' errors. At one speed in so many as a block has
-            # ticks, they beat more slowly than blocks follow each other.
+            # In motion a block averages its readings' errors. At one speed in so many as a block
+            # has ticks, they beat more slowly than blocks follow each other.
             averaged = min(max(moved, 1.0), ticks[k])
             mean_variance = quantum_variance / averaged
             in_step = stays * min(beat_m * beat_m / mean_variance, 1.0) / ticks[k]

@@ -184,3 +184,11 @@ def test_a_reference_clock_that_runs_far_off_is_read_to_a_thousandth():
     )
     best = skew + 0.005 * skew * (low - high) / (low - 2 * middle + high)
     assert abs(best - skew) < 1e-3 * skew
+
+
+def test_lost_counts_at_rest_are_told_from_spurious_ones():
+    recording, plain = recordings()["extra_ticks"]
+    floor = energy(misfit(plain))
+    gap = energy(misfit(recording)) - floor
+    backwards = energy(explained(recording, "extra_ticks", SIZED["extra_ticks"], -1.0)) - floor
+    assert backwards > 2.0 * gap
