@@ -23,9 +23,6 @@ from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import load_scenario
 
-pytestmark = pytest.mark.xdist_group("advising")
-"""What is cached here is made once, by one process."""
-
 LESSON_SPEED_M_S = 0.6
 
 

@@ -13,9 +13,6 @@ from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
 
-pytestmark = pytest.mark.xdist_group("diagnosed")
-"""What is cached here is made once, by one process."""
-
 
 def test_a_robot_as_described_has_no_gap() -> None:
     found = diagnosed("nothing")

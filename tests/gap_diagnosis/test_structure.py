@@ -16,9 +16,6 @@ from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.structure import structure_of, twins_on
 from hil_harness.effects import EffectSetting, catalogue
 
-pytestmark = pytest.mark.xdist_group("structure")
-"""What is cached here is made once, by one process."""
-
 
 def together(found, *effects):
     return any(set(effects) <= group for group in found)

@@ -21,8 +21,6 @@ from hil_harness.firmware_program import FirmwareProgram
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario, scenario_names
 
-pytestmark = pytest.mark.xdist_group("c99")  # programs and images are built once
-
 
 @given(st.data())
 @settings(max_examples=60)
