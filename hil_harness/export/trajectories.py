@@ -2,7 +2,7 @@
 
 Each comes with the twist of its steps and with covariances: those of the SE(2) recursion for
 independent contact noise of both wheels, whose variance grows with the distance a wheel covers
-(Chong and Kleeman, ICRA 1997; `hil_harness.laws.se2`).
+(Chong and Kleeman, ICRA 1997; `hil_harness.se2`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from hil_harness.assembly import Wire
 from hil_harness.errors import HarnessError
 from hil_harness.firmware_program import FirmwareProgram
-from hil_harness.laws.se2 import propagate_covariance
 from hil_harness.nodes import FirmwareNode
 from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.replaying import logged_steps
 from hil_harness.robot import Robot
+from hil_harness.se2 import propagate_covariance
 from hil_harness.traces import odometry_poses, trace
 
 Floats = NDArray[np.float64]

@@ -15,10 +15,6 @@ from scipy import stats
 from hil_harness.laws.bench import Bench
 from hil_harness.laws.law import Check, Evidence, Law
 from hil_harness.laws.picture import Panel, Series, dots, law, line
-from hil_harness.laws.se2 import (
-    normalised_squares,
-    propagate_covariance,
-)
 from hil_harness.laws.statistics import (
     FALSE_ALARM,
     split_error,
@@ -26,6 +22,10 @@ from hil_harness.laws.statistics import (
     variance_tolerance,
 )
 from hil_harness.lesson import LessonParameters
+from hil_harness.se2 import (
+    normalised_squares,
+    propagate_covariance,
+)
 from sim_plant import Mechanisms
 
 DURATION_S = 20.0

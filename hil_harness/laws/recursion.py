@@ -13,7 +13,7 @@ import numpy as np
 from hil_harness.laws.bench import Bench
 from hil_harness.laws.law import Check, Evidence, Law
 from hil_harness.laws.picture import Panel, dots, law, line, thinned
-from hil_harness.laws.se2 import (
+from hil_harness.se2 import (
     propagate_error,
     second_order_bound_m,
 )

@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from gap_diagnosis.reading.reference_file import read_reference
 from hil_harness import HarnessError, RunConfig, RunResult, load_robot, load_wire, run, scenario
 from hil_harness.export import Trajectory, logged_trajectories, tum_text, with_truth, write_mcap
-from hil_harness.laws.se2 import propagate_covariance
+from hil_harness.se2 import propagate_covariance
 
 ROBOT, WIRE = load_robot(None), load_wire()
 NOISE = 2e-3

@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hil_harness.laws.se2 import (
+from hil_harness.lesson import integrate
+from hil_harness.se2 import (
     normalised_squares,
     propagate_covariance,
     propagate_error,
     second_order_bound_m,
 )
-from hil_harness.lesson import integrate
 
 STEPS = 12
 
