@@ -95,10 +95,10 @@ def build_config(
     position_low, position_high = scales.word(one.position.word_bits)
     position_shift = bounds.position_shift(asked, step_bound, position_high)
     table, index_bits = _table(asked)
-    v_rate = scales.rounded(asked.tick_rate_hz, bounds.TICK_RATE_FRAC_BITS)
+    v_rate = scales.rounded(asked.exact.tick_rate_hz, bounds.TICK_RATE_FRAC_BITS)
     v_shift = one.step.frac_bits + bounds.TICK_RATE_FRAC_BITS - one.velocity.frac_bits
     bounds.require_v_fits(asked, step_bound, v_rate, v_shift)
-    w_rate = scales.rounded(2 * scales.PI * asked.tick_rate_hz, bounds.TICK_RATE_FRAC_BITS)
+    w_rate = scales.rounded(asked.exact.tick_rate_rad, bounds.TICK_RATE_FRAC_BITS)
     w_narrowing = one.turn_step.frac_bits + bounds.TICK_RATE_FRAC_BITS - one.velocity.frac_bits
     w_pre_shift = max((one_tick_turn * w_rate).bit_length() - 61, w_narrowing - 60, 0)
     w_shift = w_narrowing - w_pre_shift

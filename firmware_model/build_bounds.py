@@ -7,7 +7,6 @@ and what would be right.
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 from typing import Final
 
 from firmware_model.build_scales import Asked
@@ -130,15 +129,17 @@ def stuck_span_ticks(asked: Asked) -> int:
     Block sums are below 2^45, so a span held to 2^62 is never reached, as the exact one.
     """
     stuck = asked.description.stuck
-    two_lsb = 2 * asked.sensitivity_turn * (1 << stuck.block_log2) / asked.tick_turn
+    two_lsb = asked.exact.two_lsb_ticks * (1 << stuck.block_log2)
     return min(stuck.span_ticks + math.ceil(two_lsb), INTERMEDIATE_LIMIT)
 
 
 def rate_q(asked: Asked, rate_rad_s: float) -> int:
     """Return a rate in codes with the offset's fraction bits, rounded up."""
-    sensitivity = Fraction(asked.constants.gyro_sensitivity_rad_s_per_lsb)
-    scale = 1 << asked.description.gyro.offset_frac_bits
-    return min(math.ceil(Fraction(rate_rad_s) / sensitivity * scale), INTERMEDIATE_LIMIT)
+    over, under = rate_rad_s.as_integer_ratio()
+    sensitivity = asked.exact.sensitivity_rad_s
+    over *= sensitivity.denominator << asked.description.gyro.offset_frac_bits
+    codes = -(-over // (under * sensitivity.numerator))
+    return min(codes, INTERMEDIATE_LIMIT)
 
 
 def offset_max_log2(asked: Asked) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 from firmware_model.constants import FirmwareConstants
@@ -19,6 +19,64 @@ from firmware_model.tables import pi_scaled
 
 PI: Final = Fraction(pi_scaled(160), 1 << 160)
 _MAX_CONSTANT_FRAC_BITS: Final = 60
+
+
+class Exact:
+    """The robot's constants as exact fractions, each worked out once."""
+
+    def __init__(self, known: FirmwareConstants) -> None:
+        """Take what the firmware is told about its robot."""
+        self._known = known
+
+    @cached_property
+    def half_tick_m(self) -> Fraction:
+        """Half the distance of an encoder tick [m]."""
+        return PI * Fraction(self._known.wheel_radius_m) / self._known.ticks_per_rev
+
+    @cached_property
+    def tick_turn(self) -> Fraction:
+        """Rotation of the robot by one encoder tick of one wheel [turn]."""
+        known = self._known
+        wheelbase = Fraction(known.wheelbase_m)
+        return Fraction(known.wheel_radius_m) / (known.ticks_per_rev * wheelbase)
+
+    @cached_property
+    def sensitivity_rad_s(self) -> Fraction:
+        """Rate per code of the gyro [rad/s]."""
+        return Fraction(self._known.gyro_sensitivity_rad_s_per_lsb)
+
+    @cached_property
+    def sensitivity_turn(self) -> Fraction:
+        """Rotation per code of the gyro in one tick [turn]."""
+        return self.sensitivity_rad_s * Fraction(self._known.tick_period_s) / (2 * PI)
+
+    @cached_property
+    def two_lsb_ticks(self) -> Fraction:
+        """Right minus left count that turns as far as two codes of the gyro [encoder ticks]."""
+        return 2 * self.sensitivity_turn / self.tick_turn
+
+    @cached_property
+    def fastest_ticks(self) -> Fraction:
+        """Increment of the described wheel at its fastest in one tick [encoder ticks]."""
+        known = self._known
+        turns = Fraction(known.max_wheel_rate_rad_s) * Fraction(known.tick_period_s) / (2 * PI)
+        return turns * known.ticks_per_rev
+
+    @cached_property
+    def tick_rate_hz(self) -> Fraction:
+        """Ticks per second [Hz]."""
+        return 1 / Fraction(self._known.tick_period_s)
+
+    @cached_property
+    def tick_rate_rad(self) -> Fraction:
+        """Rate of a robot that turns once a tick [rad/s]."""
+        return 2 * PI * self.tick_rate_hz
+
+
+@lru_cache(maxsize=256)
+def exact(known: FirmwareConstants) -> Exact:
+    """Return the exact constants of a robot; its many configurations share them."""
+    return Exact(known)
 
 
 @dataclass(frozen=True)
@@ -36,28 +94,9 @@ class Asked:
     allow_overflow: bool
 
     @cached_property
-    def half_tick_m(self) -> Fraction:
-        """Half the distance of an encoder tick [m]."""
-        return PI * Fraction(self.constants.wheel_radius_m) / self.constants.ticks_per_rev
-
-    @cached_property
-    def tick_turn(self) -> Fraction:
-        """Rotation of the robot by one encoder tick of one wheel [turn]."""
-        known = self.constants
-        wheelbase = Fraction(known.wheelbase_m)
-        return Fraction(known.wheel_radius_m) / (known.ticks_per_rev * wheelbase)
-
-    @cached_property
-    def sensitivity_turn(self) -> Fraction:
-        """Rotation per code of the gyro in one tick [turn]."""
-        known = self.constants
-        rate = Fraction(known.gyro_sensitivity_rad_s_per_lsb)
-        return rate * Fraction(known.tick_period_s) / (2 * PI)
-
-    @cached_property
-    def tick_rate_hz(self) -> Fraction:
-        """Ticks per second [Hz]."""
-        return 1 / Fraction(self.constants.tick_period_s)
+    def exact(self) -> Exact:
+        """The constants as exact fractions."""
+        return exact(self.constants)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +122,10 @@ def word(bits: int) -> tuple[int, int]:
 
 def rounded(value: Fraction, frac_bits: int) -> int:
     """Return value · 2^frac_bits to the nearest integer, ties to even."""
-    return round(value * (1 << frac_bits))
+    over, under = value.numerator, value.denominator
+    whole, rest = divmod(over << max(frac_bits, 0), under << max(-frac_bits, 0))
+    excess = 2 * rest - (under << max(-frac_bits, 0))
+    return whole + int(excess > 0 or (excess == 0 and whole % 2 == 1))
 
 
 def max_step_ticks(asked: Asked) -> int:
@@ -91,9 +133,8 @@ def max_step_ticks(asked: Asked) -> int:
 
     The kernel's margin over the described speed is part of it.
     """
-    known, rules = asked.constants, asked.description.plausibility
-    turns_per_tick = Fraction(known.max_wheel_rate_rad_s) * Fraction(known.tick_period_s) / (2 * PI)
-    fastest = turns_per_tick * known.ticks_per_rev * Fraction(rules.rate_margin)
+    rules = asked.description.plausibility
+    fastest = asked.exact.fastest_ticks * Fraction(rules.rate_margin)
     return math.ceil(fastest) + rules.extra_ticks
 
 
@@ -113,12 +154,12 @@ def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
             "counter, fewer ticks_per_rev, a shorter tick or a slower wheel"
         )
     _, high = word(step.word_bits)
-    longest = math.ceil(high / (2 * asked.half_tick_m * (1 << step.frac_bits)))
+    longest = math.ceil(high / (2 * asked.exact.half_tick_m * (1 << step.frac_bits)))
     roughly = half_range if asked.allow_overflow else min(half_range, longest)
     found = to_scale(
         asked,
         "firmware.step.constant_frac_bits",
-        asked.half_tick_m,
+        asked.exact.half_tick_m,
         "m",
         step.constant_frac_bits,
         kept=("firmware.step.frac_bits", step.frac_bits),
@@ -128,7 +169,7 @@ def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
         return found, half_range
     capacity = found.largest_factor(high) // 2
     if capacity < max_step_ticks:
-        farthest_m = 2 * max_step_ticks * asked.half_tick_m
+        farthest_m = 2 * max_step_ticks * asked.exact.half_tick_m
         bits = math.floor(math.log2(max(high - 2, 1) / farthest_m))
         right = f"at most {bits}" if bits >= 0 else "a wider step.word_bits"
         raise FirmwareError(
@@ -144,7 +185,7 @@ def tick_turn(asked: Asked, count_limit: int) -> Scale:
     return to_scale(
         asked,
         "firmware.turn_step.constant_frac_bits",
-        asked.tick_turn,
+        asked.exact.tick_turn,
         "turn",
         turn.constant_frac_bits,
         kept=("firmware.turn_step.frac_bits", turn.frac_bits),
@@ -158,7 +199,7 @@ def sensitivity(asked: Asked, rate_bound_q: int) -> Scale:
     return to_scale(
         asked,
         "firmware.gyro.sensitivity_frac_bits",
-        asked.sensitivity_turn,
+        asked.exact.sensitivity_turn,
         "turn",
         gyro.sensitivity_frac_bits,
         kept=("firmware.turn_step.frac_bits", turn.frac_bits - gyro.offset_frac_bits),
@@ -189,8 +230,9 @@ def to_scale(
     kept_name, kept_bits = kept
     least = max(kept_bits, 0)
     most = min(_MAX_CONSTANT_FRAC_BITS, kept_bits + 60)
-    while most >= least and rounded(value, most) * factor >= INTERMEDIATE_LIMIT // 2:
-        most -= 1
+    limit = INTERMEDIATE_LIMIT // 2
+    while most >= least and (product := rounded(value, most) * factor) >= limit:
+        most -= max(product.bit_length() - limit.bit_length(), 1)
     if least > most:
         excess = 1
         while rounded(value, least - excess) * factor >= INTERMEDIATE_LIMIT // 2:

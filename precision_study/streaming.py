@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ def stream(
     twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
     twins = np.zeros(runs, TWIN_DTYPE)
     longest = min(chunk_ticks, ticks)
-    fresh = np.broadcast_to(np.full((1, longest), FRESH, np.int8), (runs, longest))
+    fresh = np.full((runs, longest), FRESH, np.int8)
     batch = compiled_batch()
     size = 0
     for start in range(0, ticks, longest):
@@ -112,8 +113,8 @@ def _table(config: KernelConfig) -> Ints:
 
 
 def _repeated(record: object, dtype: np.dtype[Any], runs: int) -> NDArray[Any]:
-    """Return one record per run; the fields of *dtype* are attributes of *record*."""
+    """Return one record per run; the fields of *dtype*, all of one type, are those of *record*."""
     assert dtype.names is not None  # a record type
-    records = np.zeros(runs, dtype)
-    records[:] = tuple(getattr(record, name) for name in dtype.names)
-    return records
+    values = np.empty((runs, len(dtype.names)), dtype[0])
+    values[:] = attrgetter(*dtype.names)(record)
+    return values.view(dtype)[:, 0]

@@ -54,7 +54,7 @@ def measure(config: KernelConfig, drives: Drives) -> Errors:
     The errors of a tick are formed in float64 from whole numbers: positions below 2^53 units are
     exact, others right to 2^-53 of themselves.
     """
-    rows = len(drives.seeds)
+    rows, last = len(drives.seeds), drives.ticks.tolist()
     final = np.zeros((4, rows))
     largest = np.zeros((4, rows))
     fallback = np.zeros(rows, dtype=np.int64)
@@ -65,8 +65,8 @@ def measure(config: KernelConfig, drives: Drives) -> Errors:
         errors = _errors(
             config, part.pose_q, part.twin_pose, drives.truth[:, part.start : part.start + size]
         )
-        counts = np.clip(drives.ticks - part.start, 0, size)
-        for row, count in enumerate(counts.tolist()):
+        for row, ticks in enumerate(last):
+            count = min(ticks - part.start, size)
             if count > 0:
                 largest[:, row] = np.maximum(largest[:, row], errors[:, row, :count].max(axis=1))
                 final[:, row] = errors[:, row, count - 1]
