@@ -16,6 +16,7 @@ from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
@@ -41,6 +42,7 @@ class Analysis:
         alternatives: what an unlisted cause in the motion could depend on, best first.
         unknown: log evidence of an unlisted cause by stage, less that of no effect.
         outliers: number of reference samples left out.
+        burst: windows in which wheels lose their hold, if they are likelier than no effect.
     """
 
     recording: Recording
@@ -49,6 +51,7 @@ class Analysis:
     alternatives: tuple[Alternative, ...]
     unknown: Mapping[str, float]
     outliers: int = 0
+    burst: Burst | None = None
 
     @property
     def firmware(self) -> FirmwareBlock | None:
@@ -104,7 +107,8 @@ def analyse(
             else Reduced(firmware, firmware.effects - _LATE)
         )
     progress("what no effect explains", 0.7)
-    others = [] if motion is None else _alternatives(motion)
+    burst = None if motion is None else motion.burst
+    others = [] if motion is None else _alternatives(motion, burst)
     return Analysis(
         as_received,
         motion,
@@ -112,6 +116,7 @@ def analyse(
         tuple(others),
         _unknown(others, drive, firmware),
         outliers,
+        burst,
     )
 
 
@@ -151,11 +156,12 @@ def _without(block: Block, without: frozenset[str]) -> Block:
     return block if not block.effects & without else Reduced(block, block.effects - without)
 
 
-def _alternatives(motion: MotionBlock) -> list[Alternative]:
+def _alternatives(motion: MotionBlock, burst: Burst | None) -> list[Alternative]:
     """Return unlisted causes at the noise levels of the best account, relative to no effect."""
     levels = motion.levels
     gain = motion.log_evidence_of_levels(levels)
-    return [
+    found = [] if burst is None else [_rough(burst)]
+    found += [
         Alternative(
             one.stage,
             one.variable,
@@ -165,6 +171,14 @@ def _alternatives(motion: MotionBlock) -> list[Alternative]:
         )
         for one in alternatives(motion.model, levels)
     ]
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def _rough(burst: Burst) -> Alternative:
+    """Return rough windows of the contact as an unlisted cause."""
+    return Alternative(
+        "wheel", "time", burst.log_evidence, burst.log_likelihood, burst.share, burst.windows
+    )
 
 
 def _unknown(

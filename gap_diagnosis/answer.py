@@ -168,9 +168,9 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
             windows = left.windows
             pairs = list(left.depends_on)
         else:
-            pairs = [
-                (one.variable, one.share) for one in analysis.alternatives if one.stage == stage
-            ][:3]
+            own = [one for one in analysis.alternatives if one.stage == stage][:3]
+            pairs = [(one.variable, one.share) for one in own]
+            windows += own[0].windows if own else ()
         for variable, share in pairs:
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)

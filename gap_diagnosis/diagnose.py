@@ -135,7 +135,11 @@ def diagnose_recordings(
         structure=structure_of(analyses),
         advice=advice_for(ordered[0], robot, wire, analyses),
         assumptions=ASSUMPTIONS,
-        notes=notes_on(analyses, found.notes),
+        notes=notes_on(
+            analyses,
+            found.notes,
+            is_unknown=verdict == UNKNOWN and stage == "wheel",
+        ),
         logs=tuple(log_facts(one.recording, robot) for one in analyses),
         inputs=tuple(inputs),
         version=version("chiplog"),

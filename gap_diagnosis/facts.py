@@ -95,8 +95,10 @@ def log_facts(recording: Recording, robot: Robot) -> LogFacts:
     )
 
 
-def notes_on(analyses: Sequence[Analysis], more: Sequence[str]) -> tuple[str, ...]:
-    """Return what these logs cannot tell."""
+def notes_on(
+    analyses: Sequence[Analysis], more: Sequence[str], *, is_unknown: bool = False
+) -> tuple[str, ...]:
+    """Return what these logs cannot tell; where the cause *is_unknown*, what was seen of it."""
     notes: list[str] = []
     recordings = [one.recording for one in analyses]
     if all(one.reference is None for one in recordings):
@@ -123,4 +125,16 @@ def notes_on(analyses: Sequence[Analysis], more: Sequence[str]) -> tuple[str, ..
                 f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
                 "off their neighbours and were left out."
             )
+        notes += _on_burst(analysis) if is_unknown else []
     return (*notes, *more)
+
+
+def _on_burst(analysis: Analysis) -> list[str]:
+    """Say which wheel loses its hold, how often, and what else there is."""
+    burst = analysis.burst
+    if burst is None:
+        return []
+    wheel = "Both wheels lose" if burst.side == "both" else f"The {burst.side} wheel loses"
+    times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"
+    also = f" Beside it: {', '.join(burst.beside)}." if burst.beside else ""
+    return [f"{analysis.recording.name}: {wheel} hold {times}.{also}"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.registry import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
@@ -83,6 +84,19 @@ class MotionBlock:
     def levels(self) -> Floats:
         """Noise levels of the best account of all."""
         return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
+
+    @cached_property
+    def burst(self) -> Burst | None:
+        """Windows in which wheels lose their hold: evidence less that of no effect."""
+        best = max(self.scan.found.values(), key=lambda one: one.log_evidence)
+        burst = find_burst(self.model, best, self._nothing)
+        if burst is None or burst.log_evidence < self._nothing.log_evidence:
+            return None
+        return replace(
+            burst,
+            log_evidence=burst.log_evidence - self._nothing.log_evidence,
+            log_likelihood=burst.log_likelihood - self._nothing.log_likelihood,
+        )
 
     def log_evidence_of_levels(self, levels: Floats) -> float:
         """Return the log evidence of no effect at these noise levels, less that at its own."""

@@ -56,6 +56,7 @@ class Alternative:
         log_evidence: less that of no effect, at the same noise levels.
         log_likelihood: gain at the best coefficients.
         share: of the whitened residual's energy above noise that it takes.
+        windows: [start_s, stop_s] where it does not act at all times.
     """
 
     stage: str
@@ -63,6 +64,7 @@ class Alternative:
     log_evidence: float
     log_likelihood: float
     share: float
+    windows: tuple[tuple[float, float], ...] = ()
 
 
 def _forward(p: Prediction, f: Floats) -> None:

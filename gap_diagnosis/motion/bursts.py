@@ -1,0 +1,250 @@
+"""Wheels that lose their hold now and then: contact that is rough in some windows only.
+
+Ice that is trodden several times, a wheel that lifts, a sill: no listed effect has so many windows,
+and two or three made-up ones together may pass for it. Here the contact of one wheel or of both
+wanders in a few windows much more than anywhere else, as far as it will. What lies outside of them
+is told at its usual noise, so this is far likelier than one large noise all the time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.motion.columns import GROSS, Term
+from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
+from gap_diagnosis.motion.levels import best_levels
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Found
+from gap_diagnosis.motion.whitening import Course, whiten
+from gap_diagnosis.recording import Floats
+
+_CELL_S: Final = 0.5
+_HOT: Final = 12.0
+"""Times the usual energy of what is left over: a window begins."""
+_WARM: Final = 4.0
+"""As far as this it reaches."""
+_REACH: Final = 4
+_MOST: Final = 0.4
+"""What happens in more than this share of the log is how it is, and no burst."""
+_FACTORS: Final = (10.0, 30.0, 100.0, 300.0)
+_ROUNDS: Final = 3
+_LEAST_M: Final = 0.01
+"""Contact of less than this [m per root metre] is no slip: three times what floors have."""
+_BESIDE: Final = 3
+_CLEARLY: Final = 50.0
+"""A listed effect beside it must add this much [nat]: what slides is not described so well."""
+SIDES: Final = ("left", "right", "both")
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Windows in which wheels lose their hold.
+
+    Attributes:
+        side: left, right or both.
+        windows: [start_s, stop_s] each, log time.
+        contact_m_per_sqrt_m: how far contact wanders inside.
+        beside: listed effects that act at all times as well.
+        log_evidence, log_likelihood: comparable with those of the search.
+        share: of the energy that no effect leaves over, what lies in the windows.
+    """
+
+    side: str
+    windows: tuple[tuple[float, float], ...]
+    contact_m_per_sqrt_m: float
+    beside: tuple[str, ...]
+    log_evidence: float
+    log_likelihood: float
+    share: float
+
+
+def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
+    """Return rough windows of the contact where *best*, the best account, leaves any.
+
+    *nothing* is the account of no effect. Windows grow while what is left outside of them stands
+    out; their choice costs what two ends each may be anywhere cost.
+    """
+    log = _Log(model)
+    if not log.hot(best.terms, model.course, best.levels).any():
+        return None
+    levels, course = nothing.levels, model.course
+    inside = np.zeros(log.cells, dtype=np.bool_)
+    found: tuple[str, float] | None = None
+    for _ in range(_ROUNDS):
+        grown = inside | log.hot((), course, levels)
+        if not grown.any() or grown.sum() > _MOST * log.cells:
+            return None
+        if found is None:
+            levels = np.minimum(levels, model.level_prior.median)
+            found = log.best(grown, levels)
+        levels = log.levels(log.rough(grown, *found), levels)
+        found = log.best(grown, levels)
+        kept = log.needed(grown, found, levels)
+        settled = np.array_equal(kept, inside)
+        inside, course = kept, log.rough(kept, *found)
+        if settled:
+            break
+    if not inside.any():
+        return None
+    assert found is not None  # the first round has set it
+    side, factor = found
+    if factor * levels[0] < _LEAST_M:
+        return None
+    windows = log.windows(inside)
+    cost = log.cost_of_window * len(windows) + math.log(len(SIDES) * len(_FACTORS))
+    gram = make_gram(model.columns, course, levels, model.nodes.ticks)
+    beside, gained = _beside(model, gram)
+    density = model.level_prior.log_density(np.log(levels))
+    likelihood = gram.log_nothing + density + gained
+    return Burst(
+        side=side,
+        windows=windows,
+        contact_m_per_sqrt_m=float(factor * levels[0]),
+        beside=beside,
+        log_evidence=likelihood - cost,
+        log_likelihood=likelihood,
+        share=log.share(inside, nothing.levels),
+    )
+
+
+def _beside(model: MotionModel, gram: Gram) -> tuple[tuple[str, ...], float]:
+    """Return listed effects that act at all times as well, one by one, and what they add."""
+    chosen: list[Term] = []
+    gained = 0.0
+    for _ in range(_BESIDE):
+        taken = {term.variant.effect for term in chosen} | GROSS
+        rest = [
+            term
+            for term in model.columns.terms
+            if term.variant.effect not in taken and "start_s" not in term.variant.fixed
+        ]
+        scored = [score(gram, [*chosen, term], model.prior) for term in rest]
+        if not scored:
+            break
+        best = max(scored, key=lambda one: one.log_evidence)
+        if best.log_evidence < gained + _CLEARLY:
+            break
+        chosen, gained = list(best.terms), best.log_evidence
+    return tuple(sorted(term.variant.effect for term in chosen)), gained
+
+
+class _Log:
+    """One log's residuals, with tolerances free, at whatever contact."""
+
+    def __init__(self, model: MotionModel) -> None:
+        self._model = model
+        nodes = model.nodes
+        t_s = nodes.mean(nodes.motion.t_s)
+        self._start_s = float(t_s[0])
+        self._cell = ((t_s - t_s[0]) / _CELL_S).astype(np.int64)
+        self.cells = int(self._cell[-1]) + 1
+        self._row_node, self._row_channel = np.nonzero(~np.isnan(model.columns.values[..., 0]).T)
+        free = [index for index, _ in model.columns.nuisances]
+        self._nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
+        self._values = self._chosen(free)
+
+    def _chosen(self, indices: Sequence[int]) -> Floats:
+        values = self._model.columns.values
+        return np.ascontiguousarray(values[..., [0, *(index + 1 for index in indices)]])
+
+    def rough(self, inside: Mask, side: str, factor: float) -> Course:
+        """Return the course with contact *factor* times as rough in the cells *inside*."""
+        course = self._model.course
+        more = np.where(inside[self._cell], factor**2, 1.0)
+        left = course.left_path_m * (more if side != "right" else 1.0)
+        right = course.right_path_m * (more if side != "left" else 1.0)
+        return replace(course, left_path_m=left, right_path_m=right)
+
+    def evidence(self, course: Course, levels: Floats) -> float:
+        """Return the log evidence of no effect on this course."""
+        white, log_determinant, rows = whiten(self._values, course, levels, self._model.nodes.ticks)
+        return gram_of(white.T @ white, log_determinant, rows, self._nuisances, levels).log_nothing
+
+    def best(self, inside: Mask, levels: Floats) -> tuple[str, float]:
+        """Return the side and the factor that suit these cells best."""
+        choices = [(side, factor) for side in SIDES for factor in _FACTORS]
+        return max(choices, key=lambda one: self.evidence(self.rough(inside, *one), levels))
+
+    def needed(self, inside: Mask, found: tuple[str, float], levels: Floats) -> Mask:
+        """Return the cells without the windows that are not worth what they cost."""
+        kept = inside.copy()
+        reached = self.evidence(self.rough(kept, *found), levels)
+        for start_s, stop_s in self.windows(inside):
+            first, last = (round((at - self._start_s) / _CELL_S) for at in (start_s, stop_s))
+            fewer = kept.copy()
+            fewer[first:last] = False
+            without = self.evidence(self.rough(fewer, *found), levels)
+            if without > reached - self.cost_of_window:
+                kept, reached = fewer, without
+        return kept
+
+    @property
+    def cost_of_window(self) -> float:
+        """Two ends that may be anywhere [nat]."""
+        return 2 * math.log(self.cells)
+
+    def levels(self, course: Course, start: Floats) -> Floats:
+        """Return the noise levels that suit this course."""
+        return best_levels(
+            lambda levels: self.evidence(course, levels),
+            self._model.level_prior,
+            start,
+            rounds=15,
+        )
+
+    def hot(self, terms: Sequence[Term], course: Course, levels: Floats) -> Mask:
+        """Return the cells in which what is left over stands out."""
+        ratio = self._energy(self._left(terms, course, levels))
+        hot = ratio > _HOT
+        for _ in range(_REACH):
+            near = np.concatenate([hot[1:], [False]]) | np.concatenate([[False], hot[:-1]])
+            hot |= near & (ratio > _WARM)
+        return np.asarray(hot)
+
+    def share(self, inside: Mask, levels: Floats) -> float:
+        """Return how much of the energy that no effect leaves over lies in the cells *inside*."""
+        energy = self._left((), self._model.course, levels) ** 2
+        energy = self._left((), self._model.course, levels) ** 2
+        return float(energy[inside[self._cell[self._row_node]]].sum() / energy.sum())
+
+    def _left(self, terms: Sequence[Term], course: Course, levels: Floats) -> Floats:
+        """Return what *terms* and tolerances leave over, whitened: float64[rows]."""
+        own = sorted({index for term in terms for weight in term.weights for index, _ in weight})
+        free = [index for index, _ in self._model.columns.nuisances]
+        values = self._chosen([*free, *own]) if own else self._values
+        white, _, _ = whiten(values, course, levels, self._model.nodes.ticks)
+        data, columns = white[:, 0], white[:, 1:]
+        sizes = [1 / sd for _, sd in self._nuisances] + [1e-6] * len(own)
+        damped = np.vstack([columns, np.diag(sizes)])
+        padded = np.concatenate([data, np.zeros(len(sizes))])
+        return np.asarray(data - columns @ np.linalg.lstsq(damped, padded, rcond=None)[0])
+
+    def _energy(self, left: Floats) -> Floats:
+        """Return of each cell the largest energy of a channel beside that channel's usual one."""
+        cell = self._cell[self._row_node]
+        largest = np.zeros(self.cells)
+        for channel in np.unique(self._row_channel):
+            own = self._row_channel == channel
+            count = np.bincount(cell[own], minlength=self.cells)
+            energy = np.bincount(cell[own], left[own] ** 2, self.cells) / np.maximum(count, 1)
+            usual = float(np.median(energy[count > 0]))
+            largest = np.maximum(largest, energy / max(usual, 1e-12))
+        return largest
+
+    def windows(self, inside: Mask) -> tuple[tuple[float, float], ...]:
+        """Return runs of cells as [start_s, stop_s]; a gap of one cell is none."""
+        at = np.flatnonzero(inside)
+        breaks = np.flatnonzero(np.diff(at) > 2)
+        firsts, lasts = at[np.append(0, breaks + 1)], at[np.append(breaks, len(at) - 1)]
+        return tuple(
+            (self._start_s + _CELL_S * float(first), self._start_s + _CELL_S * float(last + 1))
+            for first, last in zip(firsts, lasts, strict=True)
+        )
