@@ -154,7 +154,9 @@ def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
             "counter, fewer ticks_per_rev, a shorter tick or a slower wheel"
         )
     _, high = word(step.word_bits)
-    longest = math.ceil(high / (2 * asked.exact.half_tick_m * (1 << step.frac_bits)))
+    half_tick_m = asked.exact.half_tick_m
+    tick_q = 2 * half_tick_m.numerator << step.frac_bits
+    longest = -(-high * half_tick_m.denominator // tick_q)
     roughly = half_range if asked.allow_overflow else min(half_range, longest)
     found = to_scale(
         asked,
