@@ -46,4 +46,5 @@ fi
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 extras=""
 [ "${1:-}" = test ] && extras="[test]"
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".$extras"
+# Most of what is installed is never imported: Python compiles a module when it is first used.
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -e ".$extras"

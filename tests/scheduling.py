@@ -16,15 +16,14 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 LONGEST_FIRST: Final = (
-    "tests/vcan/",
     "tests/gap_diagnosis/test_diagnose.py",
+    "tests/test_quality.py",
     "tests/test_docs.py",
     "tests/chiplog/test_round_trip.py",
     "tests/gap_diagnosis/firmware/test_firmware_block.py",
     "tests/gap_diagnosis/drive/test_drive_block.py",
     "tests/gap_diagnosis/trials/",
     "tests/test_packaging.py",
-    "tests/test_quality.py",
     "tests/gap_diagnosis/",
     "tests/chiplog/test_pytest_plugin.py",
     "tests/firmware_model/test_kernel_cache.py",
@@ -33,7 +32,8 @@ LONGEST_FIRST: Final = (
     "tests/precision_study/",
     "tests/chiplog/",
 )
-"""Beginnings of files' names; the rest follows."""
+"""Beginnings of files' names; the rest follows. Of the first two, which two workers begin with, one
+compiles every kernel and the other needs none, so that no kernel is compiled twice."""
 
 APART: Final = ("tests/test_docs.py", "tests/chiplog/test_round_trip.py", "tests/test_quality.py")
 """Files whose tests share nothing and take long: each test is handed out alone."""

@@ -21,16 +21,16 @@ def run(*command: str) -> str:
     return result.stdout
 
 
+def test_types_are_strict_in_every_package() -> None:
+    run("mypy", *PACKAGES)
+
+
 def test_the_linter_finds_nothing() -> None:
     run("ruff", "check", "--no-cache", ".")
 
 
 def test_every_file_is_formatted() -> None:
     run("ruff", "format", "--check", "--no-cache", ".")
-
-
-def test_types_are_strict_in_every_package() -> None:
-    run("mypy", *PACKAGES)
 
 
 def test_imports_point_one_way() -> None:
