@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,6 +197,12 @@ class Staleness:
     ticks: tuple[tuple[int, int], ...]
 
 
+def _around(values: NDArray[Any]) -> Floats:
+    """Return the sum of each value and its neighbours, of fewer of them at the ends."""
+    sums = np.convolve(values, np.ones(2 * _CONTEXT + 1))
+    return np.asarray(sums[_CONTEXT : _CONTEXT + len(values)])
+
+
 def staleness(message: Message, recording: Recording, *, has_gyro: bool) -> Staleness:
     """Find the stale runs of a sensor message.
 
@@ -209,10 +215,7 @@ def staleness(message: Message, recording: Recording, *, has_gyro: bool) -> Stal
     speed = _speed(recording)
     row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
     moving = speed[row] > 0.0
-    ones = np.ones(2 * _CONTEXT + 1)
-    near = np.convolve(changes & moving, ones, mode="same") / np.convolve(
-        np.ones(len(changes)), ones, mode="same"
-    )
+    near = _around(changes & moving) / _around(np.ones(len(changes)))
     chances = int(np.count_nonzero(moving & (near > _CHANGING / 2)))
     edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
     at_limit = _at_limit(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)

@@ -86,6 +86,19 @@ def scaled(effect: str, values: Values, factor: float) -> Values:
     return found
 
 
+def is_credible(effect: str, values: Values | Mapping[str, Value]) -> bool:
+    """Tell whether sizes are such as occur: where a drive hardly shows an effect, a multiple of its
+    detection limit is more than any robot has."""
+    known = default_prior().parameters.get(effect)
+    for name, drawn in SIZES[effect].items():
+        if isinstance(drawn, Size):
+            prior = None if known is None else known.get(name) or known.get("all")
+            high = 2 * drawn.high if prior is None else max(prior.high, drawn.high)
+            if abs(float(values[name])) > high:
+                return False
+    return True
+
+
 def _size(effect: str, name: str, size: Size, stratum: Stratum, draw: Draw) -> float:
     if stratum == "limit":
         several = sum(isinstance(one, Size) for one in SIZES[effect].values()) > 1

@@ -17,11 +17,14 @@ FAMILIAR: Final = ("calibration", "tour", "squares")
 NEW: Final = ("weave", "delivery", "one_way")
 """Never used while the diagnosis was developed: scored apart."""
 
+SHORT: Final = "short"
+"""A third of a minute: enough for what shows in every motion, and for trials in a hurry."""
+
 _RAMP_S: Final = 0.8
 
 
 def drive(kind: str, draw: Draw, fastest_m_s: float) -> Scenario:
-    """Return a drive of about a minute: *kind* of `FAMILIAR` or `NEW`."""
+    """Return a drive of about a minute: *kind* of `FAMILIAR` or `NEW`, or `SHORT`."""
     segments = [_rest(draw.uniform(3, 6)), *_KINDS[kind](draw, fastest_m_s), _rest(3.0)]
     profile = SegmentProfile(segments, final_ramp_s=_RAMP_S)
     return Scenario(
@@ -121,6 +124,17 @@ def _one_way(draw: Draw, fastest_m_s: float) -> list[Segment]:
     return found
 
 
+def _short(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return a line, a spin, an arc the other way and a reverse."""
+    v, w = _speed(draw, fastest_m_s), _turn(draw)
+    return [
+        _go(v, 0.0, draw.uniform(3, 4)),
+        _go(0.0, w, draw.uniform(2, 3)),
+        _go(0.8 * v, -0.4 * w, draw.uniform(3, 4)),
+        _go(-0.6 * v, 0.0, draw.uniform(2, 3)),
+    ]
+
+
 _KINDS: Final[Mapping[str, Callable[[Draw, float], list[Segment]]]] = {
     "calibration": _calibration,
     "tour": _tour,
@@ -128,4 +142,5 @@ _KINDS: Final[Mapping[str, Callable[[Draw, float], list[Segment]]]] = {
     "weave": _weave,
     "delivery": _delivery,
     "one_way": _one_way,
+    SHORT: _short,
 }

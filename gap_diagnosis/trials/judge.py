@@ -46,6 +46,7 @@ class Judged:
         oracle: the answers that nobody could tell from the truth, the truth among them.
         verdict: as reported; ``error`` for a crash.
         group: the reported answers.
+        has_own_name: whether the truth is in the reported group under its own name, twins apart.
         stage: as reported.
         true_probability: on the truth, twins together.
         group_probability: of the reported group.
@@ -77,6 +78,7 @@ class Judged:
     seconds: float
     gap: tuple[float, float, float] | None
     error: str | None = None
+    has_own_name: bool = False
 
     @property
     def is_null(self) -> bool:
@@ -171,6 +173,10 @@ def judge(
         parameters=_parameters(case, best),
         seconds=found["seconds"],
         gap=_gap(found.get("gap")),
+        has_own_name=any(
+            frozenset(one) - {"no_gap"} == case.true_effects
+            for one in (best["effects"], *best.get("ambiguous_with", ()))
+        ),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -20,6 +20,7 @@ from gap_diagnosis.trials.draw import (
     draw_nominal,
     draw_surroundings,
     draw_values,
+    is_credible,
     scaled,
     world_of,
 )
@@ -52,16 +53,18 @@ def make_trial(
     key: Path,
     secret: Secret,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    plan: Sequence[Planned] = (),
 ) -> str:
     """Write a trial to *folder* and the key of its answers to *key*; return the commitment.
 
-    Raises DiagnosisError where *folder* has something in it already.
+    *plan* names the cases; without one they are drawn. Raises DiagnosisError where *folder* has
+    something in it already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise DiagnosisError(f"{folder}: there already: expected an empty folder or a new one")
     (folder / CASES).mkdir(parents=True)
     wire = load_wire()
-    plan = planned(counts, secret.generator("plan"))
+    plan = plan or planned(counts, secret.generator("plan"))
     width = max(4, len(str(len(plan))))
     answers = []
     for place, one in enumerate(plan):
@@ -76,7 +79,7 @@ def make_trial(
 
 
 def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
-    """Draw until every effect acts: a threshold that nothing crosses is no case."""
+    """Draw until every effect acts and is of a size that occurs: what nothing crosses is no case."""
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
         if attempt >= _SAME_DRIVE:
@@ -132,6 +135,8 @@ class _Maker:
         )
         if one.stratum == "limit" and effects:
             case = self._at_limit(case, draw)
+            if not all(is_credible(name, values) for name, values in case.effects.items()):
+                return case, None
         return case, self._run(case)
 
     def _at_limit(self, case: Case, draw: np.random.Generator) -> Case:

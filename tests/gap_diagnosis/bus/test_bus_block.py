@@ -159,3 +159,11 @@ def test_a_table_tells_of_the_clock_alone() -> None:
     assert block.effects == {"clock_skew"}
     assert evidence(block, "clock_skew") > 20
     assert bus_block(replace(made, clock_skew_sd=float("nan")), WIRE) is None
+
+
+def test_a_log_with_fewer_frames_of_a_sensor_than_a_stale_run_is_judged_by_is_read() -> None:
+    made = synthetic_recording(ROBOT, WIRE, random_scenario(1), (), 1, duration_s=12.0)
+    slowest = min(len(one.t_s) for one in made.frames.values())
+    assert slowest < 81
+    block = block_of(made)
+    assert max(evidence(block, one) for one in block.effects) <= 0.5

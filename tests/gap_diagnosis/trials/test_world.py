@@ -12,7 +12,7 @@ from gap_diagnosis.reading import read_recording
 from gap_diagnosis.synthetic import synthetic_recording
 from gap_diagnosis.trials import drives, reference_noise, robots
 from gap_diagnosis.trials.case import STRATA
-from gap_diagnosis.trials.draw import draw_values, world_of
+from gap_diagnosis.trials.draw import draw_values, is_credible, world_of
 from gap_diagnosis.trials.engine import finer
 from gap_diagnosis.trials.logs import write_log
 from gap_diagnosis.trials.reference_noise import draw_levels, reference_errors
@@ -139,3 +139,11 @@ def test_every_effect_of_the_catalogue_can_be_drawn_within_what_it_admits() -> N
                     assert value in parameter.choices
                 elif parameter.kind != "message":
                     assert parameter.minimum <= float(value) <= parameter.maximum
+
+
+def test_a_size_that_no_robot_has_is_not_drawn() -> None:
+    assert is_credible("lateral_slip", {"compliance": 0.1})
+    assert not is_credible("lateral_slip", {"compliance": 10.0})
+    assert is_credible("floor_bump", {"time": 3.0, "yaw": -0.05, "forward": 0.01})
+    assert not is_credible("floor_bump", {"time": 3.0, "yaw": -0.5, "forward": 0.01})
+    assert is_credible("setup_wheels_swapped", {})
