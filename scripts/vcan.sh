@@ -95,7 +95,7 @@ in_machine() {
         set -- "$@" -fsdev "local,id=keep,path=$VCAN_KEEP,security_model=none" -device virtio-9p-pci,fsdev=keep,mount_tag=keep
     fi
     # As many processors as here, two at most: a plant and a firmware.
-    processors=$(nproc)
+    processors=$(getconf _NPROCESSORS_ONLN)
     [ "$processors" -lt 2 ] || processors=2
     qemu-system-x86_64 -accel tcg,thread=multi -cpu max -smp "$processors" -m 1536 \
         -nodefaults -no-user-config -no-reboot -display none -serial stdio -device virtio-rng-pci \

@@ -8,8 +8,7 @@ from hypothesis import settings
 pytest_plugins = ["on_vcan", "scheduling"]
 
 # A worker of pytest-xdist for each core: more threads in each only wait for one another.
-for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The machines that run these tests are shared: no property may depend on the wall clock.
 settings.register_profile("chiplog", deadline=None, derandomize=True, print_blob=True)
