@@ -38,15 +38,17 @@ compiles every kernel and the other needs none, so that no kernel is compiled tw
 APART: Final = ("tests/test_docs.py", "tests/chiplog/test_round_trip.py", "tests/test_quality.py")
 """Files whose tests share nothing and take long: each test is handed out alone."""
 
-TOGETHER: Final = ("tests/vcan/",)
-"""Folders whose tests share one thing, a bus in a kernel."""
+TOGETHER: Final = ("tests/vcan/", "tests/hil_harness/laws/")
+"""Folders whose tests share one thing: a bus in a kernel, every law's measurements."""
 
 
 def share_of(nodeid: str) -> str:
     """Return the name of what runs on one worker: a test, a file or a folder."""
-    file = nodeid.partition("::")[0]
+    file, _, test = nodeid.partition("::")
     if file in APART:
         return nodeid
+    if "[socketcan" in test:  # the bus in a kernel
+        return TOGETHER[0]
     return next((folder for folder in TOGETHER if file.startswith(folder)), file)
 
 

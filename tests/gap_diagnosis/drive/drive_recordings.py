@@ -15,9 +15,10 @@ from hil_harness.scenarios.named import random as random_scenario
 
 WIRE = load_wire()
 ROBOT = load_robot()
+DURATION_S = 40.0
 
 
-def drive_scenario(seed: int, duration_s: float = 60.0) -> Scenario:
+def drive_scenario(seed: int, duration_s: float = DURATION_S) -> Scenario:
     """Return a random drive."""
     return replace(random_scenario(seed), duration_s=duration_s)
 
@@ -43,7 +44,7 @@ def simulated(
     effects: Mapping[str, Mapping[str, float]] | None = None,
     *,
     seed: int = 1,
-    duration_s: float = 60.0,
+    duration_s: float = DURATION_S,
     robot: Robot = ROBOT,
 ) -> Recording:
     """Return a random drive of the simulated robot with these effects."""

@@ -1,7 +1,7 @@
 """Motors that no described drive follows exactly: another engine's, a loop, a rough floor."""
 
 import numpy as np
-from drive_recordings import ROBOT, WIRE, drive_scenario, recording_of
+from drive_recordings import DURATION_S, ROBOT, WIRE, drive_scenario, recording_of
 
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import commands_on_the_wire
@@ -19,13 +19,13 @@ def commanded_rates(seed: int, duration_s: float) -> tuple[np.ndarray, np.ndarra
     return commands, rates
 
 
-def second_order(seed: int, duration_s: float = 60.0) -> Recording:
+def second_order(seed: int, duration_s: float = DURATION_S) -> Recording:
     """A motor with inductance: two lags of 25 ms in place of one of 50 ms."""
     commands, target = commanded_rates(seed, duration_s)
     return _turned(commands, _lagged(_lagged(target, 0.025), 0.025), seed)
 
 
-def velocity_loop(seed: int, duration_s: float = 60.0) -> Recording:
+def velocity_loop(seed: int, duration_s: float = DURATION_S) -> Recording:
     """A PI loop about a slow motor that overshoots a little."""
     commands, target = commanded_rates(seed, duration_s)
     rate = np.zeros(2)
@@ -40,7 +40,7 @@ def velocity_loop(seed: int, duration_s: float = 60.0) -> Recording:
     return _turned(commands, rates, seed)
 
 
-def disturbed(seed: int, duration_s: float = 60.0, level: float = 0.05) -> Recording:
+def disturbed(seed: int, duration_s: float = DURATION_S, level: float = 0.05) -> Recording:
     """The described motor under a load that changes its rate by 5 %, coloured over 0.3 s."""
     commands, target = commanded_rates(seed, duration_s)
     rates = _lagged(target, ROBOT.plant.drive.time_constant_s)
