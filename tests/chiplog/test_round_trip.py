@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from command_line import Chiplog
 
+from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.result_parts import NumberEstimate
 from hil_harness.robot import load_robot
 
 WHEELBASE_M = 0.2985
@@ -19,13 +20,16 @@ SCALE = 0.02
 def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_path: Path) -> None:
     drive(chiplog, "real", f"wheelbase_scale.scale={SCALE}", seed=1)
     first = diagnosed(chiplog, "real", "--write-robot", "calibrated.toml")
-    assert first["verdict"] == "wheelbase_scale"
-    assert first["gap"]["after"] < first["gap"]["before"]
+    named(first, "wheelbase_scale", stage="wheel")
+    close_to(SCALE, number(first, "wheelbase_scale.scale"))
+    assert first.gap is not None
+    assert first.gap.after is not None
+    assert first.gap.after < first.gap.before
     corrected_m = load_robot(tmp_path / "calibrated.toml").plant.wheels.wheelbase_m
     left = WHEELBASE_M * (1 + SCALE) / corrected_m - 1
     fresh = ("--robot", "calibrated.toml")
     drive(chiplog, "fresh", f"wheelbase_scale.scale={left!r}", *fresh, seed=2)
-    assert diagnosed(chiplog, "fresh", *fresh)["verdict"] == "no_gap"
+    named(diagnosed(chiplog, "fresh", *fresh), "no_gap", stage="none")
 
 
 def test_found_effects_make_the_simulator_drift_as_the_robot_does(
@@ -34,7 +38,7 @@ def test_found_effects_make_the_simulator_drift_as_the_robot_does(
     effect = "radius_mismatch.mismatch=0.006"
     drive(chiplog, "real", effect, seed=1)
     first = diagnosed(chiplog, "real", "--write-effects", "explained.toml")
-    assert first["verdict"] == "radius_mismatch"
+    assert first.verdict == "radius_mismatch"
     drive(chiplog, "again", effect, seed=2)
     drive(chiplog, "described", "radius_mismatch.mismatch=0", seed=2)
     words = "run --scenario calibration --effects explained.toml --seed 2 --out explained"
@@ -49,12 +53,30 @@ def test_found_effects_make_the_simulator_drift_as_the_robot_does(
         tell_the_same(first, diagnosed(chiplog, "explained"))
 
 
-def tell_the_same(first: dict[str, Any], second: dict[str, Any]) -> None:
-    assert first["verdict"] == second["verdict"] == "radius_mismatch"
-    values = [
-        one["which"][0]["parameters"]["radius_mismatch.mismatch"]["estimate"]
-        for one in (first, second)
-    ]
+def named(found: Diagnosis, verdict: str, *, stage: str) -> None:
+    assert (found.verdict, found.stage) == (verdict, stage)
+    assert found.which[0].probability > 0.8
+    listed = [one.effects for one in found.which]
+    assert ("no_gap",) in listed
+    assert ("unknown",) in listed
+    total = math.fsum(one.probability for one in found.which) + found.other
+    assert math.isclose(total, 1, abs_tol=1e-6)
+
+
+def number(found: Diagnosis, key: str) -> NumberEstimate:
+    known = found.which[0].parameters[key]
+    assert isinstance(known, NumberEstimate)
+    return known
+
+
+def close_to(value: float, known: NumberEstimate) -> None:
+    assert abs(known.estimate - value) < 4 * known.sd
+    assert known.sd < 0.1 * value
+
+
+def tell_the_same(first: Diagnosis, second: Diagnosis) -> None:
+    assert first.verdict == second.verdict == "radius_mismatch"
+    values = [number(one, "radius_mismatch.mismatch").estimate for one in (first, second)]
     assert abs(values[0] - values[1]) < 0.0003
 
 
@@ -63,9 +85,10 @@ def drive(chiplog: Chiplog, name: str, effect: str, *more: str, seed: int) -> No
     assert chiplog(*words.split(), *more).status == 0
 
 
-def diagnosed(chiplog: Chiplog, name: str, *more: str) -> dict[str, Any]:
+def diagnosed(chiplog: Chiplog, name: str, *more: str) -> Diagnosis:
     log = (f"{name}/bus.log", "--reference", f"{name}/reference.tum", "--json", "-")
     said = chiplog("diagnose", *log, *more)
     assert said.status == 0, said.err
-    content: dict[str, Any] = json.loads(said.out)
-    return content
+    found = Diagnosis.from_json(said.out)
+    assert json.loads(found.to_json()) == json.loads(said.out)
+    return found

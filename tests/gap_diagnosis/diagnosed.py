@@ -29,8 +29,6 @@ class Case:
 
 
 CASES = {
-    "nothing": Case(),
-    "wheelbase": Case({"wheelbase_scale.scale": 0.015}),
     "pair": Case({"gyro_bias.bias": 0.004, "lateral_slip.compliance": 0.02}),
     "three": Case(
         {
