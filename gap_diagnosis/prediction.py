@@ -30,9 +30,9 @@ class Motion:
         wrap_bits: at which width it wraps; 0 where nothing jumps.
         left_angle_rad, right_angle_rad: sums of the turns.
         left_rate_rad_s, right_rate_rad_s, left_acceleration_rad_s2, right_acceleration_rad_s2:
-            smoothed.
+            means over each tick, smoothed.
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
-        speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, smoothed.
+        speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, means over each tick, smoothed.
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the

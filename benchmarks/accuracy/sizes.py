@@ -46,6 +46,7 @@ STEPPED: Final = ("adc_stuck_bit", "encoder_dead", "encoder_wrap", "gyro_frozen"
 _MIXTURE: Final = 5
 _TRIES: Final = 1000
 _WINDOWS: Final = 12
+_LEAST_TIMES: Final = 2.0
 
 
 def model_of(
@@ -115,8 +116,9 @@ def drawn_beyond_limit(
     inner = sight.beside(told)
     place = {key: row for row, key in enumerate(sight.keys)}
     index = model.columns.terms.index(term)
-    power = np.array([inner[place[told, index, c], place[told, index, c]]
-                      for c in range(len(term.weights))])  # fmt: skip
+    rows = [place[told, index, coefficient] for coefficient in range(len(term.weights))]
+    joint = inner[np.ix_(rows, rows)]
+    power = np.diag(joint).copy()
     if term.variant.polar is not None:
         power[:] = power.mean()
     names = coefficients_of(effect)
@@ -132,7 +134,15 @@ def drawn_beyond_limit(
         angle = draw.uniform(-math.pi, math.pi)
         sizes = times * limit * np.array([math.cos(angle), math.sin(angle)])
     else:
-        sizes = times * limit * draw.choice([-1.0, 1.0], size=len(names))
+        along = limit * draw.choice([-1.0, 1.0], size=len(names))
+        if is_positive(effect):
+            along = np.abs(along)
+        # What two sizes do may nearly cancel: the limit is of the effect, not of each size.
+        along *= max(1.0, math.sqrt(THRESHOLD / max(float(along @ joint @ along), 1e-300)))
+        times = min(times, float((high / np.abs(along)).min()))
+        if times < _LEAST_TIMES:
+            return None
+        sizes = times * along
     if is_positive(effect):
         sizes = np.abs(sizes)
     truth = {**chosen, **_named(effect, sizes)}

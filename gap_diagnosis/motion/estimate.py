@@ -59,7 +59,7 @@ def estimate_motion(
         np.cumsum(step - jump) * rad_per_count for step, jump in zip(counts, jumps, strict=True)
     )
     width = max(_RATE_SMOOTHING_S / step_s, 0.5)
-    rates = [gaussian_filter1d(np.gradient(angle, t_s), width) for angle in (left, right)]
+    rates = [gaussian_filter1d(_slope(angle, t_s), width) for angle in (left, right)]
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
     radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
     left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
@@ -75,8 +75,9 @@ def estimate_motion(
         x_m, y_m = _reckon(forward_m, heading)
         x_m = x_m + _slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
         y_m = y_m + _slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
-    turn_rate = gaussian_filter1d(np.gradient(heading, t_s), width)
-    along = np.gradient(x_m, t_s) * np.cos(heading) + np.gradient(y_m, t_s) * np.sin(heading)
+    turn_rate = gaussian_filter1d(_slope(heading, t_s), width)
+    middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
+    along = _slope(x_m, t_s) * np.cos(middle) + _slope(y_m, t_s) * np.sin(middle)
     temperature, supply = recording.temperature_k, recording.supply_v
     low_code, high_code = 0, plant.adc.max_code
     return Motion(
@@ -118,6 +119,12 @@ def estimate_motion(
         rad_per_count=rad_per_count,
         has_counters=bool(recording.frames),
     )
+
+
+def _slope(values: Floats, t_s: Floats) -> Floats:
+    """Return the mean slope over each tick, of which t_s is the end; the first is the second's."""
+    slope = np.diff(values) / np.diff(t_s)
+    return np.concatenate([slope[:1], slope])
 
 
 def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:

@@ -140,7 +140,7 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
         velocity_x, velocity_y = _velocity(motion)
         d_x = d_x + delay * velocity_x
         d_y = d_y + delay * velocity_y
-        d_heading = d_heading + delay * motion.turn_rate_rad_s
+        d_heading = d_heading + delay * _at_end(motion.turn_rate_rad_s)
     if motion.gyro_turn_rad is not None:
         extra = np.cumsum((prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s)
         turned = motion.heading_rad - motion.heading_rad[0]
@@ -172,7 +172,13 @@ def _described(motion: Motion, step_s: float) -> Floats:
 
 def _velocity(motion: Motion) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
-    return motion.speed_m_s * cosine, motion.speed_m_s * sine
+    speed_m_s = _at_end(motion.speed_m_s)
+    return speed_m_s * cosine, speed_m_s * sine
+
+
+def _at_end(means: Floats) -> Floats:
+    """Return what means over ticks are at the ticks' ends."""
+    return np.asarray(0.5 * (means + np.append(means[1:], means[-1])))
 
 
 def _compare_reference(
