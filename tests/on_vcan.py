@@ -23,8 +23,10 @@ VCAN_ENV: Final = "CHIPLOG_VCAN"
 _REPORTS_ENV: Final = "CHIPLOG_VCAN_REPORTS"
 _ROOT: Final = Path(__file__).parent.parent
 _SCRIPT: Final = _ROOT / "scripts" / "vcan.sh"
-_GROUP: Final = "vcan"
-_INNER_SESSION: Final = ("-m", "pytest", "-p", "on_vcan", "--noconftest", "-p", "no:cacheprovider")
+_INNER_SESSION: Final = (
+    *("-m", "pytest", "-p", "lean", "-p", "on_vcan", "--noconftest"),
+    *("-p", "no:cacheprovider"),
+)
 # Each import costs the machine about fifteen times what it costs here: no plugin but this module.
 _LEAN: Final = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(Path(__file__).parent)}
 _HANG_S: Final = 1800
@@ -66,7 +68,6 @@ class _Delegating:
         self._reports: dict[str, list[pytest.TestReport]] | None = None
         self._console = ""
 
-    @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         marked = [item for item in items if item.get_closest_marker("vcan")]
         if not marked:
@@ -79,7 +80,6 @@ class _Delegating:
             return
         where = subprocess.run([_SCRIPT, "--where"], capture_output=True, text=True, check=False)
         for item in marked:
-            item.add_marker(pytest.mark.xdist_group(_GROUP))
             if where.returncode:
                 reason = f"{where.stdout.strip()}; scripts/setup.sh test installs them"
                 item.add_marker(pytest.mark.skip(reason=reason))
@@ -91,21 +91,20 @@ class _Delegating:
         if self._reports is None:
             self._reports = self._run(item.session.items)
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-        for report in self._reports.get(_inner_id(item)) or [self._nothing_came(item)]:
-            report.nodeid = item.nodeid
+        for report in self._reports.get(item.nodeid) or [self._nothing_came(item)]:
             item.ihook.pytest_runtest_logreport(report=report)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
 
     def _run(self, items: list[pytest.Item]) -> dict[str, list[pytest.TestReport]]:
         """Run the marked ones among *items* on a vcan0; return what came of each."""
-        wanted = [_inner_id(item) for item in items if item.get_closest_marker("vcan")]
+        wanted = [item.nodeid for item in items if item.get_closest_marker("vcan")]
         with tempfile.TemporaryDirectory() as folder:
             reports = Path(folder, "reports")
             env = {**os.environ, **_PLAIN_CODE, "NUMBA_CACHE_DIR": f"{folder}/numba"}
             subprocess.run(
                 [sys.executable, Path(__file__).parent / "vcan" / "compile_plain.py"],
-                env=env,
+                env={**env, **_LEAN},
                 cwd=_ROOT,
                 check=True,
             )
@@ -135,10 +134,6 @@ class _Delegating:
             longrepr=f"no report of this test came from vcan0; the console's last lines:\n{tail}",
             when="call",
         )
-
-
-def _inner_id(item: pytest.Item) -> str:
-    return item.nodeid.removesuffix(f"@{_GROUP}")
 
 
 def _output_of(command: list[Any], *, env: dict[str, str]) -> str:

@@ -22,7 +22,9 @@ GENEROUS_S: Final = 600.0
 """Not a deadline: only what never comes is waited for so long."""
 
 _SERVER: Final = multiprocessing.get_context("forkserver")
-_SERVER.set_forkserver_preload(["chiplog.cli", "hil_harness.standalone", "chiplog.commands.node"])
+_SERVER.set_forkserver_preload(
+    ["lean", "chiplog.cli", "hil_harness.standalone", "chiplog.commands.node"]
+)
 
 
 class Command:

@@ -1,5 +1,7 @@
 """Compile what the nodes run, into numba's cache as the environment names it."""
 
+import lean  # noqa: F401  # first
+
 from hil_harness import load_robot
 from hil_harness.assembly import load_wire
 from sim_plant import Plant
