@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -12,6 +13,7 @@ from chiplog.errors import CommandError
 
 if TYPE_CHECKING:
     from gap_diagnosis.trials.case import Stratum
+    from gap_diagnosis.trials.opening import Opened
     from gap_diagnosis.trials.secret import Secret
 
 app = typer.Typer(
@@ -139,24 +141,39 @@ def score(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all scores; - prints them.")
     ] = None,
+    html_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--html", metavar="FILE", help="Write the page of scores, every method run beside it."
+        ),
+    ] = None,
 ) -> None:
     """Check that the answers are those committed to, open them, and score every result."""
     from chiplog.terminal import progress
-    from gap_diagnosis.trials.score import open_trial, scores
+    from gap_diagnosis.trials.opening import methods_run, open_methods
+    from gap_diagnosis.trials.run import results_of
+    from gap_diagnosis.trials.score import scores
     from gap_diagnosis.trials.seal import key_of
 
+    own = results_of(folder, method).name
+    beside = [] if html_file is None else [one for one in methods_run(folder) if one != own]
     with progress("scoring") as bar:
-        opened = open_trial(
-            folder,
-            key or key_of(folder),
-            method=method,
-            progress=bar or (lambda done, total: None),
+        opened = open_methods(
+            folder, key or key_of(folder), [own, *beside], bar or (lambda done, total: None)
         )
-    found = scores(opened)
+    found = scores(opened[own])
     if json_file is not None:
         write_json(json_file, found)
+    if html_file is not None:
+        _write_page(html_file, folder, own, opened)
     if json_file != STANDARD_OUTPUT:
         _show(found)
+
+
+def _write_page(file: Path, folder: Path, own: str, opened: Mapping[str, Opened]) -> None:
+    from chiplog.pages.trial import trial_page
+
+    file.write_text(trial_page(folder.resolve().name, own, opened), encoding="utf-8")
 
 
 def _show(found: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final
 
 from gap_diagnosis.trials.case import Case
@@ -27,12 +28,14 @@ class Parameter:
         error_sd: estimate less truth, in posterior standard deviations.
         inside: whether the 50, 80 and 95 % interval hold the truth.
         rank: which of the seven ranks.
+        over_bound: error over the Cramér-Rao bound; None where there is no bound.
     """
 
     key: str
     error_sd: float
     inside: tuple[bool, bool, bool]
     rank: int
+    over_bound: float | None = None
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,8 @@ class Judged:
         oracle: the answers that nobody could tell from the truth, the truth among them.
         verdict: as reported; ``error`` for a crash.
         group: the reported answers.
+        in_top3: whether the truth is among the three most probable answers.
+        overlap: of the true window with the reported one, over both; None where there is none.
         has_own_name: whether the truth is in the reported group under its own name, twins apart.
         stage: as reported.
         true_probability: on the truth, twins together.
@@ -79,6 +84,8 @@ class Judged:
     gap: tuple[float, float, float] | None
     error: str | None = None
     has_own_name: bool = False
+    in_top3: bool = False
+    overlap: float | None = None
 
     @property
     def is_null(self) -> bool:
@@ -127,7 +134,11 @@ class Judged:
 
 
 def judge(
-    case: Case, found: Mapping[str, Any], oracle: frozenset[Answer], over_limit: float | None
+    case: Case,
+    found: Mapping[str, Any],
+    oracle: frozenset[Answer],
+    over_limit: float | None,
+    bounds: Mapping[str, float] = MappingProxyType({}),
 ) -> Judged:
     """Score one result; a crash scores as badly as can be."""
     truth = canonical(case.true_effects)
@@ -170,17 +181,37 @@ def judge(
         log_score=-math.log(max(on_truth, _LEAST)),
         wrong_name="+".join(sorted(worst)) if wrong else "",
         wrong_probability=wrong.get(worst, 0.0) if worst else 0.0,
-        parameters=_parameters(case, best),
+        parameters=_parameters(case, best, bounds),
         seconds=found["seconds"],
         gap=_gap(found.get("gap")),
         has_own_name=any(
             frozenset(one) - {"no_gap"} == case.true_effects
             for one in (best["effects"], *best.get("ambiguous_with", ()))
         ),
+        in_top3=truth in sorted(pooled, key=lambda answer: -pooled[answer])[:3],
+        overlap=_overlap(case, best),
     )
 
 
-def _parameters(case: Case, best: Mapping[str, Any]) -> tuple[Parameter, ...]:
+def _overlap(case: Case, best: Mapping[str, Any]) -> float | None:
+    """Return the intersection of true and reported window over their union."""
+    true = [
+        (float(values["start_s"]), float(values["stop_s"]))
+        for values in case.effects.values()
+        if "start_s" in values and "stop_s" in values
+    ]
+    if len(true) != 1 or canonical(best["effects"]) != canonical(case.true_effects):
+        return None
+    (start, stop), shares = true[0], [0.0]
+    for low, high in best.get("windows", ()):
+        both = max(0.0, min(stop, high) - max(start, low))
+        shares.append(both / (stop - start + high - low - both))
+    return max(shares)
+
+
+def _parameters(
+    case: Case, best: Mapping[str, Any], bounds: Mapping[str, float]
+) -> tuple[Parameter, ...]:
     if frozenset(best["effects"]) != case.true_effects:
         return ()
     found = []
@@ -198,6 +229,7 @@ def _parameters(case: Case, best: Mapping[str, Any]) -> tuple[Parameter, ...]:
                 (estimate["estimate"] - value) / estimate["sd"],
                 (inside[2], inside[1], inside[0]),
                 rank_bin(value, [(low, high) for low, high in intervals]),
+                (estimate["estimate"] - value) / bounds[key] if key in bounds else None,
             )
         )
     return tuple(found)

@@ -79,7 +79,7 @@ def make_trial(
 
 
 def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
-    """Draw until every effect acts and is of a size that occurs: what nothing crosses is no case."""
+    """Draw until every effect acts, at a size that occurs: what nothing crosses is no case."""
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
         if attempt >= _SAME_DRIVE:

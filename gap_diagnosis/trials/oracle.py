@@ -109,6 +109,32 @@ class Oracle:
                     found.add(canonical(still | {one, two}))
         return frozenset(found)
 
+    def bounds(self, effects: Mapping[str, Values]) -> dict[str, float]:
+        """Return the Cramér-Rao bound of each parameter, by ``effect.parameter``.
+
+        That of the linear model at the true noise levels, tolerances and the other effects being
+        free. Only of sizes that are coefficients under their own names.
+        """
+        rows: list[int] = []
+        keys: list[str | None] = []
+        for name, values in effects.items():
+            told, _ = _told_as(name, values, self._robot)
+            part = self._part(name, values)
+            if part is None:
+                continue
+            variant = self._sight.terms[told][0].variant
+            plain = told == name and variant.polar is None
+            rows += part[0]
+            keys += [f"{name}.{one}" if plain else None for one in variant.coefficients]
+        if not rows:
+            return {}
+        inner = self._sight.beside(*(_told_as(n, v, self._robot)[0] for n, v in effects.items()))
+        covariance = np.linalg.pinv(inner[np.ix_(rows, rows)])
+        sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return {
+            key: float(sd) for key, sd in zip(keys, sds, strict=True) if key is not None and sd > 0
+        }
+
     def _nothing(self, settings: Sequence[tuple[str, Values]], parts: Sequence[Part]) -> float:
         """Return the separation from no effect."""
         inner = self._sight.beside(*(_told_as(name, v, self._robot)[0] for name, v in settings))

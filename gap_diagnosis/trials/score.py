@@ -2,87 +2,34 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, Final
 
-from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import STRATA, Case
-from gap_diagnosis.trials.judge import Judged, judge
-from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, SCHEMA
-from gap_diagnosis.trials.oracle import Oracle
-from gap_diagnosis.trials.run import results_of
-from gap_diagnosis.trials.seal import unseal
+from gap_diagnosis.trials.case import STRATA
+from gap_diagnosis.trials.judge import Judged, Parameter
+from gap_diagnosis.trials.layout import SCHEMA
+from gap_diagnosis.trials.opening import Opened
 from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical
-from gap_diagnosis.trials.yardsticks import Share, auroc, calibration, mean, rank_test, share
-from hil_harness.assembly import Wire, load_wire
-from hil_harness.robot import load_robot
+from gap_diagnosis.trials.yardsticks import (
+    Share,
+    auroc,
+    best_miss,
+    calibration,
+    calibration_interval,
+    mean,
+    perfect_calibration,
+    rank_test,
+    share,
+)
 
 _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
 _WORST: Final = 12
-
-
-@dataclass(frozen=True)
-class Opened:
-    """A trial with its seal opened.
-
-    Attributes:
-        judged: the cases that have a result.
-        missing: how many have none.
-    """
-
-    judged: tuple[Judged, ...]
-    missing: int
-
-
-def open_trial(
-    folder: Path,
-    key: Path,
-    *,
-    method: Path | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Opened:
-    """Check the seal, open it and judge every result.
-
-    Raises DiagnosisError where the answers are not those committed to, or nothing was run.
-    """
-    cases = [Case.from_json(one) for one in unseal(folder, key)["cases"]]
-    results = results_of(folder, method)
-    wire = load_wire()
-    judged = []
-    for place, case in enumerate(cases):
-        progress(place, len(cases))
-        path = results / f"{case.name}.json"
-        if path.exists():
-            found = json.loads(path.read_text(encoding="utf-8"))
-            judged.append(judge(case, found, *_oracle(folder / CASES / case.name, case, wire)))
-    progress(len(cases), len(cases))
-    if not judged:
-        raise DiagnosisError(
-            f"{results}: no results: expected those of `chiplog blind run {folder}`"
-        )
-    return Opened(tuple(judged), len(cases) - len(judged))
-
-
-def _oracle(home: Path, case: Case, wire: Wire) -> tuple[frozenset[Answer], float | None]:
-    """Return the answers nobody could tell from the truth, and how far it is over its limit."""
-    truth = canonical(case.true_effects)
-    if not case.effects:
-        return frozenset({truth}), None
-    robot = load_robot(home / ROBOT)
-    (recording,) = read_recordings(
-        [home / LOG], robot=robot, wire=wire, references=[home / REFERENCE]
-    )
-    oracle = Oracle(recording, robot, case)
-    over = [oracle.over_limit(name, values) for name, values in case.effects.items()]
-    known = [one for one in over if one is not None]
-    return oracle.group(case.effects), min(known) if known else None
+_MEDIAN_ERROR: Final = 0.6744897501960817
+"""Of a normal error, in standard deviations."""
 
 
 def scores(opened: Opened) -> dict[str, Any]:
@@ -122,15 +69,16 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
     alone = [one for one in clear if len(one.oracle) == 1]
     pairs = [one for one in clear if len(one.case.true_effects) == 2]
     staged = [one for one in clear if one.has_one_stage]
-    error, bins = calibration(
-        [one.group_probability for one in judged], [one.in_group for one in judged]
-    )
+    said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    error, bins = calibration(said, right)
     parameters = [parameter for one in judged for parameter in one.parameters]
     ranks, ranks_p = rank_test([one.rank for one in parameters])
     found = {
         "cases": len(judged),
         "stage": share([one.stage_right for one in staged]),
         "top1": share([one.top1 for one in alone]),
+        "top3": share([one.in_top3 for one in clear]),
+        "own_name": share([one.has_own_name for one in clear]),
         "true_probability": mean([one.true_probability for one in alone], (0.0, 1.0)),
         "group_top1": share([one.in_group for one in clear]),
         "group_size": mean([float(len(one.group)) for one in clear]),
@@ -143,6 +91,8 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
         "brier": mean([one.brier for one in judged], (0.0, 2.0)),
         "log_score": mean([one.log_score for one in judged]),
         "ece": error,
+        "ece_interval": calibration_interval(said, right),
+        "ece_by_chance": perfect_calibration(said),
         "calibration": [asdict(one) for one in bins],
         "coverage": {
             name: share([one.inside[place] for one in parameters])
@@ -150,6 +100,8 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
         },
         "ranks": {"counts": ranks, "p": ranks_p},
         "error_sd": mean([abs(one.error_sd) for one in parameters]),
+        "error_over_bound": _over_bound(parameters),
+        "window_overlap": mean([o for one in judged if (o := one.overlap) is not None], (0.0, 1.0)),
         "gap_closed": _closed(judged),
         "seconds": mean([one.seconds for one in judged]),
     }
@@ -175,6 +127,20 @@ def _unknown(judged: Sequence[Judged]) -> Share:
     )
 
 
+def _over_bound(parameters: Sequence[Parameter]) -> Share:
+    """Return the median of errors over their bounds as a factor of a normal error's median."""
+    ratios = sorted(abs(r) for one in parameters if (r := one.over_bound) is not None)
+    if not ratios:
+        return Share(None, None, None, 0)
+    count = len(ratios)
+    half = 0.98 * math.sqrt(count)
+    places = (count / 2, count / 2 - half, count / 2 + half)
+    middle, low, high = (
+        ratios[min(max(math.floor(place), 0), count - 1)] / _MEDIAN_ERROR for place in places
+    )
+    return Share(middle, low, high, count)
+
+
 def _closed(judged: Sequence[Judged]) -> float | None:
     """Return Σ(before − after)/Σ(before − floor) where before is twice the floor or more."""
     gaps = [one.gap for one in judged if one.gap is not None]
@@ -194,10 +160,17 @@ def _by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
             "clear": len(clear),
             "group_top1": _plain(share([one.in_group for one in clear])),
             "top1": _plain(share([one.top1 for one in clear])),
-            "true_probability": _plain(mean([one.true_probability for one in clear])),
+            "stage": _plain(share([one.stage_right for one in clear if one.has_one_stage])),
+            "true_probability": _plain(mean([one.true_probability for one in clear], (0.0, 1.0))),
+            "like": _like(own),
             "verdicts": _counted(one.verdict for one in own),
         }
     return found
+
+
+def _like(own: Sequence[Judged]) -> list[str]:
+    """Return the answers that nobody could tell from an effect in at least one of its cases."""
+    return sorted({_name(answer) for one in own for answer in one.oracle - {one.truth}})
 
 
 def _miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
@@ -205,12 +178,14 @@ def _miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
     found = []
     for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
-        inside = [one for over, one in sized if low <= over < high and one.case.effects]
+        bin_ = [(over, one) for over, one in sized if low <= over < high and one.case.effects]
+        inside = [one for _, one in bin_]
         if inside:
             found.append(
                 {
                     "from": low,
                     "to": high if math.isfinite(high) else None,
+                    "best": math.fsum(best_miss(over) for over, _ in bin_) / len(bin_),
                     "missed": _plain(share([one.verdict == "no_gap" for one in inside])),
                     "in_group": _plain(share([one.in_group for one in inside])),
                 }

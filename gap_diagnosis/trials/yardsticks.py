@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 Floats = NDArray[np.float64]
 
@@ -85,6 +85,53 @@ def calibration(
     )
     total = math.fsum(one.count * abs(one.said - one.true) for one in found)
     return total / len(said), found
+
+
+_DRAWS: Final = 400
+
+
+def calibration_interval(
+    probability: Sequence[float], correct: Sequence[bool], bins: int = BINS
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of the calibration error, cases drawn anew; None of few cases."""
+    if len(probability) < 2 * bins:
+        return None
+    draw = np.random.default_rng(1)
+    said, true = np.asarray(probability), np.asarray(correct)
+    errors = []
+    for _ in range(_DRAWS):
+        rows = draw.integers(len(said), size=len(said))
+        errors.append(calibration(said[rows].tolist(), true[rows].tolist(), bins)[0] or 0.0)
+    low, high = np.quantile(errors, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def perfect_calibration(
+    probability: Sequence[float], bins: int = BINS
+) -> tuple[float, float] | None:
+    """Return what error a perfect forecaster of these probabilities shows by chance alone.
+
+    Its mean, and what it stays below 39 times in 40.
+    """
+    if not probability:
+        return None
+    draw = np.random.default_rng(2)
+    said = np.asarray(probability)
+    errors = [
+        calibration(probability, (draw.random(len(said)) < said).tolist(), bins)[0] or 0.0
+        for _ in range(_DRAWS)
+    ]
+    return float(np.mean(errors)), float(np.quantile(errors, 0.975))
+
+
+def best_miss(over_limit: float) -> float:
+    """Return how often the best of all tests misses an effect of a size over its detection limit.
+
+    The Neyman-Pearson test of one known direction at 1 % false alarms shared over 60 candidates,
+    two-sided: separation is 29 at the limit and grows with the square of the size.
+    """
+    least = float(norm.isf(0.005 / 60))
+    return float(norm.cdf(least - math.sqrt(29.0) * over_limit))
 
 
 def brier(probabilities: Sequence[float], truth: float) -> float:

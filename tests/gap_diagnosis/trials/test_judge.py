@@ -9,8 +9,9 @@ import pytest
 
 from gap_diagnosis.trials.case import Case, Kind
 from gap_diagnosis.trials.judge import Judged, judge
+from gap_diagnosis.trials.opening import Opened
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
-from gap_diagnosis.trials.score import Opened, scores, summary
+from gap_diagnosis.trials.score import scores, summary
 from gap_diagnosis.trials.truth import UNKNOWN, canonical, class_of, stages_of
 
 LEVELS = ReferenceLevels("white", 5e-4, 5e-4, 2e-4, 2e-4, 1.0, 100.0)

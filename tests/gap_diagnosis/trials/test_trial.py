@@ -16,9 +16,10 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.trials.case import Case, Kind
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
+from gap_diagnosis.trials.opening import open_trial
 from gap_diagnosis.trials.plan import Counts, Planned, planned
 from gap_diagnosis.trials.run import run_trial
-from gap_diagnosis.trials.score import open_trial, scores
+from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import SEALED, seal, unseal
 from gap_diagnosis.trials.secret import Secret
 from gap_diagnosis.trials.sizes import SIZES

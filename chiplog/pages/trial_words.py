@@ -1,0 +1,127 @@
+"""The figures of a trial's page: what each is called, what it must reach, how it is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+Direction = Literal["least", "most", "none"]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a figure must reach.
+
+    Attributes:
+        key: of the score.
+        direction: whether *value* is the least or the most that will do; none: it is only told.
+        value: the bound.
+        words: the same for people.
+    """
+
+    key: str
+    direction: Direction = "none"
+    value: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """Return the bound with its sign."""
+        if self.direction == "none":
+            return ""
+        sign = "≥" if self.direction == "least" else "≤"
+        return f"{sign} {self.value:g}"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the page."""
+
+    key: str
+    label: str
+    direction: Direction = "none"
+    value: float = 0.0
+
+
+FIGURES: Final = (
+    Figure("stage", "stage", "least", 0.98),
+    Figure("group_top1", "group-top-1", "least", 0.97),
+    Figure("group_ratio", "mean reported over mean oracle group", "most", 1.3),
+    Figure("top1", "top-1, where one name is right", "least", 0.92),
+    Figure("true_probability", "probability of the truth, where one name is right", "least", 0.88),
+    Figure("top3", "top-3"),
+    Figure("own_name", "in the group under its own name, twins apart"),
+    Figure("pairs_both_named", "pairs, both named", "least", 0.85),
+    Figure("false_alarms", "false alarms", "most", 0.01),
+    Figure("ece", "calibration error of the top group", "most", 0.03),
+    Figure("brier", "Brier score"),
+    Figure("log_score", "log score [nat]"),
+    Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
+    Figure("confident_wrong", "unknown, confident wrong names", "most", 0.02),
+    Figure("ci50", "50 % intervals that hold the truth"),
+    Figure("ci80", "80 % intervals that hold the truth"),
+    Figure("ci95", "95 % intervals that hold the truth"),
+    Figure("ranks", "ranks of true values even, chance of a worse fit"),
+    Figure("error_over_bound", "parameter error over the Cramér-Rao bound"),
+    Figure("window_overlap", "true and reported window, intersection over union"),
+    Figure("gap_closed", "held-out gap closed over what noise leaves to close", "least", 0.95),
+    Figure("seconds", "seconds a case"),
+)
+NOT_MEASURED: Final = (
+    "false alarms on the other engine (its cases are made by gap_diagnosis.trials.mujoco_cases and "
+    "scored apart)",
+    "value of the recommended manoeuvre against a random one",
+)
+_NEW: Final = 0.02
+"""Of false alarms on new manoeuvres and new noise."""
+
+
+def goal_of(one: Figure, *, is_new: bool = False) -> Goal:
+    """Return what a figure must reach; on what is new more false alarms are allowed."""
+    value = _NEW if one.key == "false_alarms" and is_new else one.value
+    return Goal(one.key, one.direction, value)
+
+
+def value_of(
+    part: Mapping[str, Any], key: str
+) -> tuple[float | None, tuple[float, float] | None, int]:
+    """Return a figure's value, its interval and its count of cases."""
+    if key == "group_ratio":
+        mine, theirs = part["group_size"], part["oracle_group_size"]
+        if not mine["value"] or not theirs["value"]:
+            return None, None, 0
+        interval = None
+        if mine["low"] is not None:
+            interval = mine["low"] / theirs["value"], mine["high"] / theirs["value"]
+        return mine["value"] / theirs["value"], interval, mine["count"]
+    if key == "ece":
+        low_high = part["ece_interval"]
+        return part["ece"], None if low_high is None else tuple(low_high), part["cases"]
+    if key == "ranks":
+        return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
+    if key == "gap_closed":
+        return part["gap_closed"], None, part["cases"]
+    one = part["coverage"][key] if key in part["coverage"] else part[key]
+    interval = None if one["low"] is None else (one["low"], one["high"])
+    return one["value"], interval, one["count"]
+
+
+def figure(part: Mapping[str, Any], one: Figure) -> str:
+    """Return a figure as text: value, interval, cases."""
+    value, interval, count = value_of(part, one.key)
+    if value is None:
+        return "–"
+    decimals = 3 if abs(value) < 0.1 else 2
+    span = (
+        "" if interval is None else f" ({interval[0]:.{decimals}f} to {interval[1]:.{decimals}f})"
+    )
+    return f"{value:.{decimals}f}{span}, {count}"
+
+
+def verdict_on(part: Mapping[str, Any], goal: Goal) -> str:
+    """Return whether a figure reaches its goal: the measured value decides, as it stands."""
+    value, _, _ = value_of(part, goal.key)
+    if goal.direction == "none" or value is None:
+        return ""
+    reached = value >= goal.value if goal.direction == "least" else value <= goal.value
+    return "reached" if reached else "MISSED"

@@ -1,0 +1,116 @@
+"""Opening a trial: the seal checked, every result held against its answer."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.trials.case import Case
+from gap_diagnosis.trials.judge import Judged, judge
+from gap_diagnosis.trials.layout import CASES, LOG, OWN_METHOD, REFERENCE, RESULTS, ROBOT
+from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.run import results_of
+from gap_diagnosis.trials.seal import unseal
+from gap_diagnosis.trials.truth import Answer, canonical
+from hil_harness.assembly import Wire, load_wire
+from hil_harness.robot import load_robot
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A trial with its seal opened.
+
+    Attributes:
+        judged: the cases that have a result.
+        missing: how many have none.
+    """
+
+    judged: tuple[Judged, ...]
+    missing: int
+
+
+@dataclass(frozen=True)
+class Known:
+    """What anyone could know of a case.
+
+    Attributes:
+        oracle: the answers nobody could tell from the truth, the truth among them.
+        over_limit: how far its smallest effect is over its detection limit; None where none has.
+        bounds: by ``effect.parameter``, the smallest standard deviation that any estimate can have.
+    """
+
+    oracle: frozenset[Answer]
+    over_limit: float | None
+    bounds: Mapping[str, float]
+
+
+def open_trial(
+    folder: Path,
+    key: Path,
+    *,
+    method: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Opened:
+    """Check the seal, open it and judge every result of a method.
+
+    Raises DiagnosisError where the answers are not those committed to, or nothing was run.
+    """
+    results = results_of(folder, method)
+    return open_methods(folder, key, [results.name], progress)[results.name]
+
+
+def methods_run(folder: Path) -> list[str]:
+    """Return the methods that have results, our own first."""
+    home = folder / RESULTS
+    names = sorted(one.name for one in home.iterdir() if one.is_dir()) if home.is_dir() else []
+    return sorted(names, key=lambda name: name != OWN_METHOD)
+
+
+def open_methods(
+    folder: Path,
+    key: Path,
+    methods: Iterable[str],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Opened]:
+    """Open the results of several methods; what anyone could know is found once for each case."""
+    cases = [Case.from_json(one) for one in unseal(folder, key)["cases"]]
+    wire = load_wire()
+    judged: dict[str, list[Judged]] = {name: [] for name in methods}
+    for place, case in enumerate(cases):
+        progress(place, len(cases))
+        known = None
+        for name, found in judged.items():
+            path = folder / RESULTS / name / f"{case.name}.json"
+            if path.exists():
+                known = known or known_of(folder / CASES / case.name, case, wire)
+                told = json.loads(path.read_text(encoding="utf-8"))
+                found.append(judge(case, told, known.oracle, known.over_limit, known.bounds))
+    progress(len(cases), len(cases))
+    for name, found in judged.items():
+        if not found:
+            raise DiagnosisError(
+                f"{folder / RESULTS / name}: no results: expected those of `chiplog blind run "
+                f"{folder}`"
+            )
+    return {name: Opened(tuple(one), len(cases) - len(one)) for name, one in judged.items()}
+
+
+def known_of(home: Path, case: Case, wire: Wire) -> Known:
+    """Return what anyone could know of a case, from its files and its answer."""
+    truth = canonical(case.true_effects)
+    if not case.effects:
+        return Known(frozenset({truth}), None, {})
+    robot = load_robot(home / ROBOT)
+    (recording,) = read_recordings(
+        [home / LOG], robot=robot, wire=wire, references=[home / REFERENCE]
+    )
+    oracle = Oracle(recording, robot, case)
+    over = [oracle.over_limit(name, values) for name, values in case.effects.items()]
+    known = [one for one in over if one is not None]
+    return Known(
+        oracle.group(case.effects), min(known) if known else None, oracle.bounds(case.effects)
+    )
