@@ -1,4 +1,7 @@
-"""Imported first where imports cost most: python-can then does without asammdf, as our commands do."""
+"""Imported first where imports cost most: python-can then does without asammdf.
+
+It and what it imports are most of the time that python-can takes.
+"""
 
 import sys
 
