@@ -109,7 +109,9 @@ class Judged:
 
     @property
     def in_group(self) -> bool:
-        """The truth is in the reported group."""
+        """The truth is in the reported group; of an imitable cause, what imitates it will do."""
+        if self.is_imitable:
+            return not self.group.isdisjoint(self.oracle)
         return self.truth in self.group
 
     @property

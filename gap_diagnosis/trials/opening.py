@@ -66,7 +66,7 @@ def open_trial(
 def methods_run(folder: Path) -> list[str]:
     """Return the methods that have results, our own first."""
     home = folder / RESULTS
-    names = sorted(one.name for one in home.iterdir() if one.is_dir()) if home.is_dir() else []
+    names = sorted({one.parent.name for one in home.glob("*/*.json")})
     return sorted(names, key=lambda name: name != OWN_METHOD)
 
 

@@ -93,6 +93,7 @@ def test_what_the_library_can_imitate_is_counted_apart() -> None:
     group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
     judged = judge(hidden, answer({"gyro_temperature_bias": 1.0}), group, 5.0)
     assert judged.is_imitable
+    assert judged.in_group
     assert not judged.confident_wrong
     assert scores(Opened((judged,), 0))["parts"]["all"]["imitable"] == 1
 
@@ -173,3 +174,20 @@ def test_the_short_table_has_a_row_for_what_was_scored() -> None:
     assert rows["cases"] == "4"
     assert rows["false alarms"].startswith("0.00")
     assert "pairs, both named" not in rows
+
+
+def test_a_name_that_the_twin_goes_by_is_not_the_effects_own() -> None:
+    made = case({"adc_offset": {"offset": 10.0}})
+    found = answer({"gyro_bias": 1.0}, stage="gyro")
+    assert seen(made, found).in_group
+    assert not seen(made, found).has_own_name
+    found["which"][0]["ambiguous_with"] = [["adc_offset"]]
+    assert seen(made, found).has_own_name
+
+
+def test_a_window_is_scored_by_what_it_shares_with_the_true_one() -> None:
+    made = case({"gyro_frozen": {"start_s": 10.0, "stop_s": 12.0}})
+    found = answer({"gyro_frozen": 1.0}, stage="gyro")
+    found["which"][0]["windows"] = [[11.0, 13.0]]
+    assert seen(made, found).overlap == pytest.approx(1 / 3)
+    assert seen(made, answer({"gyro_bias": 1.0})).overlap is None

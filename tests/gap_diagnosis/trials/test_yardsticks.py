@@ -9,9 +9,12 @@ import pytest
 
 from gap_diagnosis.trials.yardsticks import (
     auroc,
+    best_miss,
     brier,
     calibration,
+    calibration_interval,
     mean,
+    perfect_calibration,
     rank_bin,
     rank_test,
     share,
@@ -88,3 +91,26 @@ def test_ranks_of_a_true_posterior_are_even_and_of_a_narrow_one_are_not() -> Non
         assert p is not None
         assert (p > 1e-4) is even
     assert rank_test([])[1] is None
+
+
+def test_at_the_detection_limit_the_best_test_misses_one_in_twenty() -> None:
+    # docs/design.md: 29 is where 1 % over 60 candidates leaves 95 % power.
+    assert best_miss(1.0) == pytest.approx(0.05, abs=0.003)
+    assert best_miss(0.0) == pytest.approx(1.0, abs=1e-3)
+    assert best_miss(2.0) < 1e-10
+
+
+def test_a_perfect_forecasters_error_is_within_what_chance_allows() -> None:
+    draw = np.random.default_rng(6)
+    said = draw.random(600)
+    chance = perfect_calibration(said.tolist())
+    right = (draw.random(600) < said).tolist()
+    error, _ = calibration(said.tolist(), right)
+    assert chance is not None
+    assert error is not None
+    assert error < 1.5 * chance[1]
+    interval = calibration_interval(said.tolist(), right)
+    assert interval is not None
+    assert interval[0] < interval[1]
+    assert perfect_calibration([]) is None
+    assert calibration_interval([0.5], [True]) is None
