@@ -24,6 +24,11 @@ _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
+_WORTH_FOURS: Final = 30.0
+_FOURS: Final = 6
+_APART: Final = 2
+_FOURTH: Final = 0.1
+"""How much less likely four effects are than three."""
 _WORTH_SETUP: Final = 30.0
 """A mistake of the set-up is gross: what gains less than this is not one."""
 
@@ -118,6 +123,7 @@ def rank(
         if three <= log_prior.keys():
             weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in three)
             scored[three] = (*_total(logs, three), weight)
+    scored |= _fours(logs, prior, scored, singles, log_prior, threes)
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
         stage: evidence
@@ -150,7 +156,7 @@ def _triples(
 ) -> Scores:
     """Return sets of three: a pair of the motion with an effect that only other blocks see.
 
-    Evidence of separate blocks adds up, so these cost nothing.
+    Evidence of separate blocks adds up, so most of these cost nothing.
     """
     seen = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
     apart = [
@@ -163,9 +169,48 @@ def _triples(
         for effect in apart:
             names = pair | {effect}
             weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in names)
+            if _is_shared(logs, pair, effect):
+                found[names] = (*_total(logs, names), weight)
+                continue
             evidence, likelihood, _ = scored[pair]
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
+    return found
+
+
+def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> bool:
+    """Tell whether a block that sees *effect* sees one of *pair* as well: they must not count
+    the same misfit twice."""
+    return any(
+        effect in block.effects and pair & block.effects for blocks in logs for block in blocks
+    )
+
+
+def _fours(
+    logs: Sequence[Sequence[Block]],
+    prior: Prior,
+    scored: Mapping[Effects, tuple[float, float, float]],
+    singles: Mapping[str, tuple[float, float]],
+    log_prior: Mapping[str, float],
+    threes: Sequence[Effects],
+) -> Scores:
+    """Return sets of four: three of the motion with an effect that only other blocks see.
+
+    On real robots wheels and gyro differ in several ways, and a drive never does as it is told.
+    """
+    seen = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
+    apart = [
+        effect for effect in log_prior if effect not in seen and singles[effect][0] > _WORTH_FOURS
+    ]
+    apart.sort(key=lambda effect: -singles[effect][0])
+    known = sorted({one for one in threes if one in scored}, key=lambda one: -scored[one][0])
+    found: Scores = {}
+    for three in known[:_FOURS]:
+        for effect in apart[:_APART]:
+            names = three | {effect}
+            weight = math.log(24 * _FOURTH * prior.effects[3])
+            weight += sum(log_prior[name] for name in names)
+            found[names] = (*_total(logs, names), weight)
     return found
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
+from gap_diagnosis.explanations.reference import detailed_turn_rate
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
 
@@ -13,10 +14,18 @@ def gyro_lag(p: Prediction, *, time_constant: float) -> None:
 
     The rate is a smooth one: in the fine details of counted turns, counting errors pass for a lag.
     """
+    _trail(p, time_constant, p.motion.turn_rate_rad_s)
+
+
+def long_gyro_lag(p: Prediction, *, time_constant: float) -> None:
+    """Trail the true rate by so much that every detail of a turn shows it."""
+    _trail(p, time_constant, detailed_turn_rate(p.motion))
+
+
+def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
     if time_constant <= 0:
         return
     step = float(np.median(p.motion.dt_s[1:]))
-    rate = p.motion.turn_rate_rad_s
     share = -np.expm1(-step / time_constant)
     filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]
     # The filter's exact mean over a tick in which the rate is constant.

@@ -1,8 +1,14 @@
 """Stages reference and bus: what the outside measurement and the stamps add to the true pose."""
 
-import numpy as np
+from typing import Final
 
-from gap_diagnosis.prediction import Prediction
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats
+
+_SHARP_S: Final = 0.015
 
 
 def reference_yaw(p: Prediction, *, angle: float) -> None:
@@ -51,6 +57,30 @@ def counts_latency(p: Prediction, *, delay: float) -> None:
     """Stamp the counts late, the gyro not: against the counts' clock the gyro is early."""
     encoder_latency(p, delay=delay)
     _move_gyro(p, delay)
+
+
+def late_gyro(p: Prediction, *, delay: float) -> None:
+    """Stamp the gyro so late that every detail of a turn shows it."""
+    _move_in_detail(p, -delay)
+
+
+def late_counts(p: Prediction, *, delay: float) -> None:
+    """Stamp the counts so late that every detail of a turn shows it."""
+    encoder_latency(p, delay=delay)
+    _move_in_detail(p, delay)
+
+
+def _move_in_detail(p: Prediction, by_s: float) -> None:
+    t_s, rate = p.motion.t_s, detailed_turn_rate(p.motion)
+    p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate
+
+
+def detailed_turn_rate(motion: Motion) -> Floats:
+    """Return the mean turn rate of each tick, smoothed by no more than the rounding of counts."""
+    step_s = float(np.median(motion.dt_s[1:]))
+    heading = gaussian_filter1d(motion.heading_rad, _SHARP_S / step_s, mode="nearest")
+    turn = np.diff(heading, prepend=heading[0])
+    return np.asarray(turn / np.maximum(motion.dt_s, 1e-9))
 
 
 def _move_gyro(p: Prediction, by_s: float) -> None:

@@ -41,6 +41,8 @@ class Variant:
         chance: how far what happened may be off from the coefficient, a rate or probability, by
             chance alone (standard deviation), for that coefficient.
         little: how small amounts act, where a share of a large one would look otherwise.
+        large: how amounts act that show in every detail of the motion, where small ones would be
+            taken for the rounding of counts.
     """
 
     effect: str
@@ -53,6 +55,7 @@ class Variant:
     is_positive: bool = False
     stage_rank: int = 3
     little: Action | None = None
+    large: Action | None = None
     chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
@@ -219,7 +222,11 @@ def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
 
 
 def _gyro_frozen(motion: Motion) -> Iterable[Variant]:
-    """Return the longest stretches in which the code repeats while the wheels' turning varies."""
+    """Return the longest stretches in which the code repeats though it could not.
+
+    Either the wheels' turning varies, or a converter that sees the sensor's noise never says the
+    same so often; then even at a constant rate the code that is held is off by one sample's noise.
+    """
     if motion.gyro_code is None:
         return
     same = np.diff(motion.gyro_code, prepend=np.nan) == 0
@@ -227,7 +234,8 @@ def _gyro_frozen(motion: Motion) -> Iterable[Variant]:
     found = [
         (first, last)
         for first, last in _runs(same, _FROZEN_TICKS)
-        if np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > _FROZEN_RATE
+        if motion.gyro_noise_lsb > _NOISY_LSB
+        or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > _FROZEN_RATE
     ]
     for first, last in sorted(found, key=lambda run: run[0] - run[1])[:4]:
         window = {
@@ -238,6 +246,8 @@ def _gyro_frozen(motion: Motion) -> Iterable[Variant]:
 
 
 _FROZEN_RATE: Final = 0.02
+_NOISY_LSB: Final = 2.0
+"""With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 
 def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
@@ -287,12 +297,19 @@ def _frame_latency(motion: Motion) -> Iterable[Variant]:
     """Return latencies of rows whose frames carry no counter: tables, where stamps are all."""
     if motion.has_counters:
         return
-    for frame, act in (
-        ("IMU", reference.gyro_latency),
-        ("ENCODER", reference.counts_latency),
-        ("sensors", reference.sensors_latency),
+    for frame, act, large in (
+        ("IMU", reference.gyro_latency, reference.late_gyro),
+        ("ENCODER", reference.counts_latency, reference.late_counts),
+        ("sensors", reference.sensors_latency, None),
     ):
-        yield Variant("frame_latency", act, ("delay",), report={"frame": frame}, is_positive=True)
+        yield Variant(
+            "frame_latency",
+            act,
+            ("delay",),
+            report={"frame": frame},
+            is_positive=True,
+            large=large,
+        )
 
 
 def _setup_sign(motion: Motion) -> Iterable[Variant]:
@@ -342,6 +359,7 @@ _LAG: Final = Variant(
     ("time_constant",),
     is_positive=True,
     little=gyro.little_gyro_lag,
+    large=gyro.long_gyro_lag,
 )
 _AMPLITUDE = ("amplitude", "phase")
 _DOWNHILL = ("ratio", "direction")

@@ -150,22 +150,26 @@ def build_columns(
 
 
 def with_variant(
-    columns: Columns, nodes: Nodes, variant: Variant, like: Term
+    columns: Columns, nodes: Nodes, variant: Variant, like: Term, step: float | None = None
 ) -> tuple[Term, Columns]:
-    """Return a term for one more variant of *like*'s effect, and columns that hold it."""
+    """Return a term for one more variant of *like*'s effect, and columns that hold it.
+
+    They are straight lines from no effect to one of size *step*.
+    """
     nominal = residuals(nodes, predict(nodes.smooth))
     base: list[Floats] = []
-    weights = []
+    weights: list[tuple[tuple[int, float], ...]] = []
     count = columns.values.shape[-1] - 1
     if not variant.coefficients:
         base.append(nominal - residuals(nodes, predict(nodes.smooth, [(variant, ())])))
         weights.append(((count, 1.0),))
     for index, limit in enumerate(like.tolerances):
         steps = [0.0] * len(variant.coefficients)
-        steps[index] = 3 * limit
+        steps[index] = 3 * limit if step is None else step
         moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
         base.append((nominal - moved) / steps[index])
-        weights.append(((count + index, 1.0),))
+        little = tuple((one, share) for one, share in like.weights[index] if share == 0.0)
+        weights.append(((count + index, 1.0), *little))
     term = Term(variant, tuple(weights), like.tolerances)
     values = np.ascontiguousarray(np.concatenate([columns.values, np.stack(base, axis=-1)], -1))
     return term, Columns(values, (*columns.terms, term), columns.nuisances)

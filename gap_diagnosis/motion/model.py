@@ -19,13 +19,14 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
-from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.whitening import Course, course_of, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
+_LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
 _DOWNHILL: Final = 0.5
@@ -81,6 +82,10 @@ class MotionModel:
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot)
+        if not motion.has_counters:
+            # How a table's rows were put together, a mean of a tick or its last sample, is no lag.
+            tick_s = float(np.median(motion.dt_s[1:]))
+            self.tolerances[_LAG] = max(self.tolerances[_LAG], tick_s)
         self.columns: Columns = build_columns(
             self.nodes,
             prior,
@@ -90,6 +95,19 @@ class MotionModel:
             library=library,
         )
         self.level_prior: LevelPrior = level_prior(robot)
+        self._begin_at(coarse_gyro_delay_s(motion))
+
+    def _begin_at(self, delay_s: float) -> None:
+        """Add what makes a gyro late by *delay_s* (early, if negative), from there on."""
+        late = {"frame": "IMU"} if delay_s > 0 else {"frame": "ENCODER"}
+        for term in self.columns.terms if delay_s != 0 else ():
+            large = term.variant.large
+            is_lag = term.variant.effect == "gyro_lag" and delay_s > 0
+            if large is not None and (is_lag or term.variant.report == late):
+                variant = replace(term.variant, act=large)
+                _, self.columns = with_variant(
+                    self.columns, self.nodes, variant, term, abs(delay_s)
+                )
 
     def add(self, variant: Variant, like: Term) -> Term:
         """Add the columns of another variant of a term's effect."""
@@ -311,7 +329,7 @@ def _tolerances(robot: Robot) -> dict[str, float]:
         "gyro_scale.scale": known.gyro_scale,
         "gyro_bias.bias": known.gyro_bias_rad_s,
         "reference_time_offset.offset": known.time_offset_s,
-        "gyro_lag.time_constant": known.time_offset_s,
+        _LAG: known.time_offset_s,
     }
 
 

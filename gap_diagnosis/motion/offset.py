@@ -1,19 +1,23 @@
-"""A first guess of how late the reference is stamped."""
+"""First guesses of how late the reference, or the gyro, is stamped."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import estimate_motion
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
 
 _SEARCH_S: Final = 0.5
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
+_ALIKE: Final = 0.8
+"""A gyro that shows the wheels' turns at all agrees with them so well at the right shift."""
 
 
 def coarse_delay_s(recording: Recording, robot: Robot) -> float:
@@ -50,6 +54,29 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> float:
         ours = np.abs(
             np.diff(np.interp(grid, motion.t_s, np.cumsum(motion.speed_m_s * motion.dt_s)))
         )
+    return _shift_s(ours, theirs, 0.0)
+
+
+def coarse_gyro_delay_s(motion: Motion) -> float:
+    """Return how late the gyro shows what the wheels do, roughly; 0 where it is small or unclear.
+
+    Where a gyro is late by several ticks, a straight line from no delay at all misleads.
+    """
+    if motion.gyro_turn_rad is None:
+        return 0.0
+    grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
+    if len(grid) < 100:
+        return 0.0
+    wheels = motion.radius_m * (motion.right_angle_rad - motion.left_angle_rad) / motion.wheelbase_m
+    ours = np.diff(np.interp(grid, motion.t_s, wheels))
+    return _shift_s(ours, np.diff(np.interp(grid, motion.t_s, motion.gyro_turn_rad)), _ALIKE)
+
+
+def _shift_s(ours: Floats, theirs: Floats, least: float) -> float:
+    """Return by how much *theirs*, steps on a grid of _STEP_S, come later than *ours*.
+
+    0 where it is small, or where they do not agree by a correlation of *least*.
+    """
     ours, theirs = (gaussian_filter1d(one, 0.1 / _STEP_S) for one in (ours, theirs))
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0
@@ -59,5 +86,16 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> float:
     for shift in shifts:
         moved = np.roll(theirs, -shift)[edge:-edge]
         scores.append(abs(float(np.corrcoef(ours[edge:-edge], moved)[0, 1])))
-    best = shifts[int(np.argmax(scores))] * _STEP_S
-    return best if abs(best) >= _WORTH_S and max(scores) > scores[len(scores) // 2] + 1e-3 else 0.0
+    peak = int(np.argmax(scores))
+    best = (shifts[peak] + _between(scores, peak)) * _STEP_S
+    is_told = max(scores) > max(scores[len(scores) // 2] + 1e-3, least)
+    return best if abs(best) >= _WORTH_S and is_told else 0.0
+
+
+def _between(scores: Sequence[float], peak: int) -> float:
+    """Return how many steps from *peak* the parabola through it and its neighbours has its top."""
+    if not 0 < peak < len(scores) - 1:
+        return 0.0
+    before, top, after = scores[peak - 1 : peak + 2]
+    bend = 2 * top - before - after
+    return 0.5 * (after - before) / bend if bend > 0 else 0.0

@@ -35,6 +35,7 @@ LEVELS: Final = (
 )
 """Levels of noise, in the order of a vector of levels."""
 
+_LEAST_TURN_RAD: Final = 1e-6
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
 beats with the samples."""
@@ -63,7 +64,7 @@ class Course:
     beat_m: float
     wheelbase_m: float
     samples: Floats
-    gyro_floor_rad: float
+    gyro_floor_rad: Floats
 
 
 def course_of(nodes: Nodes, noise_ticks: float) -> Course:
@@ -96,8 +97,20 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         beat_m=per_count_m * math.exp(-0.5 * (math.tau * noise_ticks) ** 2) / _HARMONIC,
         wheelbase_m=motion.wheelbase_m,
         samples=samples,
-        gyro_floor_rad=1e-6,
+        gyro_floor_rad=_gyro_floor(nodes),
     )
+
+
+def _gyro_floor(nodes: Nodes) -> Floats:
+    """Return white noise of the gyro's turn beside the wheels', float64[m].
+
+    What stands in one row of a table was not measured at one instant, but within a row's time.
+    """
+    floor = np.full(nodes.count, _LEAST_TURN_RAD)
+    if nodes.motion.has_counters:
+        return floor
+    row_s = float(np.median(nodes.motion.dt_s[1:])) / np.sqrt(12.0)
+    return np.asarray(floor + row_s * np.abs(nodes.mean(nodes.smooth.turn_rate_rad_s)))
 
 
 def whiten(
@@ -142,7 +155,7 @@ def _whiten(
     beat_m: float,
     wheelbase_m: float,
     samples: Floats,
-    gyro_floor: float,
+    gyro_floor: Floats,
     quantum_s: float,
     levels: Floats,
     ticks: Floats,
@@ -261,7 +274,7 @@ def _whiten(
             else:
                 first, second = 0, 3
                 left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
-                noise = gyro_floor * gyro_floor
+                noise = gyro_floor[k] * gyro_floor[k]
             one, two = 10 * first, 10 * second
             for i in range(10):
                 gain[i] = (

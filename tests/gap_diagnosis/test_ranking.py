@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from fake_blocks import FakeBlock, odds, ranked
+from fake_blocks import PRIOR, STAGE, FakeBlock, odds, ranked
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gap_diagnosis.ranking import THRESHOLD
+from gap_diagnosis.ranking import THRESHOLD, rank
 
 NATS = st.floats(-50, 2000)
 
@@ -126,3 +126,22 @@ def test_the_prior_of_an_unlisted_cause_is_even_over_stages() -> None:
 def test_evidence_of_thousands_of_nats_does_not_overflow() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 1e6, "radius_scale": 1e6 - 5}))
     assert ranking.of(frozenset({"gyro_bias", "radius_scale"})).probability > 0.99
+
+
+def test_three_of_the_motion_and_one_of_the_drive_may_act_at_once() -> None:
+    three = frozenset({"gyro_bias", "gyro_scale", "radius_mismatch"})
+    motion = FakeBlock({"gyro_bias": 90.0, "gyro_scale": 60.0, "radius_mismatch": 60.0})
+    drive = FakeBlock({"drive_gain": 80.0}, name="drive")
+    ranking = rank([[motion, drive]], PRIOR, STAGE, {}, [three])
+    assert ranking.best.effects == three | {"drive_gain"}
+    assert ranking.best.log_evidence == pytest.approx(290)
+
+
+def test_what_drive_and_counts_explain_alike_is_not_counted_twice_in_three() -> None:
+    alike = frozenset({"drive_gain", "ticks_per_rev"})
+    motion = FakeBlock({"gyro_bias": 50.0, "ticks_per_rev": 50.0})
+    drive = FakeBlock(
+        {"drive_gain": 80.0, "ticks_per_rev": 80.0}, pairs={alike: 80.0}, name="drive"
+    )
+    three = ranked(motion, drive).of(alike | {"gyro_bias"})
+    assert three.log_evidence == pytest.approx(180)

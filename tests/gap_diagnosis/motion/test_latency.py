@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.offset import coarse_gyro_delay_s
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -18,8 +20,8 @@ LATE_TICKS = 3
 LATE_S = 0.03
 
 
-def table_with_a_late_gyro() -> Recording:
-    """Return a drive as a table has it, each gyro sample standing three rows too late."""
+def table_with_a_late_gyro(ticks: int = LATE_TICKS) -> Recording:
+    """Return a drive as a table has it, each gyro sample standing some rows too late."""
     whole = synthetic_recording(
         load_robot(),
         load_wire(),
@@ -31,7 +33,7 @@ def table_with_a_late_gyro() -> Recording:
         duration_s=60.0,
     )
     late = {
-        name: np.concatenate([np.repeat(values[:1], LATE_TICKS), values[:-LATE_TICKS]])
+        name: np.concatenate([np.repeat(values[:1], ticks), values[:-ticks]])
         for name in ("gyro_code", "gyro_rate_rad_s")
         if (values := getattr(whole, name)) is not None
     }
@@ -53,3 +55,32 @@ def test_the_late_message_is_named(block):
 def test_the_delay_is_estimated_within_four_standard_deviations(block):
     delay = block.detail(frozenset({"frame_latency"})).parameters["frame_latency.delay"]
     assert abs(delay.value - LATE_S) < 4 * delay.sd
+
+
+def test_a_gyro_eight_rows_late_is_seen_before_any_fit():
+    late = table_with_a_late_gyro(8)
+    delay_s = coarse_gyro_delay_s(estimate_motion(late, load_robot()))
+    assert abs(delay_s - 0.08) < 0.01
+
+
+def test_on_a_straight_drive_no_delay_of_the_gyro_is_made_up():
+    straight = synthetic_recording(
+        load_robot(), load_wire(), scenario("straight"), (), seed=3, reference=None, duration_s=30.0
+    )
+    assert coarse_gyro_delay_s(estimate_motion(straight, load_robot())) == 0.0
+
+
+def test_a_long_delay_beside_a_bias_is_told_where_gyro_and_wheels_are_all_there_is():
+    late = table_with_a_late_gyro(8)
+    rate = late.gyro_rate_rad_s
+    assert rate is not None
+    biased = replace(late, gyro_rate_rad_s=rate + 0.01, gyro_code=None, reference=None)
+    model = MotionModel(biased, load_robot(), default_prior())
+    terms = {}
+    for term in model.columns.terms:
+        if term.variant.act is term.variant.large or term.variant.effect == "gyro_bias":
+            terms[term.variant.effect] = term
+    found = model.refit((terms["frame_latency"], terms["gyro_bias"]), model.level_prior.median)
+    (delay_s,), (bias,) = found.coefficients
+    assert abs(delay_s - 0.08) < 0.004
+    assert abs(bias - 0.01) < 0.0005

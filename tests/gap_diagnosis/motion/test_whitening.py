@@ -123,7 +123,7 @@ def dense_covariance() -> Floats:
                 (1.0, mean_angle),
                 (1.0, mean),
                 (1.0, counted),
-                (1.0, draw(COURSE.gyro_floor_rad**2)),
+                (1.0, draw(COURSE.gyro_floor_rad[k] ** 2)),
             ),
         )
         rows += [one for one, seen in zip(channels, SEEN[:, k], strict=True) if seen]
