@@ -33,9 +33,9 @@ def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
     """
     found = scores(opened[own])
     parts = found["parts"]
-    common = _common(opened)
+    common = common_cases(opened)
     beside = {method: scores(one)["parts"]["all"] for method, one in common.items()}
-    rows = _figure_rows(parts["all"], parts)
+    rows = figure_rows(parts["all"], parts)
     reached = sum(row[3] == "reached" for row in rows)
     missed = [row[0] for row in rows if row[3] == "MISSED"]
     return render(
@@ -74,7 +74,7 @@ def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
     )
 
 
-def _common(opened: Mapping[str, Opened]) -> dict[str, Opened]:
+def common_cases(opened: Mapping[str, Opened]) -> dict[str, Opened]:
     """Return every method on the cases that all of them have a result for."""
     names = [frozenset(one.case.name for one in each.judged) for each in opened.values()]
     shared = frozenset.intersection(*names)
@@ -86,7 +86,7 @@ def _common(opened: Mapping[str, Opened]) -> dict[str, Opened]:
     }
 
 
-def _figure_rows(
+def figure_rows(
     whole: Mapping[str, Any], parts: Mapping[str, Mapping[str, Any]]
 ) -> list[list[str]]:
     """Return each figure with its goal; false alarms apart by what is new."""

@@ -28,6 +28,7 @@ from gap_diagnosis.trials.yardsticks import (
 _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
 _WORST: Final = 12
+_POSITIVE: Final = (0.0, math.inf)
 _MEDIAN_ERROR: Final = 0.6744897501960817
 """Of a normal error, in standard deviations."""
 
@@ -81,15 +82,15 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
         "own_name": share([one.has_own_name for one in clear]),
         "true_probability": mean([one.true_probability for one in alone], (0.0, 1.0)),
         "group_top1": share([one.in_group for one in clear]),
-        "group_size": mean([float(len(one.group)) for one in clear]),
-        "oracle_group_size": mean([float(len(one.oracle)) for one in clear]),
+        "group_size": mean([float(len(one.group)) for one in clear], _POSITIVE),
+        "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
         "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
         "confident_wrong": share([one.confident_wrong for one in judged if one.truth == UNKNOWN]),
         "unknown_auroc": _unknown(judged),
         "imitable": sum(one.is_imitable for one in judged),
         "brier": mean([one.brier for one in judged], (0.0, 2.0)),
-        "log_score": mean([one.log_score for one in judged]),
+        "log_score": mean([one.log_score for one in judged], _POSITIVE),
         "ece": error,
         "ece_interval": calibration_interval(said, right),
         "ece_by_chance": perfect_calibration(said),
@@ -103,7 +104,7 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
         "error_over_bound": _over_bound(parameters),
         "window_overlap": mean([o for one in judged if (o := one.overlap) is not None], (0.0, 1.0)),
         "gap_closed": _closed(judged),
-        "seconds": mean([one.seconds for one in judged]),
+        "seconds": mean([one.seconds for one in judged], _POSITIVE),
     }
     return {name: _plain(value) for name, value in found.items()}
 

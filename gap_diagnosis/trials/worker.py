@@ -14,6 +14,7 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final, cast
 
 from gap_diagnosis.diagnose import diagnose_recordings
@@ -82,9 +83,11 @@ def _own(case: Path) -> Any:
 
 def _by_method(path: Path, case: Path) -> Any:
     """Diagnose by a file's ``diagnose(log, robot, reference, without)``, which gives OUT.json."""
-    names: dict[str, Any] = {"__name__": "blind_method", "__file__": str(path)}
-    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)  # the user's own
-    method = cast(Method, names["diagnose"])
+    module = ModuleType("blind_method")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # where dataclasses look up their annotations
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)
+    method = cast(Method, module.__dict__["diagnose"])
     without = json.loads((case / TASK).read_text(encoding="ascii"))["without"]
     return method(case / LOG, case / ROBOT, case / REFERENCE, without)
 

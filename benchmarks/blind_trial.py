@@ -1,0 +1,158 @@
+"""The full blind trial in one command, and its measured page.
+
+    python benchmarks/blind_trial.py DIR --cases 6000 [--jobs N]
+    python benchmarks/blind_trial.py DIR --page docs/reference/blind-trial.md [--at METHOD=COMMIT]
+
+The first makes a trial in DIR where there is none, has it diagnosed by this tool and by every rival
+(a run that was stopped goes on where it was), and writes DIR/scores.html. The second writes the
+page from whatever results lie in DIR.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import gap_diagnosis.trials.rivals
+from chiplog.pages.trial import common_cases, figure_rows, trial_page
+from chiplog.pages.trial_words import FIGURES, NOT_MEASURED, figure
+from gap_diagnosis.trials.layout import CASES, OWN_METHOD
+from gap_diagnosis.trials.make import make_trial
+from gap_diagnosis.trials.opening import Opened, methods_run, open_methods
+from gap_diagnosis.trials.plan import Counts
+from gap_diagnosis.trials.run import run_trial
+from gap_diagnosis.trials.score import scores
+from gap_diagnosis.trials.seal import key_of
+from gap_diagnosis.trials.secret import fresh_secret
+
+RIVALS: Final = ("least_squares", "least_squares_bic", "whitened_bic", "umbmark")
+_WRONG_MOST: Final = 12
+
+
+def run(folder: Path, cases: int, jobs: int | None) -> None:
+    """Make the trial where there is none, and diagnose what has no result yet by every method."""
+    if not (folder / CASES).is_dir():
+        counts = Counts(cases, nulls=cases // 5, pairs=cases // 10, withheld=cases // 10)
+        make_trial(counts, folder, key_of(folder), fresh_secret(), told("making"))
+    home = Path(gap_diagnosis.trials.rivals.__file__).parent
+    for method in (None, *(home / f"{name}.py" for name in RIVALS)):
+        run_trial(folder, jobs=jobs, method=method, progress=told(method.stem if method else "own"))
+    opened = open_methods(folder, key_of(folder), methods_run(folder))
+    page = trial_page(folder.name, OWN_METHOD, opened)
+    (folder / "scores.html").write_text(page, encoding="utf-8")
+
+
+def told(step: str) -> Any:
+    """Return a progress line's printer."""
+    return lambda done, total: print(f"\r{step}: {done} of {total}", end="", flush=True)
+
+
+def markdown(opened: Mapping[str, Opened], commits: Mapping[str, str], made: str) -> str:
+    """Return the measured page."""
+    own = scores(opened[OWN_METHOD])
+    parts = own["parts"]
+    rows = figure_rows(parts["all"], parts)
+    judged = [row for row in rows if row[3]]
+    missed = [row[0] for row in judged if row[3] == "MISSED"]
+    lines = [
+        "<!-- Written by benchmarks/blind_trial.py; run that again instead of editing. -->",
+        "",
+        "# Blind trial, as measured",
+        "",
+        f"**{own['cases']} cases; {len(judged) - len(missed)} of {len(judged)} goals reached.** "
+        f"{own['crashes']} crashes. How it was made and what each word means: "
+        "[Blind trials](../how-to/blind-trials.md).",
+        "",
+        "**Too few cases for any goal to be proved:** a full trial has 40 of each effect, 1,000 "
+        "nulls and 3,000 for the calibration. Read the intervals."
+        if own["cases"] < 3000
+        else "",
+        "",
+        f"Measured on {datetime.now(UTC):%Y-%m-%d}. Made with",
+        "",
+        f"    {made}",
+        "",
+        "Command and version of each method:",
+        "",
+        "| method | command | commit | cases |",
+        "| --- | --- | --- | --- |",
+    ]
+    for name, one in opened.items():
+        option = "" if name == OWN_METHOD else f" --method gap_diagnosis/trials/rivals/{name}.py"
+        command = f"`chiplog blind run DIR{option}`"
+        lines.append(f"| {name} | {command} | {commits.get(name, '')} | {len(one.judged)} |")
+    lines += ["", "## What must be reached, and what is", ""]
+    lines += table(["figure", "measured (95 %), cases", "must be", ""], rows)
+    if missed:
+        lines += ["", f"**Missed: {'; '.join(missed)}.**"]
+    lines += ["", f"**Not measured: {'; '.join(NOT_MEASURED)}.**", "", "## By stratum", ""]
+    strata = [name for name in ("prior", "limit", "field") if name in parts]
+    lines += table(
+        ["figure", *strata],
+        [[one.label, *(figure(parts[name], one) for name in strata)] for one in FIGURES],
+    )
+    lines += ["", *rivals(opened), "## Told wrong", ""]
+    lines += table(
+        ["case", "truth", "told", "probability"],
+        [
+            [one["case"], _effects(one), one["verdict"], f"{one['probability']:.2f}"]
+            for one in own["wrong"][:_WRONG_MOST]
+        ],
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _effects(one: Mapping[str, Any]) -> str:
+    names = " + ".join(one["effects"]) or "no_gap"
+    return f"{names}, withheld" if one["truth"] == "unknown" else names
+
+
+def rivals(opened: Mapping[str, Opened]) -> list[str]:
+    """Return the table of all methods on the cases that all of them have."""
+    common = common_cases(opened)
+    if len(common) < 2:
+        return []
+    parts = {name: scores(one)["parts"]["all"] for name, one in common.items()}
+    count = len(next(iter(common.values())).judged)
+    return [
+        "## Rivals",
+        "",
+        f"On the same {count} cases: those that every method was run on.",
+        "",
+        *table(
+            ["figure", *parts],
+            [[one.label, *(figure(part, one) for part in parts.values())] for one in FIGURES],
+        ),
+        "",
+    ]
+
+
+def table(head: list[str], rows: list[list[str]]) -> list[str]:
+    """Return a table of Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+
+
+def main() -> None:
+    """Run the trial, or write its page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--cases", type=int)
+    parser.add_argument("--jobs", type=int)
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--at", action="append", default=[], metavar="METHOD=COMMIT")
+    parser.add_argument("--made", default="chiplog blind make --out DIR", help="how DIR was made")
+    chosen = parser.parse_args()
+    if chosen.cases is not None:
+        run(chosen.folder, chosen.cases, chosen.jobs)
+    if chosen.page is not None:
+        opened = open_methods(chosen.folder, key_of(chosen.folder), methods_run(chosen.folder))
+        commits = dict(one.split("=", 1) for one in chosen.at)
+        chosen.page.write_text(markdown(opened, commits, chosen.made), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
