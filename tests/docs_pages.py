@@ -150,7 +150,8 @@ class Session:
             "COLUMNS": "100",
             "NO_COLOR": "1",
             "PYTHONDONTWRITEBYTECODE": "1",
-            "PYTEST_ADDOPTS": "-p no:cacheprovider -p no:randomly",
+            "PYTHONPATH": str(Path(__file__).parent),
+            "PYTEST_ADDOPTS": "-p lean -p no:cacheprovider -p no:randomly",
         }
         # A pytest of a page is not a worker of ours.
         for name in ("PYTEST_XDIST_WORKER", "PYTEST_CURRENT_TEST", "CHIPLOG_DOCS"):

@@ -37,6 +37,7 @@ def everything_is_imported() -> None:
 def inner_runs_are_no_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let these tests be the same when they run in a worker of pytest-xdist themselves."""
     monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
 
 
 def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
@@ -48,7 +49,7 @@ def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult
 def run_apart(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
     """Run a test file in a process of its own, and workers of its own."""
     pytester.makepyfile(test)
-    return pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
+    return pytester.runpytest_subprocess("-p", "lean", "-p", "no:cacheprovider", *options)
 
 
 def test_a_test_drives_a_robot_over_the_bus(pytester: pytest.Pytester) -> None:

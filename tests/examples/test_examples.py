@@ -1,5 +1,6 @@
 """Every example passes its own tests, in a process of its own, as a reader would run them."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,13 +8,15 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "lean")
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_an_example_passes_its_own_tests(folder: str) -> None:
     result = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(EXAMPLES / folder)],
+        [*PYTEST, "-p", "no:cacheprovider", str(EXAMPLES / folder)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
         capture_output=True,
         text=True,
         check=False,
