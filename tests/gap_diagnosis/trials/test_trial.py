@@ -41,7 +41,8 @@ class Known:
     without: list[str]
 
 def diagnose(log, robot, reference, without):
-    assert log.stat().st_size > 0 and robot.exists() and reference.exists() and Known(without).without == []
+    assert log.stat().st_size > 0 and robot.exists() and reference.exists()
+    assert Known(without).without == []
     which = [{"effects": [name], "probability": p, "group_probability": p, "parameters": {}}
              for name, p in (("no_gap", 1.0), ("unknown", 0.0))]
     return {"verdict": "no_gap", "stage": "none", "which": which, "seconds": 0.1, "gap": None}
