@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import gap_diagnosis.trials.rivals
 from chiplog.pages.trial import common_cases, figure_rows, trial_page
-from chiplog.pages.trial_words import FIGURES, NOT_MEASURED, figure
+from chiplog.pages.trial_words import FIGURES, MISSED, NOT_MEASURED, UNPROVED, figure
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
 from gap_diagnosis.trials.opening import Opened, methods_run, open_methods
@@ -56,13 +56,15 @@ def markdown(opened: Mapping[str, Opened], commits: Mapping[str, str], made: str
     parts = own["parts"]
     rows = figure_rows(parts["all"], parts)
     judged = [row for row in rows if row[3]]
-    missed = [row[0] for row in judged if row[3] == "MISSED"]
+    missed = [row[0] for row in judged if row[3] == MISSED]
+    unproved = sum(row[3] == UNPROVED for row in judged)
     lines = [
         "<!-- Written by benchmarks/blind_trial.py; run that again instead of editing. -->",
         "",
         "# Blind trial, as measured",
         "",
-        f"**{own['cases']} cases; {len(judged) - len(missed)} of {len(judged)} goals reached.** "
+        f"**{own['cases']} cases; {len(judged) - len(missed)} of {len(judged)} goals reached, "
+        f"{unproved} of them without proof.** "
         f"{own['crashes']} crashes. How it was made and what each word means: "
         "[Blind trials](../how-to/blind-trials.md).",
         "",

@@ -8,7 +8,16 @@ from typing import Any, Final
 
 from chiplog.pages.rendering import render
 from chiplog.pages.trial_pictures import calibration_picture, confusion_picture, miss_picture
-from chiplog.pages.trial_words import FIGURES, NOT_MEASURED, figure, goal_of, verdict_on
+from chiplog.pages.trial_words import (
+    FIGURES,
+    MISSED,
+    NOT_MEASURED,
+    REACHED,
+    UNPROVED,
+    figure,
+    goal_of,
+    verdict_on,
+)
 from gap_diagnosis.trials.opening import Opened
 from gap_diagnosis.trials.score import scores
 
@@ -36,8 +45,9 @@ def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
     common = common_cases(opened)
     beside = {method: scores(one)["parts"]["all"] for method, one in common.items()}
     rows = figure_rows(parts["all"], parts)
-    reached = sum(row[3] == "reached" for row in rows)
-    missed = [row[0] for row in rows if row[3] == "MISSED"]
+    proved = sum(row[3] == REACHED for row in rows)
+    unproved = sum(row[3] == UNPROVED for row in rows)
+    missed = [row[0] for row in rows if row[3] == MISSED]
     return render(
         "trial.html.j2",
         {
@@ -46,8 +56,9 @@ def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
             "cases": found["cases"],
             "missing": found["missing"],
             "crashes": found["crashes"],
-            "reached": reached,
-            "judged": reached + len(missed),
+            "reached": proved + unproved,
+            "unproved": unproved,
+            "judged": proved + unproved + len(missed),
             "missed": missed,
             "figure_head": FIGURE_HEAD,
             "figure_rows": rows,

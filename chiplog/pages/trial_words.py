@@ -118,10 +118,21 @@ def figure(part: Mapping[str, Any], one: Figure) -> str:
     return f"{value:.{decimals}f}{span}, {count}"
 
 
+REACHED: Final = "reached"
+UNPROVED: Final = "reached, not proved"
+MISSED: Final = "MISSED"
+
+
 def verdict_on(part: Mapping[str, Any], goal: Goal) -> str:
-    """Return whether a figure reaches its goal: the measured value decides, as it stands."""
-    value, _, _ = value_of(part, goal.key)
+    """Return whether a figure reaches its goal: the measured value decides, as it stands.
+
+    Where its interval holds values that would not do, the goal is not proved to be reached.
+    """
+    value, interval, _ = value_of(part, goal.key)
     if goal.direction == "none" or value is None:
         return ""
-    reached = value >= goal.value if goal.direction == "least" else value <= goal.value
-    return "reached" if reached else "MISSED"
+    sign = 1 if goal.direction == "least" else -1
+    if sign * (value - goal.value) < 0:
+        return MISSED
+    worst = value if interval is None else interval[0 if sign > 0 else 1]
+    return REACHED if sign * (worst - goal.value) >= 0 else UNPROVED

@@ -9,7 +9,15 @@ from typing import Any
 import pytest
 
 from chiplog.pages.trial import trial_page
-from chiplog.pages.trial_words import FIGURES, figure, goal_of, verdict_on
+from chiplog.pages.trial_words import (
+    FIGURES,
+    MISSED,
+    REACHED,
+    UNPROVED,
+    figure,
+    goal_of,
+    verdict_on,
+)
 from gap_diagnosis.trials.case import Case
 from gap_diagnosis.trials.judge import Judged, judge
 from gap_diagnosis.trials.opening import Opened
@@ -72,9 +80,11 @@ def test_names_from_a_trial_are_escaped() -> None:
 def test_a_goal_is_reached_by_the_measured_value_and_missed_below_it() -> None:
     stage = next(one for one in FIGURES if one.key == "stage")
     right, wrong = (scores(one)["parts"]["all"] for one in (RIGHT, WRONG))
-    assert verdict_on(right, goal_of(stage)) == "reached"
+    assert verdict_on(right, goal_of(stage)) == UNPROVED  # two cases prove nothing
+    certain = {**right, "stage": {"value": 1.0, "low": 0.985, "high": 1.0, "count": 300}}
+    assert verdict_on(certain, goal_of(stage)) == REACHED
     alarms = next(one for one in FIGURES if one.key == "false_alarms")
-    assert verdict_on(wrong, goal_of(alarms)) == "MISSED"
+    assert verdict_on(wrong, goal_of(alarms)) == MISSED
     assert goal_of(alarms, is_new=True).value == pytest.approx(0.02)
     assert figure(right, stage).startswith("1.00 (")
 
