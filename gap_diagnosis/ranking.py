@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
-from gap_diagnosis.hypothesis import Block, Fit
+from gap_diagnosis.block_sums import quick_of, total_of
+from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.priors import Prior
 
 Effects = frozenset[str]
@@ -20,8 +21,6 @@ THRESHOLD: Final = 29.0
 _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""
-_COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
-_CLEARLY: Final = 12.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
 _WORTH_FOURS: Final = 30.0
@@ -96,7 +95,7 @@ def rank(
     effects of one block that are worth a look.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
-    singles = {effect: _total(logs, frozenset({effect})) for effect in owned}
+    singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
     owned = [
         effect
         for effect in owned
@@ -112,18 +111,22 @@ def rank(
         evidence, likelihood = singles[effect]
         weight = math.log(prior.effects[1]) + log_prior[effect]
         scored[frozenset({effect})] = (evidence, likelihood, weight)
+    bent = _bent_by_a_mistake(logs)
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
+        if _is_hidden(pair, bent):
+            continue
         exact = first in leaders and second in leaders
-        evidence, likelihood = _total(logs, pair) if exact else _quick(logs, pair, singles)
+        evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair, singles)
         weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
         scored[pair] = (evidence, likelihood, weight)
     scored |= _triples(logs, prior, scored, singles, log_prior)
     for three in threes:
         if three <= log_prior.keys():
             weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in three)
-            scored[three] = (*_total(logs, three), weight)
+            scored[three] = (*total_of(logs, three), weight)
     scored |= _fours(logs, prior, scored, singles, log_prior, threes)
+    scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
         stage: evidence
@@ -170,7 +173,7 @@ def _triples(
             names = pair | {effect}
             weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in names)
             if _is_shared(logs, pair, effect):
-                found[names] = (*_total(logs, names), weight)
+                found[names] = (*total_of(logs, names), weight)
                 continue
             evidence, likelihood, _ = scored[pair]
             alone = singles[effect]
@@ -210,8 +213,26 @@ def _fours(
             names = three | {effect}
             weight = math.log(24 * _FOURTH * prior.effects[3])
             weight += sum(log_prior[name] for name in names)
-            found[names] = (*_total(logs, names), weight)
+            found[names] = (*total_of(logs, names), weight)
     return found
+
+
+def _bent_by_a_mistake(logs: Sequence[Sequence[Block]]) -> tuple[Effects, Effects]:
+    """Return the mistakes of the set-up that the motion sees, and the effects they hide."""
+    motion = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
+    drive = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
+    gross = frozenset(effect for effect in motion if effect.startswith("setup_"))
+    return gross, frozenset((motion | drive) - gross)
+
+
+def _is_hidden(effects: Effects, bent: tuple[Effects, Effects]) -> bool:
+    """Tell whether a set names what cannot be told beside a mistake that bends the whole motion.
+
+    A sign or a factor ten leaves no motion to linearise about: it is told alone, and what else
+    there is after it has been put right.
+    """
+    gross, hidden = bent
+    return bool(effects & gross) and bool(effects & hidden)
 
 
 def _elsewhere(
@@ -230,85 +251,6 @@ def _elsewhere(
         if len(effects) <= 2 and effects and not effects & touched
     ]
     return max(0.0, max(others, default=0.0))
-
-
-def _total(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
-    evidence = likelihood = 0.0
-    for blocks in logs:
-        doubtful = _doubtful(blocks)
-        for block in blocks:
-            own = effects & block.effects
-            if block.name == "drive":
-                own = own - doubtful
-            if own:
-                gained, likelier = _of_block(block, own)
-                evidence += gained
-                likelihood += likelier
-    return evidence, likelihood
-
-
-def _doubtful(blocks: Sequence[Block]) -> Effects:
-    """Return the counting errors that the motion denies: the drive must not name them alone."""
-    motion = next((block for block in blocks if block.name == "motion"), None)
-    if motion is None:
-        return frozenset()
-    return frozenset(
-        effect
-        for effect in _COUNTING & motion.effects
-        if motion.fit(frozenset({effect})).log_evidence <= 0
-    )
-
-
-def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
-    """Return what a block says; a mistake of the set-up may lie where it cannot see.
-
-    Beside a dead encoder the commands tell nothing of other errors of counting.
-    """
-    if block.name == "drive" and "encoder_dead" in effects:
-        effects = effects - _COUNTING
-    fit = block.fit(effects)
-    if block.name == "drive" and effects & _COUNTING:
-        fit = _clearly(fit, block.fit(effects - _COUNTING))
-    if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
-        return fit.log_evidence, fit.log_likelihood
-    rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
-    blind = block.fit(rest)
-    evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
-    return evidence, max(fit.log_likelihood, blind.log_likelihood)
-
-
-def _clearly(fit: Fit, without: Fit) -> Fit:
-    """Return what commands say of counting errors: nothing that is not said clearly.
-
-    Their size is not held against the one that the motion finds, so a small misfit of the drive
-    must not speak for them.
-    """
-    gained = fit.log_evidence - without.log_evidence
-    if not 0 < gained < _CLEARLY:
-        return fit
-    return replace(fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood)
-
-
-def _quick(
-    logs: Sequence[Sequence[Block]], pair: Effects, singles: Mapping[str, tuple[float, float]]
-) -> tuple[float, float]:
-    """Return a pair's evidence; a block that owns both is asked only where that costs nothing."""
-    evidence = likelihood = 0.0
-    for blocks in logs:
-        doubtful = _doubtful(blocks)
-        for block in blocks:
-            own = pair & block.effects
-            if block.name == "drive":
-                own = own - doubtful
-            if len(own) == 2 and block.name != "motion":
-                gained, likelier = max(_of_block(block, frozenset({effect})) for effect in own)
-                evidence += gained
-                likelihood += likelier
-            elif own:
-                gained, likelier = _of_block(block, own)
-                evidence += gained
-                likelihood += likelier
-    return evidence, likelihood
 
 
 def _single_priors(owned: Sequence[str], stage_of: Mapping[str, str]) -> dict[str, float]:

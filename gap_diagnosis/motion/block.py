@@ -18,6 +18,7 @@ from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
+from gap_diagnosis.motion.gross import put_right
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.scan import Found, Scan
@@ -28,6 +29,8 @@ _THREES: Final = 12
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
+_GROSS_GAIN: Final = 30.0
+"""A mistake of the set-up gains more than this [nat], or is none."""
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -36,6 +39,10 @@ ALIASES: Final = {"ticks_per_rev": ALIASED}
 
 LATENCY: Final = "frame_latency"
 OFFSET: Final = "reference_time_offset"
+
+
+def _only(effect: str) -> frozenset[str]:
+    return frozenset({effect})
 
 
 def aliased(effects: frozenset[str]) -> frozenset[str]:
@@ -112,11 +119,41 @@ class MotionBlock:
         if effects & NOISES.keys():
             return self._noisy(effects)
         found = self.scan.account(aliased(effects))
+        if self._put_right is not None and tuple(effects) == self._put_right.effects:
+            return self._put_right
         return Fit(
             tuple(sorted(effects)),
             found.log_evidence - self._nothing.log_evidence,
             found.log_likelihood - self._nothing.log_likelihood,
         )
+
+    @cached_property
+    def _put_right(self) -> Fit | None:
+        """The likeliest mistake of the set-up, judged by what the log is like without it.
+
+        About so gross an error nothing is linear. None: no mistake is likelier than no effect.
+        """
+        wrong = [self.scan.found[one] for one in map(_only, GROSS) if one in self.scan.found]
+        if not wrong:
+            return None
+        best = max(wrong, key=lambda one: one.log_evidence)
+        if best.log_evidence < self._nothing.log_evidence + _GROSS_GAIN:
+            return None
+        (term,) = best.terms
+        effect = term.variant.effect
+        right, log_scale = put_right(self.model.recording, effect, term.variant.report)
+        model = MotionModel(
+            right, self.model.robot, self.model.prior, without=self.model.without | GROSS
+        )
+        levels = model.no_effect_levels
+        density = model.level_prior.log_density(np.log(levels))
+        evidence = model.evidence_at((), levels) + density
+        evidence += log_scale * float(np.isfinite(model.columns.values[3, :, 0]).sum())
+        evidence -= math.log(len(self.scan.by_effect[effect]))
+        evidence = max(evidence, best.log_evidence)
+        gain = evidence - self._nothing.log_evidence
+        likelihood = max(gain, best.log_likelihood - self._nothing.log_likelihood)
+        return Fit((effect,), gain, likelihood)
 
     def _late(self, effects: frozenset[str]) -> Fit:
         """Fit a latency: of all sensors it is a reference that is early; of one, unseen here."""

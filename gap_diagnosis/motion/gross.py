@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.recording import Floats, Recording
+from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 
 _LOW: Final = 0.7
@@ -42,6 +46,33 @@ def looks_gross(recording: Recording, robot: Robot) -> bool:
         )
         ratios.append(_slope(np.abs(forward), moved))
     return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+
+
+def put_right(
+    recording: Recording, effect: str, values: Mapping[str, Value]
+) -> tuple[Recording, float]:
+    """Return the recording without this mistake, and the log of how much that narrows its rates.
+
+    *values* are the mistake's parameters.
+    """
+    left, right = recording.left_ticks, recording.right_ticks
+    if effect == "setup_wheels_swapped":
+        return replace(recording, left_ticks=right, right_ticks=left), 0.0
+    factor = -1.0 if effect == "setup_sign" else float(values["factor"])
+    signal = values["signal"]
+    if signal != "gyro":
+        wrong = {"left_ticks": (True, False), "right_ticks": (False, True)}.get(
+            str(signal), (True, True)
+        )
+        left, right = (
+            ticks / factor if is_wrong else ticks
+            for ticks, is_wrong in zip((left, right), wrong, strict=True)
+        )
+        return replace(recording, left_ticks=left, right_ticks=right), 0.0
+    rate = recording.gyro_rate_rad_s
+    if rate is None:
+        return recording, 0.0
+    return replace(recording, gyro_rate_rad_s=rate / factor), -math.log(abs(factor))
 
 
 def _slope(cause: Floats, effect: Floats) -> float | None:

@@ -75,6 +75,7 @@ class MotionModel:
         """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used;
         *without* names effects that are not to be tried, *library* are a user's own."""
         self.recording, self.robot, self.prior = recording, robot, prior
+        self.without = without
         delay_s = coarse_delay_s(recording, robot)
         motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
         everything = np.ones(len(motion.t_s), dtype=np.bool_)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
@@ -36,6 +36,9 @@ _WORTH_THIRD: Final = 10.0
 """A third effect is sought beside pairs that gain this much on the best single effect [nat]."""
 _NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again,"""
+_BELIEVED: Final = 8.0
+"""Sizes beyond so many times the end of the prior are no effect's."""
+_NEVER: Final = 1e6
 _LOOSE: Final = 0.25
 """single effects only if they lack this share of what the best gains as well."""
 
@@ -159,7 +162,7 @@ class Scan:
 
     def _extend(self, pair: Found, place: int) -> None:
         for effect, terms in self._kept[place].items():
-            if effect not in pair.effects:
+            if effect not in pair.effects and effect not in GROSS:
                 choices = [(*pair.terms, term) for term in terms[:_THIRD_VARIANTS]]
                 self._offer(self._compared(place, choices)[0])
 
@@ -255,7 +258,7 @@ class Scan:
             kept[effect] = order[:_VARIANTS_KEPT]
         ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
         self._kept.append({effect: kept[effect] for effect in ranked})
-        for first, second in combinations(ranked, 2):
+        for first, second in combinations((one for one in ranked if one not in GROSS), 2):
             if ranked.index(first) < _LEADERS:
                 lead = kept[first][:1]
                 pairs = [(one, two) for one in lead for two in kept[second]]
@@ -268,7 +271,12 @@ class Scan:
     ) -> tuple[Found, list[Term]]:
         """Return the account of a set of effects whose variants are *choices*."""
         scored = [score(gram, terms, self.model.prior) for terms in choices]
-        weighed = [one.log_evidence + sum(t.log_weight for t in one.terms) for one in scored]
+        weighed = [
+            one.log_evidence
+            + sum(t.log_weight for t in one.terms)
+            - self._beyond_belief(one.terms, self._sizes(one))
+            for one in scored
+        ]
         order = sorted(range(len(scored)), key=lambda i: -weighed[i])
         best = scored[order[0]]
         count = math.prod(self._choices(t.variant.effect) for t in best.terms)
@@ -282,6 +290,26 @@ class Scan:
             gram.levels,
         )
         return found, [scored[i].terms[-1] for i in order]
+
+    @staticmethod
+    def _sizes(scored: Scored) -> Sequence[float]:
+        """Return the coefficients of the likeliest component."""
+        return [float(one) for one in scored.means[int(np.argmax(scored.weights))]]
+
+    def _beyond_belief(self, terms: Sequence[Term], sizes: Sequence[float]) -> float:
+        """Return what speaks against sizes that no effect has: nothing, or more than any evidence.
+
+        The estimated motion leans on the reference: wheels that do not move at all in a room that
+        is twice as large would explain it anywhere.
+        """
+        of = self.model.prior.of
+        most = [
+            _BELIEVED * of(term.variant.effect, name).high
+            for term in terms
+            for name in term.variant.coefficients
+        ]
+        is_beyond = any(abs(size) > limit for size, limit in zip(sizes, most, strict=True))
+        return _NEVER if is_beyond else 0.0
 
     def _choices(self, effect: str) -> int:
         """Return how many variants of an effect share its prior evenly."""
@@ -318,7 +346,9 @@ class Scan:
         self.found[one.effects] = Found(
             one.effects,
             one.terms,
-            again.log_evidence + others,
+            again.log_evidence
+            + others
+            - self._beyond_belief(one.terms, [v for c in again.coefficients for v in c]),
             again.log_likelihood,
             again.levels,
             again,

@@ -23,6 +23,7 @@ STAGE = {
     "gyro_bias": "gyro",
     "gyro_scale": "gyro",
     "setup_swapped": "setup",
+    "frame_loss": "bus",
 }
 
 

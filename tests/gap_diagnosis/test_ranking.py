@@ -145,3 +145,13 @@ def test_what_drive_and_counts_explain_alike_is_not_counted_twice_in_three() -> 
     )
     three = ranked(motion, drive).of(alike | {"gyro_bias"})
     assert three.log_evidence == pytest.approx(180)
+
+
+def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_told() -> None:
+    motion = FakeBlock({"setup_swapped": 5000.0, "gyro_bias": 40.0})
+    drive = FakeBlock({"drive_gain": 30.0}, name="drive")
+    bus = FakeBlock({"frame_loss": 0.0}, name="bus")
+    ranking = ranked(motion, drive, bus)
+    assert ranking.best.effects == {"setup_swapped"}
+    beside = {e for one in ranking.sets if "setup_swapped" in one.effects for e in one.effects}
+    assert beside == {"setup_swapped", "frame_loss"}

@@ -1,0 +1,95 @@
+"""What the blocks of all logs say of a set of effects together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from gap_diagnosis.hypothesis import Block, Fit
+
+Effects = frozenset[str]
+
+_COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
+_CLEARLY: Final = 12.0
+
+
+def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
+    """Return log evidence and log likelihood of a set, over all logs and blocks."""
+    evidence = likelihood = 0.0
+    for blocks in logs:
+        doubtful = _doubtful(blocks)
+        for block in blocks:
+            own = effects & block.effects
+            if block.name == "drive":
+                own = own - doubtful
+            if own:
+                gained, likelier = _of_block(block, own)
+                evidence += gained
+                likelihood += likelier
+    return evidence, likelihood
+
+
+def _doubtful(blocks: Sequence[Block]) -> Effects:
+    """Return the counting errors that the motion denies: the drive must not name them alone."""
+    motion = next((block for block in blocks if block.name == "motion"), None)
+    if motion is None:
+        return frozenset()
+    return frozenset(
+        effect
+        for effect in _COUNTING & motion.effects
+        if motion.fit(frozenset({effect})).log_evidence <= 0
+    )
+
+
+def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
+    """Return what a block says; a mistake of the set-up may lie where it cannot see.
+
+    Beside a dead encoder the commands tell nothing of other errors of counting.
+    """
+    if block.name == "drive" and "encoder_dead" in effects:
+        effects = effects - _COUNTING
+    fit = block.fit(effects)
+    if block.name == "drive" and effects & _COUNTING:
+        fit = _clearly(fit, block.fit(effects - _COUNTING))
+    if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
+        return fit.log_evidence, fit.log_likelihood
+    rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
+    blind = block.fit(rest)
+    evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
+    return evidence, max(fit.log_likelihood, blind.log_likelihood)
+
+
+def _clearly(fit: Fit, without: Fit) -> Fit:
+    """Return what commands say of counting errors: nothing that is not said clearly.
+
+    Their size is not held against the one that the motion finds, so a small misfit of the drive
+    must not speak for them.
+    """
+    gained = fit.log_evidence - without.log_evidence
+    if not 0 < gained < _CLEARLY:
+        return fit
+    return replace(fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood)
+
+
+def quick_of(
+    logs: Sequence[Sequence[Block]], pair: Effects, singles: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """Return a pair's evidence; a block that owns both is asked only where that costs nothing."""
+    evidence = likelihood = 0.0
+    for blocks in logs:
+        doubtful = _doubtful(blocks)
+        for block in blocks:
+            own = pair & block.effects
+            if block.name == "drive":
+                own = own - doubtful
+            if len(own) == 2 and block.name != "motion":
+                gained, likelier = max(_of_block(block, frozenset({effect})) for effect in own)
+                evidence += gained
+                likelihood += likelier
+            elif own:
+                gained, likelier = _of_block(block, own)
+                evidence += gained
+                likelihood += likelier
+    return evidence, likelihood
