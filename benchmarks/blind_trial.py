@@ -109,7 +109,7 @@ def markdown(opened: Mapping[str, Opened], commits: Mapping[str, str], made: str
 
 def _effects(one: Mapping[str, Any]) -> str:
     names = " + ".join(one["effects"]) or "no_gap"
-    return f"{names}, withheld" if one["truth"] == "unknown" else names
+    return f"{names} (right: unknown)" if one["truth"] == "unknown" else names
 
 
 def rivals(opened: Mapping[str, Opened]) -> list[str]:
