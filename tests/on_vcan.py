@@ -2,8 +2,9 @@
 
 `scripts/vcan.sh` brings that bus: from this kernel, or in a small virtual machine. All marked tests
 of a session go there together, as an inner session, and each one's report comes back as its own. A
-test that is there already (CHIPLOG_VCAN names the bus) runs like any other. They run where they are
-asked for, by `-m vcan` (scripts/vcan.sh) or `--chiplog-size full`: the machine takes minutes.
+test that is there already (CHIPLOG_VCAN names the bus) runs like any other. Those marked
+`vcan(size="full")` run only where they are asked for, by `-m vcan` (scripts/vcan.sh) or
+`--chiplog-size full`: in the machine a program takes some fifteen times as long as outside.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _PLAIN_CODE: Final = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 
 def pytest_configure(config: pytest.Config) -> None:
     """Declare the mark, and run marked tests where they can run."""
-    config.addinivalue_line("markers", "vcan: needs a CAN bus named vcan0 (scripts/vcan.sh)")
+    config.addinivalue_line("markers", "vcan(size): needs a CAN bus named vcan0 (scripts/vcan.sh)")
     if os.environ.get(_REPORTS_ENV):
         config.pluginmanager.register(_Reporting(config, Path(os.environ[_REPORTS_ENV])))
     elif not os.environ.get(VCAN_ENV):
@@ -72,12 +73,12 @@ class _Delegating:
         marked = [item for item in items if item.get_closest_marker("vcan")]
         if not marked:
             return
-        config = items[0].config
+        config = self._config
         if "vcan" not in config.option.markexpr and config.getoption("--chiplog-size") != "full":
-            # The machine takes minutes: it runs where it is asked for (scripts/vcan.sh).
-            config.hook.pytest_deselected(items=marked)
-            items[:] = [item for item in items if item not in marked]
-            return
+            left = [item for item in marked if _is_for_full_size(item)]
+            config.hook.pytest_deselected(items=left)
+            items[:] = [item for item in items if item not in left]
+            marked = [item for item in marked if item not in left]
         where = subprocess.run([_SCRIPT, "--where"], capture_output=True, text=True, check=False)
         for item in marked:
             if where.returncode:
@@ -134,6 +135,10 @@ class _Delegating:
             longrepr=f"no report of this test came from vcan0; the console's last lines:\n{tail}",
             when="call",
         )
+
+
+def _is_for_full_size(item: pytest.Item) -> bool:
+    return any(mark.kwargs.get("size") == "full" for mark in item.iter_markers("vcan"))
 
 
 def _output_of(command: list[Any], *, env: dict[str, str]) -> str:

@@ -42,7 +42,8 @@ class Story:
 
 
 @pytest.fixture(
-    scope="module", params=["udp_multicast", pytest.param("socketcan", marks=pytest.mark.vcan)]
+    scope="module",
+    params=["udp_multicast", pytest.param("socketcan", marks=pytest.mark.vcan(size="full"))],
 )
 def story(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Story:
     """Kill the plant and start it again; kill the firmware and start it again; stop both."""

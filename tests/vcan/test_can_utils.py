@@ -100,6 +100,7 @@ def test_we_hear_what_cansend_sends(
     ) == expected
 
 
+@pytest.mark.vcan(size="full")
 def test_canplayer_replays_our_log_frame_by_frame(channel: str, tmp_path: Path) -> None:
     path = tmp_path / "ours.log"
     sent = encoder_messages(200)
@@ -119,6 +120,7 @@ def test_canplayer_replays_our_log_frame_by_frame(channel: str, tmp_path: Path) 
     assert sum(checker.rejected.values()) == 0
 
 
+@pytest.mark.vcan(size="full")
 def test_whatever_cangen_makes_we_hear_as_candump_does(channel: str, tmp_path: Path) -> None:
     count = 300
     checker = FrameChecker(DATABASE, ["ENCODER", "IMU"], max_age_us=10**9)
@@ -143,6 +145,7 @@ def test_whatever_cangen_makes_we_hear_as_candump_does(channel: str, tmp_path: P
     assert len({(one.is_extended_id, one.is_remote_frame) for one in heard}) >= 2
 
 
+@pytest.mark.vcan(size="full")
 def test_cantools_decodes_what_candump_hears_with_our_dbc(
     channel: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -159,11 +162,11 @@ def test_cantools_decodes_what_candump_hears_with_our_dbc(
     assert counts == [("0", "0"), ("7", "5"), ("14", "10")]
 
 
+@pytest.mark.vcan(size="full")
 def test_cantools_monitor_shows_our_signals(channel: str, tmp_path: Path) -> None:
     ours, theirs = os.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, 120, 0, 0))
-    arguments = ["cantools", "monitor", "--bus-type", "socketcan", "--channel", channel]
-    os.environ["TERM"] = "xterm"
+    arguments = ["cantools", "monitor", "--interface", "socketcan", "--channel", channel]
     os.set_blocking(ours, False)
     screen = b""
     with (
@@ -187,5 +190,6 @@ def test_cantools_monitor_shows_our_signals(channel: str, tmp_path: Path) -> Non
 
         monitor.until(has_shown_it)
         os.write(ours, b"q")
+        assert monitor.wait() == 0
     for descriptor in (ours, theirs):
         os.close(descriptor)
