@@ -18,6 +18,7 @@ from xdist.scheduler import LoadScopeScheduling
 LONGEST_FIRST: Final = (
     "tests/gap_diagnosis/test_diagnose.py",
     "tests/test_quality.py",
+    "tests/vcan/",
     "tests/test_docs.py",
     "tests/chiplog/test_round_trip.py",
     "tests/gap_diagnosis/firmware/test_firmware_block.py",
