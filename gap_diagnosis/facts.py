@@ -132,7 +132,7 @@ def notes_on(
 def _on_burst(analysis: Analysis) -> list[str]:
     """Say which wheel loses its hold, how often, and what else there is."""
     burst = analysis.burst
-    if burst is None:
+    if burst is None or not analysis.alternatives[0].windows:
         return []
     wheel = "Both wheels lose" if burst.side == "both" else f"The {burst.side} wheel loses"
     times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"

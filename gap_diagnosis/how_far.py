@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -186,11 +188,19 @@ def _waterfall(
     windows: Sequence[Window],
     settings: Sequence[Setting],
 ) -> Waterfall | None:
+    @cache
     def rms(subset: frozenset[str]) -> float:
         chosen = [one for one in settings if one[0].effect in subset]
         return odometry_rms(metric, recording, robot, motion, windows, chosen)
 
     names = frozenset(variant.effect for variant, _ in settings)
+    subsets = (
+        frozenset(some)
+        for size in range(len(names) + 1)
+        for some in combinations(sorted(names), size)
+    )
+    if not all(np.isfinite(rms(some)) for some in subsets):
+        return None  # one of them alone leaves no window that moves far enough to be compared
     reductions = shapley_reductions(names, rms)
     return Waterfall(
         metric=metric,

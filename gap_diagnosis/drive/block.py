@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -42,6 +43,11 @@ _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005, "delay"
 between a command's reception by log and by drive."""
 _GIVES_WAY: Final = 0.006
 """Of its rate a wheel is off under load: what is unlisted must show beyond that."""
+
+
+_HALF_S: Final = 0.5
+_AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
+"""A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
 
 
 def drive_block(
@@ -156,7 +162,26 @@ class DriveBlock:
         nothing = self._setting(variants(self._data, self._nominal, ())[0], frozenset())
         before = self._evidence(nothing, _giving_way(self._levels), rough=True)[0]
         evidence = self._evidence(setting, _giving_way(levels), rough=True)[0] - before
+        # Effects of the list are weighed without that allowance: it must not favour what is not.
+        strictly = self._evidence(setting, levels, rough=True)[0] - self._null_evidence
+        evidence = min(evidence, strictly)
+        if self._off() < _AS_TOLD:
+            evidence = min(evidence, 0.0)
         return Fit((), evidence, max(free - self._null, 0.0))
+
+    def _off(self) -> float:
+        """Return by which share of their rates the wheels do otherwise than they are told.
+
+        Over half a second each, so that the rounding of counts does not matter.
+        """
+        described = Shapes(self._data, self._robot).angle({})
+        apart = max(1, round(_HALF_S / self._data.block_s))
+        both = self._data.seen[:, apart:] & self._data.seen[:, :-apart]
+        wrong, told = (
+            (angle[:, apart:] - angle[:, :-apart])[both]
+            for angle in (self._data.angle - described, described)
+        )
+        return math.sqrt(float(np.mean(wrong**2)) / max(float(np.mean(told**2)), 1e-12))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         settings = [self._setting(one, effects) for one in self._variants(effects)]

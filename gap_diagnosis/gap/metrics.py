@@ -53,6 +53,11 @@ class WindowErrors:
             return None
         return math.sqrt(float(self.mean_square.mean()))
 
+    def at(self, places: Floats) -> WindowErrors:
+        """Return the errors of these windows only."""
+        kept = np.isin(self.window, places)
+        return WindowErrors(self.window[kept], self.mean_square[kept], self.end[kept])
+
 
 @dataclass(frozen=True)
 class PathErrors:

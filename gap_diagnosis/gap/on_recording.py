@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -132,15 +133,19 @@ def compare(
     floor = None
     if levels is not None and windows:
         floor = floor_on(recording, robot, motion, windows, effects, levels)
-    return {
-        name: Compared(
-            before=errors,
-            after=after[name] if effects else None,
-            floor=None if floor is None else _floor_of(floor, name)[:, errors.window],
-            after_draws=np.array([one[name].mean_square for one in drawn]) if drawn else None,
+    compared = {}
+    for name, errors in before.items():
+        # Whether a window moves far enough to be laid on the reference may depend on the effects.
+        every = [errors, after[name], *(one[name] for one in drawn)]
+        places = reduce(np.intersect1d, [one.window for one in every])
+        own = [one.at(places) for one in every]
+        compared[name] = Compared(
+            before=own[0],
+            after=own[1] if effects else None,
+            floor=None if floor is None else _floor_of(floor, name)[:, own[0].window],
+            after_draws=np.array([one.mean_square for one in own[2:]]) if drawn else None,
         )
-        for name, errors in before.items()
-    }
+    return compared
 
 
 def odometry_rms(

@@ -36,11 +36,11 @@ _WORTH_THIRD: Final = 10.0
 """A third effect is sought beside pairs that gain this much on the best single effect [nat]."""
 _NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again,"""
+_LOOSE: Final = 0.25
+"""single effects only if they lack this share of what the best gains as well."""
 _BELIEVED: Final = 8.0
 """Sizes beyond so many times the end of the prior are no effect's."""
 _NEVER: Final = 1e6
-_LOOSE: Final = 0.25
-"""single effects only if they lack this share of what the best gains as well."""
 
 
 @dataclass(frozen=True)

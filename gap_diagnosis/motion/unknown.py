@@ -140,7 +140,8 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "adc_code",
         "time",
     ),
-    "reference": ("heading", "place", "time"),
+    # Not with time: every reference wanders about slowly, and that is noise.
+    "reference": ("heading", "place"),
 }
 
 

@@ -11,7 +11,7 @@ from gap_cases import moved, wavy_path, way_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gap_diagnosis.gap.metrics import Path, path_errors, series_errors, stamp_errors
+from gap_diagnosis.gap.metrics import Path, WindowErrors, path_errors, series_errors, stamp_errors
 from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S, Window, windows_of
 from gap_diagnosis.recording import FrameTimes
 
@@ -141,3 +141,11 @@ def test_a_clock_that_runs_fast_is_late_by_its_skew() -> None:
     assert plain.end[0, 0] == pytest.approx(-skew * 9.5, rel=5e-3)
     explained = stamp_errors(frames, [Window(0.0, 10.0, 1.0)], clock_skew=skew)
     assert explained.rms == pytest.approx(0, abs=1e-9)
+
+
+def test_errors_are_compared_in_the_windows_that_all_have() -> None:
+    errors = WindowErrors(np.array([0, 2, 5]), np.array([1.0, 4.0, 9.0]), np.zeros((3, 2)))
+    kept = errors.at(np.array([2, 3, 5]))
+    assert kept.window.tolist() == [2, 5]
+    assert kept.mean_square.tolist() == [4.0, 9.0]
+    assert kept.end.shape == (2, 2)

@@ -1,0 +1,32 @@
+"""Sizes that no effect has explain nothing, however well they fit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.priors import default_prior
+
+SEARCH = cast(Scan, SimpleNamespace(model=SimpleNamespace(prior=default_prior())))
+
+
+def term(effect: str) -> Term:
+    variant = Variant(effect, lambda prediction, **size: None, ("scale",))
+    return Term(variant, (((0, 1.0),),), (0.002,))
+
+
+def against(sizes: list[float]) -> float:
+    terms = [term("radius_scale"), term("reference_scale")]
+    return Scan._beyond_belief(SEARCH, terms, sizes)
+
+
+def test_wheels_that_stand_still_in_a_room_twice_as_large_are_not_believed() -> None:
+    assert against([-1.04, 1.04]) > 1e5
+    assert against([-0.02, 1.04]) > 1e5
+
+
+def test_sizes_that_occur_are_weighed_by_the_data_alone() -> None:
+    assert against([-0.05, 0.02]) == 0.0
