@@ -141,9 +141,25 @@ class Scan:
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
         for _ in range(_REFITTED):
             head = self._ranked()[0]
-            if head.refitted is not None or not head.effects:
+            unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
+            if not unfitted:
                 break
-            self._refit(head)
+            for one in unfitted:
+                self._refit(one)
+
+    def _parts_of(self, head: Found) -> list[Found]:
+        """Return what is left of the best set without one or more of its effects, unless fitted.
+
+        A set that was fitted again must not beat its own parts for that reason alone.
+        """
+        nothing = self.found[frozenset()].log_evidence
+        least = nothing + _LOOSE * (head.log_evidence - nothing)
+        parts = [
+            self.account(frozenset(some))
+            for size in range(1, len(head.effects))
+            for some in combinations(sorted(head.effects), size)
+        ]
+        return [one for one in parts if one.refitted is None and one.log_evidence > least]
 
     def _seek_third(self) -> None:
         """Offer a third effect beside the best pairs, at their levels and at those it asks for."""
@@ -303,13 +319,13 @@ class Scan:
         is twice as large would explain it anywhere.
         """
         of = self.model.prior.of
-        most = [
-            _BELIEVED * of(term.variant.effect, name).high
-            for term in terms
-            for name in term.variant.coefficients
-        ]
-        is_beyond = any(abs(size) > limit for size, limit in zip(sizes, most, strict=True))
-        return _NEVER if is_beyond else 0.0
+        ranges = []
+        for term in terms:
+            for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):
+                most = _BELIEVED * of(term.variant.effect, name).high
+                ranges.append((-small if term.variant.is_positive else -most, most))
+        believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))
+        return 0.0 if believed else _NEVER
 
     def _choices(self, effect: str) -> int:
         """Return how many variants of an effect share its prior evenly."""

@@ -155,3 +155,21 @@ def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_to
     assert ranking.best.effects == {"setup_swapped"}
     beside = {e for one in ranking.sets if "setup_swapped" in one.effects for e in one.effects}
     assert beside == {"setup_swapped", "frame_loss"}
+
+
+def test_beside_an_effect_of_many_thousand_nats_a_second_one_must_gain_more() -> None:
+    pair = frozenset({"gyro_bias", "radius_scale"})
+    alone = {"gyro_bias": 21_000.0, "radius_scale": 100.0}
+
+    def best(both: float) -> frozenset[str]:
+        return ranked(FakeBlock(alone, pairs={pair: both})).best.effects
+
+    assert best(21_050.0) == {"gyro_bias"}
+    assert best(21_090.0) == pair
+
+
+def test_what_separate_blocks_say_needs_no_such_allowance() -> None:
+    ranking = ranked(
+        FakeBlock({"gyro_bias": 21_000.0}), FakeBlock({"frame_loss": 30.0}, name="bus")
+    )
+    assert ranking.best.effects == {"gyro_bias", "frame_loss"}
