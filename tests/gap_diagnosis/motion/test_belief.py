@@ -30,3 +30,10 @@ def test_wheels_that_stand_still_in_a_room_twice_as_large_are_not_believed() -> 
 
 def test_sizes_that_occur_are_weighed_by_the_data_alone() -> None:
     assert against([-0.05, 0.02]) == 0.0
+
+
+def test_what_cannot_be_negative_is_not_believed_to_be() -> None:
+    variant = Variant("lateral_slip", lambda prediction, **size: None, ("c",), is_positive=True)
+    slip = Term(variant, (((0, 1.0),),), (0.002,))
+    assert Scan._beyond_belief(SEARCH, [slip], [-0.3]) > 1e5
+    assert Scan._beyond_belief(SEARCH, [slip], [0.3]) == 0.0
