@@ -104,6 +104,8 @@ def build_columns(
             continue
         if effect == "reference_yaw" and not nodes.has_heading:
             continue
+        if effect == "reference_scale" and _reach_m(nodes) < _LEAST_REACH_M:
+            continue
         if explanation.stage_rank == 2 and not nodes.has_gyro:
             continue
         variants = list(explanation.variants(motion))
@@ -175,6 +177,14 @@ def with_variant(
     return term, Columns(values, (*columns.terms, term), columns.nuisances)
 
 
+def _reach_m(nodes: Nodes) -> float:
+    """Return how far from its start the robot came."""
+    motion = nodes.motion
+    return float(np.hypot(motion.x_m - motion.x_m[0], motion.y_m - motion.y_m[0]).max())
+
+
+_LEAST_REACH_M: Final = 0.2
+"""On the spot, what scales with the place is the reference's own noise."""
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""
 

@@ -33,6 +33,8 @@ _LEAST_RANGE: Final = {
     "lateral_acceleration": 0.05,
 }
 """A variable that varies less [SI] is noise: a function of it would fit the noise."""
+_ABOVE_NOISE: Final = 20.0
+"""So many standard deviations of their noise codes must vary by; noise itself does by 3.3."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,11 @@ def basis(motion: Motion, variable: str) -> list[Floats]:
     if variable == "place":
         return [*_hats(motion.x_m), *_hats(motion.y_m)]
     value = _variable(motion, variable)
-    if value is None or np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE.get(variable, 0):
+    least = _LEAST_RANGE.get(variable, 0.0)
+    if variable == "adc_code" and value is not None:
+        # A function of codes that are hardly more than noise would fit that noise with itself.
+        least = _ABOVE_NOISE * float(np.std(np.diff(value))) / math.sqrt(2.0)
+    if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
         return []
     return _hats(value)
 
