@@ -113,7 +113,8 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
         Way("wheel", _lateral, 1e-3, 0.1, needs_reference=True),
     ),
     "encoder": (Way("encoder", _left, 1e-3, 0.1), Way("encoder", _right, 1e-3, 0.1)),
-    "gyro": (Way("gyro", _gyro, 3e-4, 0.1, needs_gyro=True),),
+    # From three tolerances of the bias on: every gyro's bias wanders by less.
+    "gyro": (Way("gyro", _gyro, 1e-3, 0.1, needs_gyro=True),),
     "reference": (
         Way("reference", _reference_along, 1e-3, 0.2, needs_reference=True),
         Way("reference", _reference_across, 1e-3, 0.2, needs_reference=True),
