@@ -281,8 +281,12 @@ class MotionBlock:
             for name, value in term.variant.report.items():
                 key = f"{effect}.{name}"
                 if name in EDGES:
-                    sd = self.scan.spans.get(effect, {}).get(name, 0.0)
-                    samples = float(value) + sd * rng.standard_normal(_DRAWS)
+                    sd = self.scan.spans.get(effect, {}).get(name)
+                    samples = (
+                        self._on_the_grid(term, name, found, rng)
+                        if sd is None
+                        else float(value) + sd * rng.standard_normal(_DRAWS)
+                    )
                     parameters[key] = _estimate(name, samples)
                 else:
                     parameters[key] = self._choice(term, name, found)
@@ -290,6 +294,20 @@ class MotionBlock:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
         return parameters, windows
+
+    def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
+        """Return draws float64[4000] of an edge that was told too faintly to be sought off its
+        grid: from the evidence of every variant, even within a step of the grid."""
+        others = [one for one in found.terms if one.variant.effect != term.variant.effect]
+        variants = self.scan.by_effect[term.variant.effect]
+        known = [one for one in variants if name in one.variant.fixed]
+        values = np.array([one.variant.fixed[name] for one in known])
+        logs = np.array([self.scan.evidence([*others, one], found.levels) for one in known])
+        weights = np.exp(logs - logs.max())
+        drawn = rng.choice(values, size=_DRAWS, p=weights / weights.sum())
+        grid = np.unique(values)
+        step = float(np.diff(grid).mean()) if len(grid) > 1 else 0.0
+        return np.maximum(drawn + step * rng.uniform(-0.5, 0.5, _DRAWS), 0.0)
 
     def _choice(self, term: Term, name: str, found: Found) -> Estimate:
         """Return the probabilities of a choice, from every variant of the effect."""

@@ -15,6 +15,8 @@ _HALVINGS: Final = 5
 _SHARP: Final = 4
 """So often more, where that still brings more than _GAIN nats: a hard slip tells its ends well."""
 _GAIN: Final = 3.0
+_HALF_A_NAT: Final = 0.5
+_GROWN: Final = 14
 _GRID_PARTS: Final = 24
 _SHORTEST_S: Final = 0.5
 
@@ -70,12 +72,19 @@ def best_edges(
 
 
 def _span(value: Callable[[Term], float], term: Term, name: str, step: float, best: float) -> float:
-    reach = step
-    for _ in range(8):
-        if best - max(value(_moved(term, name, sign * reach)) for sign in (-1, 1)) > 0.5:
-            break
-        reach *= 1.7
-    return reach
+    """Return how far an edge moves, on the side where it moves farther, for half a nat."""
+    farthest = 0.0
+    for sign in (-1, 1):
+        reach = step
+        for _ in range(_GROWN):
+            moved = _moved(term, name, sign * reach)
+            if moved is term:
+                break
+            farthest = max(farthest, reach)
+            if best - value(moved) > _HALF_A_NAT:
+                break
+            reach *= 2.0
+    return farthest or step
 
 
 def _moved(term: Term, name: str, by: float) -> Term:
