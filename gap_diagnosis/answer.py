@@ -8,9 +8,10 @@ from typing import Final, cast, get_args
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.ranking import Effects, Ranked, Ranking
+from gap_diagnosis.ranking import Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import (
     CLOSABLE,

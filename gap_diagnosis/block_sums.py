@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -23,7 +23,31 @@ amplitude. At ten detection limits an effect gains 1,450."""
 
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     """Return log evidence and log likelihood of a set, over all logs and blocks."""
+    return _sum(_of_block(block, own) for block, own in _concerned(logs, effects))
+
+
+def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, float]:
+    """Return a pair's; a block that owns both is asked for both only where that costs nothing."""
+    return _sum(
+        max(_of_block(block, frozenset({effect})) for effect in own)
+        if len(own) == 2 and block.name != "motion"
+        else _of_block(block, own)
+        for block, own in _concerned(logs, pair)
+    )
+
+
+def _sum(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
     evidence = likelihood = 0.0
+    for gained, likelier in parts:
+        evidence += gained
+        likelihood += likelier
+    return evidence, likelihood
+
+
+def _concerned(
+    logs: Sequence[Sequence[Block]], effects: Effects
+) -> Iterator[tuple[Block, Effects]]:
+    """Yield every block that speaks of some of these effects, with those."""
     for blocks in logs:
         doubtful = _doubtful(blocks)
         for block in blocks:
@@ -31,10 +55,7 @@ def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, 
             if block.name == "drive":
                 own = own - doubtful
             if own:
-                gained, likelier = _of_block(block, own)
-                evidence += gained
-                likelihood += likelier
-    return evidence, likelihood
+                yield block, own
 
 
 def _doubtful(blocks: Sequence[Block]) -> Effects:
@@ -89,25 +110,3 @@ def _clearly(fit: Fit, without: Fit) -> Fit:
     if not 0 < gained < _CLEARLY:
         return fit
     return replace(fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood)
-
-
-def quick_of(
-    logs: Sequence[Sequence[Block]], pair: Effects, singles: Mapping[str, tuple[float, float]]
-) -> tuple[float, float]:
-    """Return a pair's evidence; a block that owns both is asked only where that costs nothing."""
-    evidence = likelihood = 0.0
-    for blocks in logs:
-        doubtful = _doubtful(blocks)
-        for block in blocks:
-            own = pair & block.effects
-            if block.name == "drive":
-                own = own - doubtful
-            if len(own) == 2 and block.name != "motion":
-                gained, likelier = max(_of_block(block, frozenset({effect})) for effect in own)
-                evidence += gained
-                likelihood += likelier
-            elif own:
-                gained, likelier = _of_block(block, own)
-                evidence += gained
-                likelihood += likelier
-    return evidence, likelihood

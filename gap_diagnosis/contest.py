@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.recording import Floats

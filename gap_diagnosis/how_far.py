@@ -11,9 +11,10 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.data import drive_data
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.firmware import replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path
@@ -30,7 +31,6 @@ from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
-from gap_diagnosis.ranking import Effects
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.odometry import odometry_path
 from gap_diagnosis.gap.windows import Window
 from gap_diagnosis.motion.model import MotionModel

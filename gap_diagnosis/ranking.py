@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
-from gap_diagnosis.block_sums import quick_of, total_of
+from gap_diagnosis.block_sums import Effects, quick_of, total_of
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.priors import Prior
-
-Effects = frozenset[str]
+from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
 THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
@@ -26,10 +25,6 @@ _TRIPLED: Final = 12
 _WORTH_FOURS: Final = 30.0
 _FOURS: Final = 6
 _APART: Final = 2
-_FOURTH: Final = 0.1
-"""How much less likely four effects are than three."""
-_WORTH_SETUP: Final = 30.0
-"""A mistake of the set-up is gross: what gains less than this is not one."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +83,7 @@ def rank(
     unknown: Mapping[str, float],
     threes: Sequence[Effects] = (),
 ) -> Ranking:
-    """Return the probabilities of all single effects and pairs, and of some sets of three.
+    """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *threes* are sets of three
@@ -99,7 +94,7 @@ def rank(
     owned = [
         effect
         for effect in owned
-        if not effect.startswith("setup_") or singles[effect][0] > _WORTH_SETUP
+        if not effect.startswith("setup_") or singles[effect][0] > LEAST_GAIN
     ]
     order = sorted(owned, key=lambda effect: -singles[effect][0])[:_PAIRED]
     leaders = {effect for effect in order if singles[effect][0] > _WORTH_PAIRING}
@@ -117,7 +112,7 @@ def rank(
         if _is_hidden(pair, bent):
             continue
         exact = first in leaders and second in leaders
-        evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair, singles)
+        evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
         scored[pair] = (evidence, likelihood, weight)
     scored |= _triples(logs, prior, scored, singles, log_prior)
@@ -211,7 +206,7 @@ def _fours(
     for three in known[:_FOURS]:
         for effect in apart[:_APART]:
             names = three | {effect}
-            weight = math.log(24 * _FOURTH * prior.effects[3])
+            weight = math.log(24 * prior.effects[4])
             weight += sum(log_prior[name] for name in names)
             found[names] = (*total_of(logs, names), weight)
     return found

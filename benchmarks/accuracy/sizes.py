@@ -11,7 +11,7 @@ import numpy as np
 
 from accuracy.worlds import CONSTANTS, TIME_MAP, Draw, World, tolerances
 from gap_diagnosis.explanations import EXPLAINED
-from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.setup_mistakes import FACTORS
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,6 @@ COUNTS: Final = frozenset({"left_ticks", "right_ticks", "ticks"})
 right, only the commands can be wrong; where it shows that something is grossly wrong, they are
 not."""
 
-_FACTORS: Final = (2, 4, 10, 256, 1000, math.pi / 180)
 _WHEELS: Final[Mapping[str, tuple[int, ...]]] = {
     "left_ticks": (0,),
     "right_ticks": (1,),
@@ -58,7 +57,7 @@ def mistakes(data: DriveData, effect: str, doubted: frozenset[str]) -> list[Mist
     if effect == "setup_sign":
         signals = sorted({"command_turn", "left_ticks", "right_ticks"} & doubted)
         return [_read_wrong(data, signal, -1.0, {"signal": signal}) for signal in signals]
-    factors = [value for factor in _FACTORS for value in (factor, 1 / factor)]
+    factors = [value for factor in FACTORS for value in (factor, 1 / factor)]
     return [
         _read_wrong(data, signal, factor, {"signal": signal, "factor": factor})
         for signal in sorted((COMMANDS | COUNTS) & doubted)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.drive_floor import DriveNoise, drive_floor
 from gap_diagnosis.gap.floor import DRAWS, Floor, NoiseLevels, noise_floor
 from gap_diagnosis.gap.how_far import Compared, metric_of

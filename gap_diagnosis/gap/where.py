@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.manoeuvres import Kinds
 from gap_diagnosis.gap.metrics import Path, path_errors, series_errors
 from gap_diagnosis.gap.odometry import as_travelled, gyro_share, gyro_turn_rad, without_offset

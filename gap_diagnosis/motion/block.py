@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
@@ -23,14 +23,13 @@ from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.scan import Found, Scan
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
 _DRAWS: Final = 4000
 _THREES: Final = 12
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
-_GROSS_GAIN: Final = 30.0
-"""A mistake of the set-up gains more than this [nat], or is none."""
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -39,10 +38,6 @@ ALIASES: Final = {"ticks_per_rev": ALIASED}
 
 LATENCY: Final = "frame_latency"
 OFFSET: Final = "reference_time_offset"
-
-
-def _only(effect: str) -> frozenset[str]:
-    return frozenset({effect})
 
 
 def aliased(effects: frozenset[str]) -> frozenset[str]:
@@ -133,11 +128,12 @@ class MotionBlock:
 
         About so gross an error nothing is linear. None: no mistake is likelier than no effect.
         """
-        wrong = [self.scan.found[one] for one in map(_only, GROSS) if one in self.scan.found]
+        singles = (frozenset({effect}) for effect in GROSS)
+        wrong = [self.scan.found[one] for one in singles if one in self.scan.found]
         if not wrong:
             return None
         best = max(wrong, key=lambda one: one.log_evidence)
-        if best.log_evidence < self._nothing.log_evidence + _GROSS_GAIN:
+        if best.log_evidence < self._nothing.log_evidence + LEAST_GAIN:
             return None
         (term,) = best.terms
         effect = term.variant.effect

@@ -11,7 +11,9 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
-from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Variant, explanation_of
+from gap_diagnosis.explanations.choices import SLIP_WINDOWS
+from gap_diagnosis.explanations.registry import explanation_of
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats

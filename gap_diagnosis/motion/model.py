@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Columns, Term, build_columns, with_variant
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score

@@ -12,7 +12,9 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import SLIP_WINDOWS, Action, Variant, rank_of
+from gap_diagnosis.explanations.choices import SLIP_WINDOWS
+from gap_diagnosis.explanations.registry import rank_of
+from gap_diagnosis.explanations.variant import Action, Variant
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import gram_of, score
 from gap_diagnosis.motion.model import MotionModel

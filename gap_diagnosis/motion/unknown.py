@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.evidence import gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals

@@ -18,7 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.explanations.registry import dead_ticks
+from gap_diagnosis.explanations.choices import dead_ticks
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.recording import Floats
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.result_parts import ParameterEstimate
 from gap_diagnosis.trials.rivals.door import Effects, named
 from gap_diagnosis.trials.rivals.trajectory import Fitted

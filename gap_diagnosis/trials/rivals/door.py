@@ -16,7 +16,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.holdout import HoldOut, hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of

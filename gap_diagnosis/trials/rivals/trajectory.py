@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
-from gap_diagnosis.explanations.registry import Setting, Variant
+from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.gap.metrics import Path
 from gap_diagnosis.gap.odometry import as_reported, gyro_turn_rad
 from gap_diagnosis.motion.columns import GROSS

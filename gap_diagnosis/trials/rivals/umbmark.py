@@ -18,7 +18,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from gap_diagnosis.explanations.registry import EXPLAINED, Setting
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.manoeuvres import REST, kinds_of
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats

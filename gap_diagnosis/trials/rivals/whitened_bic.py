@@ -18,7 +18,7 @@ import numpy as np
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import drive_block
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.motion.columns import Term

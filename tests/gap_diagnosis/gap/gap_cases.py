@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.explanations.registry import EXPLAINED, Setting
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.floor import NoiseLevels
 from gap_diagnosis.gap.metrics import Path
 from gap_diagnosis.motion.estimate import estimate_motion

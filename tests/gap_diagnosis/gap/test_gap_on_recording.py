@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_cases import LEVELS, drives, setting
 
-from gap_diagnosis.explanations.registry import Setting
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of

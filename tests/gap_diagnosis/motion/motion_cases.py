@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.explanations.registry import EXPLAINED, Setting, Value, predict
+from gap_diagnosis.explanations.registry import EXPLAINED, predict
+from gap_diagnosis.explanations.variant import Setting, Value
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import cast
 
-from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior

@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from gap_diagnosis.explanations.registry import EXPLAINED, Variant
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import Gram, gram_of, score
 from gap_diagnosis.priors import default_prior

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from motion_cases import EXACT, ROBOT, WIRE, Floats, misfit, setting_of, without_noise
 
-from gap_diagnosis.explanations.registry import EXPLAINED, Value
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recordings
 from hil_harness.effects import EffectSetting

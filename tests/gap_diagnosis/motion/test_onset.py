@@ -9,7 +9,7 @@ import pytest
 from motion_cases import EXACT, ROBOT, WIRE, nodes_of
 
 from gap_diagnosis.explanations import EXPLAINED, predict
-from gap_diagnosis.explanations.registry import Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.onset import windowed
 from gap_diagnosis.motion.scan import Scan

@@ -1,0 +1,253 @@
+"""Sides, windows, thresholds, bits: in which variants an effect can act on the log at hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.explanations import encoder, gyro, reference, wheel
+from gap_diagnosis.explanations.variant import Value, Variant
+from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.setup_mistakes import FACTORS
+
+
+def missed_ticks(motion: Motion) -> Iterable[Variant]:
+    """Return both sides at thresholds over the range of the wheels' rates."""
+    fastest = float(
+        max(np.abs(motion.left_rate_rad_s).max(), np.abs(motion.right_rate_rad_s).max())
+    )
+    for side, act in (
+        ("left", encoder.missed_ticks_left),
+        ("right", encoder.missed_ticks_right),
+    ):
+        for share in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9):
+            threshold = share * fastest
+            fixed = {"threshold": threshold}
+            report: dict[str, Value] = {"side": side, "threshold": threshold}
+            yield Variant(
+                "missed_ticks",
+                act,
+                ("probability",),
+                fixed,
+                report,
+                is_positive=True,
+                chance=_chance_of_missed(side, threshold),
+            )
+
+
+def _chance_of_missed(side: str, threshold: float) -> Callable[[Motion, float], float]:
+    """Return the standard deviation of the share of ticks that a probability lets get lost."""
+
+    def chance(motion: Motion, probability: float) -> float:
+        step = motion.left_step_rad if side == "left" else motion.right_step_rad
+        rate = motion.left_rate_rad_s if side == "left" else motion.right_rate_rad_s
+        ticks = float(np.abs(step[np.abs(rate) > threshold]).sum()) / motion.rad_per_count
+        share = min(max(probability, 0.0), 1.0)
+        return math.sqrt(share * (1.0 - share) / max(ticks, 1.0))
+
+    return chance
+
+
+def chance_of_extra(motion: Motion, rate: float) -> float:
+    """Return the standard deviation of the mean rate that spurious counts come at."""
+    return math.sqrt(abs(rate) / float(motion.elapsed_s[-1]))
+
+
+SLIP_WINDOWS: Final = 12
+"""One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
+
+
+def one_sided_slip(motion: Motion) -> Iterable[Variant]:
+    """Return both sides in every window whose ends lie on the grid."""
+    edges = np.linspace(motion.t_s[0] - 1e-6, motion.t_s[-1] + 1e-6, SLIP_WINDOWS + 1)
+    for side, act in (("left", wheel.slip_left), ("right", wheel.slip_right)):
+        for first in range(SLIP_WINDOWS):
+            for last in range(first + 1, SLIP_WINDOWS + 1):
+                fixed = {"start_s": float(edges[first]), "stop_s": float(edges[last])}
+                report: dict[str, Value] = {"side": side, **fixed}
+                yield Variant("one_sided_slip", act, ("ratio",), fixed, report)
+
+
+def gyro_saturation(motion: Motion) -> Iterable[Variant]:
+    """Return the limit that a flat top of the rate shows, or limits below the largest turn rate."""
+    flat = _flat_top(motion)
+    if flat is not None:
+        known = {"limit": flat}
+        yield Variant("gyro_saturation", gyro.gyro_saturation, (), known, known)
+        return
+    fastest = float(np.abs(motion.turn_rate_rad_s).max())
+    for share in (0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3):
+        limit = {"limit": share * fastest}
+        if fastest > 0.1:
+            yield Variant("gyro_saturation", gyro.gyro_saturation, (), limit, limit)
+
+
+_LEAST_AT_TOP: Final = 20
+
+
+def _flat_top(motion: Motion) -> float | None:
+    """Return the rate beyond which no code goes though many go so far; None where there is none."""
+    if motion.gyro_code is None:
+        return None
+    away = np.abs(motion.gyro_code - motion.gyro_zero_rate_code)
+    reach = float(away.max())
+    at_top = int(np.count_nonzero(away >= reach - 0.6))
+    just_below = int(np.count_nonzero((away < reach - 0.6) & (away > reach - 1.6)))
+    if reach < 1 or at_top < max(_LEAST_AT_TOP, 5 * just_below):
+        return None
+    return reach / motion.gyro_sensitivity_lsb_per_rad_s
+
+
+def adc_inl(motion: Motion) -> Iterable[Variant]:
+    """Return the converter's bend, where the log has a converter: codes, not physical rates."""
+    if motion.gyro_code is not None:
+        yield Variant("adc_inl", gyro.adc_inl, ("peak",))
+
+
+def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
+    """Return every bit at both values, where there are codes."""
+    if motion.gyro_code is None:
+        return
+    for bit in range(int(math.log2(motion.adc_max_code + 1))):
+        for value in (0, 1):
+            choice = {"bit": bit, "value": value}
+            yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), choice, choice)
+
+
+_FROZEN_TICKS: Final = 20
+_DEAD_S: Final = 1.0
+_DEAD_TICKS: Final = 50
+
+
+def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+    """Return [first, last] of runs of at least *least* true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2) if b - a >= least]
+
+
+def gyro_frozen(motion: Motion) -> Iterable[Variant]:
+    """Return the longest stretches in which the code repeats though it could not.
+
+    Either the wheels' turning varies, or a converter that sees the sensor's noise never says the
+    same so often; then even at a constant rate the code that is held is off by one sample's noise.
+    """
+    if motion.gyro_code is None:
+        return
+    same = np.diff(motion.gyro_code, prepend=np.nan) == 0
+    turning = motion.right_rate_rad_s - motion.left_rate_rad_s
+    found = [
+        (first, last)
+        for first, last in _runs(same, _FROZEN_TICKS)
+        if motion.gyro_noise_lsb > _NOISY_LSB
+        or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > _FROZEN_RATE
+    ]
+    for first, last in sorted(found, key=lambda run: run[0] - run[1])[:4]:
+        window = {
+            "start_s": float(motion.t_s[first - 1]) - 1e-6,
+            "stop_s": float(motion.t_s[last]) + 1e-6,
+        }
+        yield Variant("gyro_frozen", gyro.gyro_frozen, (), window, window)
+
+
+_FROZEN_RATE: Final = 0.02
+_NOISY_LSB: Final = 2.0
+"""With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
+
+
+def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
+    """Return for each side the longest stretch [first, last] in which only the other counts."""
+    steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
+    least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
+    found = {}
+    for side, step in steps.items():
+        other = steps["right" if side == "left" else "left"]
+        runs = [
+            (first, last)
+            for first, last in _runs(step == 0, least)
+            if np.abs(other[first : last + 1]).sum() > _DEAD_TICKS * motion.rad_per_count
+        ]
+        if runs:
+            found[side] = max(runs, key=lambda run: run[1] - run[0])
+    return found
+
+
+def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
+    """Return, bool[n], the ticks in which only one wheel counts for long."""
+    dead = np.zeros(len(motion.t_s), dtype=np.bool_)
+    for first, last in _dead_windows(motion).values():
+        dead[first : last + 1] = True
+    return dead
+
+
+def encoder_dead(motion: Motion) -> Iterable[Variant]:
+    """Return the sides that stand while the robot moves, from where they do."""
+    acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
+    for side, (first, last) in _dead_windows(motion).items():
+        window = {
+            "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
+            "stop_s": float(motion.t_s[last]) + 1e-6,
+        }
+        report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
+        yield Variant("encoder_dead", acts[side], (), window, report)
+
+
+def encoder_wrap(motion: Motion) -> Iterable[Variant]:
+    """Return the width at which the counts jump, if they do."""
+    if motion.wrap_bits:
+        choice: dict[str, Value] = {"bits": motion.wrap_bits}
+        fixed = {"bits": motion.wrap_bits}
+        yield Variant("encoder_wrap", encoder.encoder_wrap, (), fixed, choice)
+
+
+def frame_latency(motion: Motion) -> Iterable[Variant]:
+    """Return latencies of rows whose frames carry no counter: tables, where stamps are all."""
+    if motion.has_counters:
+        return
+    for frame, act, large in (
+        ("IMU", reference.gyro_latency, reference.late_gyro),
+        ("ENCODER", reference.counts_latency, reference.late_counts),
+        ("sensors", reference.sensors_latency, None),
+    ):
+        yield Variant(
+            "frame_latency",
+            act,
+            ("delay",),
+            report={"frame": frame},
+            is_positive=True,
+            large=large,
+        )
+
+
+def setup_sign(motion: Motion) -> Iterable[Variant]:
+    """Return a wrong sign of either count or of the gyro."""
+    actions = (
+        ("left_ticks", encoder.left_factor),
+        ("right_ticks", encoder.right_factor),
+        ("gyro", gyro.gyro_factor),
+    )
+    for signal, act in actions:
+        yield Variant("setup_sign", act, (), {"factor": -1.0}, {"signal": signal})
+
+
+def setup_unit(motion: Motion) -> Iterable[Variant]:
+    """Return every known factor on counts or gyro."""
+    factors = [value for factor in FACTORS for value in (factor, 1 / factor)]
+    actions = (
+        ("left_ticks", encoder.left_factor),
+        ("right_ticks", encoder.right_factor),
+        ("ticks", _both_factors),
+        ("gyro", gyro.gyro_factor),
+    )
+    for signal, act in actions:
+        for factor in factors:
+            named: dict[str, Value] = {"signal": signal, "factor": factor}
+            yield Variant("setup_unit", act, (), {"factor": factor}, named)
+
+
+def _both_factors(p: Prediction, *, factor: float) -> None:
+    encoder.left_factor(p, factor=factor)
+    encoder.right_factor(p, factor=factor)

@@ -1,0 +1,90 @@
+"""One way in which an effect can act on a prediction.
+
+A variant has everything but its linear coefficients decided: a side, a window, a threshold, a bit.
+Its coefficients are amplitudes about neutral; for an effect that is either there or not it has
+none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gap_diagnosis.prediction import Motion, Prediction
+
+Value = float | int | str
+Action = Callable[..., None]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way in which an effect acts.
+
+    Attributes:
+        effect: its name in the catalogue.
+        act: changes a prediction; takes the coefficients and the fixed values by name.
+        coefficients: names of the amplitudes, empty for an effect that is there or not.
+        fixed: values decided for this variant, handed to `act`.
+        report: values decided for this variant, as the catalogue names them.
+        polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
+            a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
+        is_positive: coefficients are sizes that cannot be negative.
+        stage_rank: order of acting, for effects of a user's library.
+        chance: how far what happened may be off from the coefficient, a rate or probability, by
+            chance alone (standard deviation), for that coefficient.
+        little: how small amounts act, where a share of a large one would look otherwise.
+        large: how amounts act that show in every detail of the motion, where small ones would be
+            taken for the rounding of counts.
+    """
+
+    effect: str
+    act: Action
+    coefficients: tuple[str, ...] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    report: Mapping[str, Value] = field(default_factory=dict)
+    polar: tuple[str, str] | None = None
+    polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
+    is_positive: bool = False
+    stage_rank: int = 3
+    little: Action | None = None
+    large: Action | None = None
+    chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
+
+    def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
+        """Change *prediction* as the effect with these coefficients does."""
+        named = dict(zip(self.coefficients, coefficients, strict=True))
+        self.act(prediction, **named, **self.fixed)
+
+    def parameters(self, draws: Any) -> dict[str, Any]:
+        """Return the catalogue's parameters for coefficients *draws*, float64[..., k]."""
+        values: dict[str, Any] = {}
+        if self.polar is not None:
+            a, b = self.polar_turn(draws[..., 0], draws[..., 1])
+            values[self.polar[0]] = np.hypot(a, b)
+            values[self.polar[1]] = np.arctan2(b, a)
+        else:
+            for index, name in enumerate(self.coefficients):
+                values[name] = draws[..., index]
+        return values
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An effect that the motion can speak of.
+
+    Attributes:
+        effect: its name.
+        stage_rank: order of acting: 0 encoder, 1 wheel, 2 gyro, 3 reference.
+        variants: the ways in which it can act on this log.
+    """
+
+    effect: str
+    stage_rank: int
+    variants: Callable[[Motion], Iterable[Variant]]
+
+
+Setting = tuple[Variant, Sequence[float]]
+"""A variant with its coefficients."""

@@ -1,0 +1,59 @@
+"""A mistake of the set-up that is put right leaves the log that there would have been."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE
+
+from gap_diagnosis.motion.gross import put_right
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.setup_mistakes import FACTORS
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.scenarios import scenario
+
+LOG = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=EXACT, duration_s=5.0)
+
+
+def wrong(signal: str, factor: float) -> Recording:
+    """Return the log with a signal that reads so many times what it should."""
+    rate = LOG.gyro_rate_rad_s
+    assert rate is not None
+    sides = {"ticks": ("left_ticks", "right_ticks")}.get(signal, (signal,))
+    if signal == "gyro":
+        return replace(LOG, gyro_rate_rad_s=rate * factor)
+    return replace(LOG, **{side: getattr(LOG, side) * factor for side in sides})
+
+
+def assert_same(found: Recording) -> None:
+    assert found.gyro_rate_rad_s is not None
+    assert LOG.gyro_rate_rad_s is not None
+    np.testing.assert_allclose(found.left_ticks, LOG.left_ticks, rtol=1e-12)
+    np.testing.assert_allclose(found.right_ticks, LOG.right_ticks, rtol=1e-12)
+    np.testing.assert_allclose(found.gyro_rate_rad_s, LOG.gyro_rate_rad_s, rtol=1e-12)
+
+
+@pytest.mark.parametrize("signal", ["left_ticks", "right_ticks", "ticks", "gyro"])
+@pytest.mark.parametrize("factor", [one for known in FACTORS for one in (known, 1 / known)])
+def test_a_factor_is_divided_out_of_the_signal_that_has_it(signal, factor):
+    found, log_scale = put_right(
+        wrong(signal, factor), "setup_unit", {"signal": signal, "factor": factor}
+    )
+    assert_same(found)
+    # Only the gyro is compared in its own unit: a density per rad becomes one per so many rad.
+    assert log_scale == (pytest.approx(-np.log(factor)) if signal == "gyro" else 0.0)
+
+
+@pytest.mark.parametrize("signal", ["left_ticks", "right_ticks", "gyro"])
+def test_a_sign_is_turned_back(signal):
+    found, log_scale = put_right(wrong(signal, -1.0), "setup_sign", {"signal": signal})
+    assert_same(found)
+    assert log_scale == 0.0
+
+
+def test_sides_are_swapped_back():
+    swapped = replace(LOG, left_ticks=LOG.right_ticks, right_ticks=LOG.left_ticks)
+    found, _ = put_right(swapped, "setup_wheels_swapped", {})
+    assert_same(found)
