@@ -23,6 +23,7 @@ REASONS: Final[tuple[Reason, ...]] = get_args(Reason)
 # Stamps are whole microseconds kept in a float: they are that exact after rounding.
 _ROUNDING_US: Final = 0.5
 _OK: Final = E2EStatus.OK
+_INVALID: Final = E2EState.INVALID
 
 _log = logging.getLogger(__name__)
 
@@ -36,6 +37,8 @@ class Accepted(NamedTuple):
         invalid: names of the signals that their sender marked as not available (SNA).
         timestamp_us: its stamp.
         counter: its alive counter, 0 to 14; None for an unprotected message.
+        is_trusted: False while AUTOSAR's state machine calls the message's stream INVALID: this
+            frame passed its checks, but too few of the last ones did.
     """
 
     spec: MessageSpec
@@ -43,6 +46,7 @@ class Accepted(NamedTuple):
     invalid: tuple[str, ...]
     timestamp_us: int
     counter: int | None
+    is_trusted: bool = True
 
 
 class _Reception:
@@ -110,6 +114,7 @@ class FrameChecker:
             self._reject("length", message)
             return None
         alive: int | None = None
+        is_trusted = True
         counter = reception.counter
         if counter is not None:
             last_us = reception.last_us
@@ -126,7 +131,7 @@ class FrameChecker:
                 return None
             alive = data[1] & 0x0F
             status = counter.check(alive)
-            reception.machine.add(status)
+            is_trusted = reception.machine.add(status) is not _INVALID
             if status is not _OK and not status.is_accepted:
                 self._reject("counter", message)
                 return None
@@ -155,7 +160,7 @@ class FrameChecker:
         if not -_ROUNDING_US <= now_us - stamp <= self._max_age_us + _ROUNDING_US:
             self._reject("age", message)
             return None
-        return Accepted(reception.spec, raw, invalid, round(stamp), alive)
+        return Accepted(reception.spec, raw, invalid, round(stamp), alive, is_trusted)
 
     def e2e(self, name: str) -> tuple[ProfileStatus, E2EState]:
         """Return the result of a protected message's last cycle, and the state of its stream.

@@ -12,8 +12,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from can_bus import COUNTER_MODULO, Arrivals, CounterCheck, MessageSpec, Traffic
-from firmware_model import FRESH, STALE, pose_m_rad, run_batch
+from can_bus import (
+    COUNTER_MODULO,
+    Arrivals,
+    CounterCheck,
+    E2EState,
+    E2EStateMachine,
+    MessageSpec,
+    Traffic,
+)
+from firmware_model import FRESH, INVALID, STALE, pose_m_rad, run_batch
 from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.effects.model import Effect
@@ -208,8 +216,9 @@ def _kernel_inputs(
     """Return int64[ticks, 5]: what the firmware's node hands its kernel."""
     ticks = len(left)
     columns = {"left_count": left, "right_count": right, "gyro": gyro}
-    accepted: dict[str, Ints] = {}
+    accepted: dict[str, tuple[Ints, Ints, Bools]] = {}
     values, fresh = {}, {}
+    distrusted = dict.fromkeys(KERNEL_ROLES, np.zeros(ticks, dtype=np.bool_))
     for role in KERNEL_ROLES:
         mapped = wire.signal_map.get(role)
         values[role] = columns[role]
@@ -222,13 +231,15 @@ def _kernel_inputs(
         if spec.name not in arrivals and every == 1:
             continue
         if spec.name not in accepted:
-            accepted[spec.name] = accepted_frames(spec, arrivals.get(spec.name), wire, ticks)[1]
-        payload = accepted[spec.name]
+            accepted[spec.name] = accepted_frames(spec, arrivals.get(spec.name), wire, ticks)
+        payload, distrusted[role] = accepted[spec.name][1:]
         fresh[role] = payload >= 0
         sampled = phase + np.maximum(payload, 0) * every
         values[role] = np.where(fresh[role], columns[role][sampled], 0)
     encoder = np.where(fresh["left_count"] & fresh["right_count"], FRESH, STALE)
+    encoder[distrusted["left_count"] | distrusted["right_count"]] = INVALID
     inertial = np.where(fresh["gyro"], FRESH, STALE)
+    inertial[distrusted["gyro"]] = INVALID
     return np.column_stack(
         [values["left_count"], values["right_count"], encoder, values["gyro"], inertial]
     ).astype(np.int64)
@@ -250,19 +261,22 @@ def ticks_of_answers(wire: Wire, arrivals: Mapping[str, Arrivals], ticks: int) -
 
 def accepted_frames(
     spec: MessageSpec, arrivals: Arrivals | None, wire: Wire, ticks: int
-) -> tuple[Ints, Ints]:
-    """Return int64[ticks] twice: which frame the node believes, whose payload; -1 for none.
+) -> tuple[Ints, Ints, Bools]:
+    """Return per tick whose counter the node answers with, whose payload it uses; -1 for none.
 
-    As `FrameChecker`: of a protected message only frames in sequence; the newest of a tick counts.
+    The third array tells where a frame came that is not used because its stream is not trusted. As
+    `FrameChecker`: of a protected message only frames in sequence; the newest of a tick counts.
     """
     period_us = wire.tick_period_us
     every, phase = cycle_of(spec, period_us)
     newest = np.full(ticks, -1, dtype=np.int64)
+    distrusted = np.zeros(ticks, dtype=np.bool_)
     if arrivals is None:
         newest[phase::every] = np.arange(len(newest[phase::every]))
-        return newest, newest
+        return newest, newest, distrusted
     which = newest.copy()
     check = None if spec.e2e is None else CounterCheck(spec.e2e)
+    machine = E2EStateMachine()
     cycle_us = spec.cycle_time_us
     last_us: int | None = None
     for frame, payload, time_us in zip(
@@ -277,12 +291,17 @@ def accepted_frames(
                 missed = (2 * (now_us - last_us) + cycle_us) // (2 * cycle_us) - 1
                 if missed > 0:
                     check.pass_cycles(missed)
+                    machine.pass_cycles(missed)
             last_us = now_us
-            if not check.check((phase + frame * every) % COUNTER_MODULO).is_accepted:
+            status = check.check((phase + frame * every) % COUNTER_MODULO)
+            state = machine.add(status)
+            if not status.is_accepted:
                 continue
+            distrusted[tick] = state is E2EState.INVALID
         which[tick] = frame
-        newest[tick] = payload
-    return which, newest
+        if not distrusted[tick]:
+            newest[tick] = payload
+    return which, newest, distrusted
 
 
 def _firmware(

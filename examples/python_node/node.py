@@ -38,7 +38,7 @@ class WheelOdometry:
         self._tick += 1
         for frame in frames:
             accepted = self._checker.check(frame, now_us)
-            if accepted is not None and not accepted.invalid:
+            if accepted is not None and accepted.is_trusted and not accepted.invalid:
                 self._move(int(accepted.raw["left_count"]), int(accepted.raw["right_count"]))
         if self._last is None:
             return []

@@ -46,11 +46,12 @@ class FirmwareNode:
     """The ECU: steps its kernel once per call, on whatever valid frames have arrived.
 
     Frames are checked for identifier, length, CRC, counter, range and age; rejected ones are
-    counted in `checker.rejected` and touch nothing. Of several valid frames of one message the
-    newest counts, as in a receive mailbox. Its own frames carry the tick counter of the encoder
-    frame it has used, or its own running one while there is none. `trigger_ids` are the frames that
-    make a tick's input complete (real time only). `program` is what it runs instead of the
-    described one; a tick that it does not execute sends nothing.
+    counted in `checker.rejected` and touch nothing. One that passes while its stream's E2E state is
+    INVALID is handed on as invalid, so it is not used either. Of several valid frames of one
+    message the newest counts, as in a receive mailbox. Its own frames carry the tick counter of the
+    encoder frame that came last, or its own running one while there is none. `trigger_ids` are the
+    frames that make a tick's input complete (real time only). `program` is what it runs instead of
+    the described one; a tick that it does not execute sends nothing.
 
     Raises HarnessError where robot, map and formats do not fit together.
     """
@@ -124,7 +125,7 @@ class FirmwareNode:
                 continue
             message = accepted.spec.name
             for index, name, convert in self._readers[message]:
-                if name in accepted.invalid:
+                if name in accepted.invalid or not accepted.is_trusted:
                     invalid[index] = True
                 else:
                     invalid[index] = False

@@ -97,9 +97,11 @@ class Receiver:
     def __init__(self) -> None:
         self.checker = FrameChecker(DATABASE, ["ENCODER"], max_age_us=2 * TICK_US)
         self.results: list[tuple[str, str]] = []
+        self.is_trusted = False
 
     def hear(self, message: can.Message, now_us: int) -> bool:
         accepted = self.checker.check(message, now_us)
+        self.is_trusted = accepted is not None and accepted.is_trusted
         status, state = self.checker.e2e("ENCODER")
         self.results.append((status.name, state.name))
         return accepted is not None
@@ -140,6 +142,7 @@ def test_fifteen_frames_lost_look_like_none_but_for_the_silence() -> None:
     receiver = heard([0, 1, 2, 3, 19])
     assert receiver.statuses[-1] == "OK"
     assert receiver.results[-1][1] == "INVALID"
+    assert not receiver.is_trusted
 
 
 def test_repetition() -> None:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from can_bus import COUNTER_MODULO, MessageSpec, make_message
-from firmware_model import FRESH
+from can_bus import COUNTER_MODULO, E2EState, MessageSpec, make_message
+from firmware_model import FRESH, INVALID, StatusBit
 from hil_harness import FirmwareNode, load_robot, load_wire
 from hil_harness.assembly import Wire
 
@@ -156,6 +156,37 @@ def test_an_invalid_counter_value_is_delivered_as_invalid_not_as_a_number() -> N
     node.step(10 * PERIOD_US, [frame])
     assert pose(node) == before
     assert node.inputs.encoder_validity[-1] == 2
+
+
+@pytest.mark.parametrize("way", ["lost", "damaged"])
+def test_a_good_frame_of_a_stream_that_is_not_trusted_is_not_used(way: str) -> None:
+    """E2E state INVALID: the first frame after it is not believed, the second leads back."""
+    node = new_node()
+    drive(node, 20)
+    before = pose(node)
+    back = 24 if way == "lost" else 23
+    for tick in range(20, back):
+        frames = sensor_frames(tick)
+        for frame in frames:
+            frame.data[0] ^= 1
+        node.step(tick * PERIOD_US, [] if way == "lost" else frames)
+    rejected = dict(node.checker.rejected)
+    node.step(back * PERIOD_US, sensor_frames(back))
+    assert node.checker.e2e("ENCODER")[1] is E2EState.INVALID
+    assert node.inputs.encoder_validity[-1] == INVALID
+    assert node.inputs.gyro_validity[-1] == INVALID
+    assert node.kernel.status & StatusBit.ENCODER_INVALID
+    assert node.checker.rejected == rejected, "no check of the frame itself failed"
+    assert pose(node)[:2] == before[:2]
+    tick = back
+    while node.checker.e2e("ENCODER")[1] is not E2EState.VALID:
+        tick += 1
+        node.step(tick * PERIOD_US, sensor_frames(tick))
+    assert tick == back + (1 if way == "lost" else 2)
+    assert node.inputs.encoder_validity[-1] == FRESH
+    always_heard = new_node()
+    drive(always_heard, tick + 1)
+    assert pose(node)[0] == pytest.approx(pose(always_heard)[0], rel=1e-3), "no distance is lost"
 
 
 def test_its_frames_share_the_counter_of_the_tick() -> None:
