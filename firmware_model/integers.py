@@ -41,22 +41,19 @@ def floor_shift(value: int, bits: int) -> int:
 def shift_round(value: int, bits: int, rounding: int) -> int:
     """Return value / 2^bits rounded as *rounding* says.
 
-    Scaling and overflow: drops *bits* (0 to 61) fraction bits. |value| ≤ 2^62, so the added half
-    quantum (at most 2^60) and the correction by one stay inside 64 bits.
+    Scaling and overflow: drops *bits* (0 to 61) fraction bits. |value| ≤ 2^62; what is added is
+    below a quantum (2^61), so the sum stays inside 64 bits.
     """
-    if rounding <= HALF_UP:
-        # FLOOR is 0 and HALF_UP is 1, so this adds nothing or half a quantum, for 0 bits too.
-        return floor_shift(value + ((rounding << bits) >> 1), bits)
-    quotient = floor_shift(value, bits)
-    fraction = value & ((1 << bits) - 1)
-    if rounding == TOWARD_ZERO:
-        if value < 0 and fraction != 0:
-            return quotient + 1
-        return quotient
-    half = (1 << bits) >> 1
-    if fraction > half or (fraction == half and (quotient & 1) == 1 and bits > 0):
-        return quotient + 1
-    return quotient
+    # FLOOR is 0 and HALF_UP is 1: nothing or half a quantum, for 0 bits too.
+    added = (rounding << bits) >> 1
+    if rounding == HALF_EVEN:
+        # Half a quantum to an odd quotient, one unit less than that to an even one.
+        added = ((1 << bits) - 1 + (floor_shift(value, bits) & 1)) >> 1
+    elif rounding == TOWARD_ZERO:
+        added = 0
+        if value < 0:
+            added = (1 << bits) - 1
+    return floor_shift(value + added, bits)
 
 
 @kernel_function

@@ -61,29 +61,27 @@ static inline int64_t power_of_two(unsigned bits)
 /**
  * @brief value / 2^bits, rounded.
  *
- * Scaling and overflow: drops bits (0 to 61) fraction bits. |value| is at most 2^62, so the added
- * half quantum (at most 2^60) and the correction by one stay inside 64 bits.
+ * Scaling and overflow: drops bits (0 to 61) fraction bits. |value| is at most 2^62; what is added
+ * is below a quantum (2^61), so the sum stays inside 64 bits.
  */
 static inline int64_t shift_round(int64_t value, unsigned bits, unsigned rounding)
 {
-    int64_t quotient;
-    uint64_t fraction;
-    uint64_t half;
+    uint64_t added;
 
     if (rounding <= CHIPLOG_HALF_UP) {
-        /* FLOOR is 0 and HALF_UP is 1: this adds nothing or half a quantum, for 0 bits too. */
-        return floor_shift(value + as_signed(((uint64_t)rounding << bits) >> 1), bits);
+        /* FLOOR is 0 and HALF_UP is 1: nothing or half a quantum, for 0 bits too. */
+        added = ((uint64_t)rounding << bits) >> 1;
+    } else {
+        const uint64_t mask = (UINT64_C(1) << bits) - 1u;
+
+        if (rounding == CHIPLOG_HALF_EVEN) {
+            /* Half a quantum to an odd quotient, one unit less than that to an even one. */
+            added = (mask + (((uint64_t)value >> bits) & 1u)) >> 1;
+        } else {
+            added = value < 0 ? mask : 0u;
+        }
     }
-    quotient = floor_shift(value, bits);
-    fraction = (uint64_t)value & ((UINT64_C(1) << bits) - 1u);
-    if (rounding == CHIPLOG_TOWARD_ZERO) {
-        return (value < 0 && fraction != 0u) ? quotient + 1 : quotient;
-    }
-    half = (UINT64_C(1) << bits) >> 1;
-    if (fraction > half || (fraction == half && ((uint64_t)quotient & 1u) == 1u && bits > 0u)) {
-        return quotient + 1;
-    }
-    return quotient;
+    return floor_shift(value + as_signed(added), bits);
 }
 
 /**
