@@ -9,11 +9,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from can_bus import Arrivals
 from firmware_model import FRESH, STALE, FirmwareConstants, KernelConfig
 from gap_diagnosis.recording import Floats, Ints, Recording
 from hil_harness.assembly import Wire
+from hil_harness.effect_runs import accepted_frames
 from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import Robot
+from hil_harness.signal_roles import Role
+
+Bools = NDArray[np.bool_]
 
 _FINEST_M: Final = 1e-12
 _FINEST_RAD: Final = 1e-12
@@ -29,7 +34,8 @@ class ReplayInputs:
     Attributes:
         config: the described kernel.
         left_count, right_count, gyro_code: int64[m], 0 where stale.
-        encoder_validity, gyro_validity: int8[m]; a frame that the log has not is STALE.
+        encoder_validity, gyro_validity: int8[m]; STALE where the log has no frame, or one that the
+            ECU does not use because its stream is not trusted after a silence.
         at_row: int64[n], the tick of each row of the recording.
         t_s: float64[m], log time of each tick.
     """
@@ -81,7 +87,7 @@ def replay_inputs(recording: Recording, robot: Robot, wire: Wire) -> ReplayInput
     at_row = _grid(recording.tick)
     ticks = int(at_row[-1]) + 1
 
-    def on_grid(values: Floats) -> tuple[Ints, NDArray[np.bool_]]:
+    def on_grid(values: Floats) -> tuple[Ints, Bools]:
         known = np.isfinite(values)
         whole = np.zeros(ticks, np.int64)
         fresh = np.zeros(ticks, np.bool_)
@@ -92,16 +98,29 @@ def replay_inputs(recording: Recording, robot: Robot, wire: Wire) -> ReplayInput
     left, has_left = on_grid(recording.left_ticks)
     right, has_right = on_grid(recording.right_ticks)
     code, has_gyro = on_grid(_codes(recording, config.constants))
+    has_wheels = _is_used(has_left & has_right, "left_count", recording, wire)
+    has_gyro = _is_used(has_gyro, "gyro", recording, wire)
     return ReplayInputs(
         config=config,
         left_count=left,
         right_count=right,
         gyro_code=np.clip(code, 0, _MAX_CODE),
-        encoder_validity=np.where(has_left & has_right, FRESH, STALE).astype(np.int8),
+        encoder_validity=np.where(has_wheels, FRESH, STALE).astype(np.int8),
         gyro_validity=np.where(has_gyro, FRESH, STALE).astype(np.int8),
         at_row=at_row,
         t_s=np.interp(np.arange(ticks), at_row, recording.t_s),
     )
+
+
+def _is_used(has_come: Bools, role: Role, recording: Recording, wire: Wire) -> Bools:
+    """Return where the ECU uses what has come: not a frame that ends a silence, nor a repetition."""
+    mapped = wire.signal_map.get(role)
+    frames = None if mapped is None else recording.frames.get(mapped.message.name)
+    if mapped is None or frames is None or not frames.modulo or has_come.all():
+        return has_come
+    tick = frames.counter[(frames.counter >= 0) & (frames.counter < len(has_come))]
+    arrivals = Arrivals(tick, tick, tick * wire.tick_period_us)
+    return has_come & (accepted_frames(mapped.message, arrivals, wire, len(has_come))[1] >= 0)
 
 
 def _codes(recording: Recording, known: FirmwareConstants) -> Floats:

@@ -28,6 +28,8 @@ def block_of(**effects: dict[str, Any]) -> FirmwareBlock:
         ("frame_jitter", {"frame": "ENCODER", "sigma": 0.004}),
         ("frame_reordering", {"frame": "ENCODER", "probability": 0.01}),
         ("frame_latency", {"frame": "IMU", "delay": 0.0143}),
+        ("frame_loss", {"frame": "ENCODER", "probability": 0.1, "burst": 6}),
+        ("bus_gap", {"start_s": 3, "stop_s": 3.3}),
         ("reception_stamp", {"frame": "ENCODER", "delay": 0.0005, "period": 0.0131}),
     ],
 )
