@@ -113,7 +113,7 @@ def replay_inputs(recording: Recording, robot: Robot, wire: Wire) -> ReplayInput
 
 
 def _is_used(has_come: Bools, role: Role, recording: Recording, wire: Wire) -> Bools:
-    """Return where the ECU uses what has come: not a frame that ends a silence, nor a repetition."""
+    """Return where the ECU uses what has come: no frame that ends a silence, no repetition."""
     mapped = wire.signal_map.get(role)
     frames = None if mapped is None else recording.frames.get(mapped.message.name)
     if mapped is None or frames is None or not frames.modulo or has_come.all():
