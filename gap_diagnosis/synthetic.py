@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO, MessageSpec
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.reading.clock import Clock, fit_clock
+from gap_diagnosis.reading.clock import Clock, fit_clock, lowered
 from gap_diagnosis.reading.counts import unwrap_counts
 from gap_diagnosis.reading.wheels import fastest_ticks
 from gap_diagnosis.recording import FrameTimes, Recording, Reference
@@ -141,7 +141,7 @@ def _recording(
     stamps = rows.stamps(wheels)
     ticks = np.arange(len(run.time_s), dtype=np.int64)
     there = np.isfinite(stamps)
-    clock = _clock(run, wheels.name, ticks[there], stamps[there], period_s)
+    clock = _clock(run, rows, wheels, period_s)
     period, fastest = float(1 << plant.encoder.counter_bits), fastest_ticks(plant, period_s)
     v_m_s = rows.of_command("v_command", run.commands[:, 0])
     w_rad_s = rows.of_command("w_command", run.commands[:, 1])
@@ -176,12 +176,14 @@ def _recording(
     )
 
 
-def _clock(run: EffectRun, wheels: str, ticks: Ints, stamp_s: Floats, period_s: float) -> Clock:
+def _clock(run: EffectRun, rows: _Rows, wheels: MessageSpec, period_s: float) -> Clock:
     """Return the line from ticks to log time; exact where nothing happens to the stamps."""
-    if wheels in run.arrivals:
-        return fit_clock(ticks, np.zeros(len(ticks), np.int64), stamp_s, period_s)
+    tick, segment, stamp_s = rows.stamped(wheels)
+    if wheels.name in run.arrivals:
+        line = fit_clock(tick, segment, stamp_s, period_s)
+        return lowered(line, (rows.stamped(spec) for spec in rows.sensors))
     skew = run.settings.plant.clock_skew
-    quantised = _US / (period_s * len(ticks) ** 1.5)
+    quantised = _US / (period_s * len(tick) ** 1.5)
     return Clock(np.zeros(1), period_s / (1.0 + skew), skew, quantised, 0.0)
 
 
@@ -251,6 +253,16 @@ class _Rows:
             return values
         frame, payload, _ = self._came(mapped.message)
         return _held(self._first(frame, values[payload]))
+
+    @property
+    def sensors(self) -> tuple[MessageSpec, ...]:
+        """The messages that carry sensors."""
+        return self._wire.signal_map.messages(SENSOR_ROLES)
+
+    def stamped(self, spec: MessageSpec) -> tuple[Ints, Ints, Floats]:
+        """Return tick, segment and stamp of each frame of a message."""
+        frame, _, stamp_s = self._came(spec)
+        return frame, np.zeros(len(frame), dtype=np.int64), stamp_s
 
     def stamps(self, spec: MessageSpec) -> Floats:
         """Return the stamps of a message's frames in each tick, NaN where none came."""

@@ -32,11 +32,9 @@ Windows = tuple[tuple[float, float], ...]
 _SAMPLES: Final = 2000
 _MOST_GAPS: Final = 3
 _SURELY_STALE: Final = 3.0
-_EXPLAINED_BY: Final = {
-    "frame_jitter": frozenset({"reception_stamp"}),
-    "frame_latency": frozenset({"reception_stamp", "frame_jitter"}),
-}
-"""A poll explains spread and delay of the stamps, a jitter the delay in the mean."""
+_POLL: Final = "reception_stamp"
+_POLLED: Final = frozenset({"frame_jitter", "frame_latency"})
+"""A poll explains spread and delay of the stamps."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ class BusBlock:
             logs = np.array([one.log_evidence for one in options])
             best = max(options, key=lambda one: one.log_evidence)
             weighed = float(logsumexp(logs)) - math.log(len(logs))
-            if effects & _EXPLAINED_BY.get(name, frozenset()):
+            if _POLL in effects and name in _POLLED:
                 weighed = min(weighed, -1.0)
             log_evidence += weighed
             log_ratio += best.log_ratio
@@ -248,7 +246,7 @@ class BusBlock:
 
     def _jitters(self) -> list[_Option]:
         return [
-            self._chosen(frame, "sigma", jitter(messages), is_late=True)
+            self._chosen(frame, "sigma", jitter(messages))
             for frame, messages in self._groups(self._counted)
         ]
 
@@ -270,10 +268,7 @@ class BusBlock:
     def _chosen(
         self, frame: str, parameter: str, choice: Choice, *, is_late: bool = False
     ) -> _Option:
-        """Return an option of one parameter; *is_late*: where it acts, frames are late on average.
-
-        Delays are never early, so that a poll or a jitter explains the delay in the mean as well.
-        """
+        """Return an option of one parameter; *is_late*: the earliest frames may be late as well."""
         besides = 0.0
         if is_late and choice.log_evidence > 0:
             options = self._of_frames("frame_latency", ())

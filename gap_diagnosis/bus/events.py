@@ -26,6 +26,8 @@ LONGEST_STALE_S: Final = 0.3
 _BY_CHANCE: Final = 0.01
 _SURE_LENGTH: Final = 3
 _WANDER_FRAMES: Final = 501
+_EARLIEST: Final = 1e-3
+"""One stamp in a thousand may be early by mistake."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,20 @@ class Message:
         """Mark frames whose stamps tell of jitter: neither doubled nor swapped."""
         good = ~self.doubled & ~self.swapped & np.isfinite(self.late_s)
         good[:-1] &= ~self.swapped[1:]
+        return good
+
+    @property
+    def earliest_s(self) -> float:
+        """What the earliest frames are late by: delays are never negative, so this is no jitter."""
+        late = self.late_s[self.steady()]
+        return float(np.quantile(late, _EARLIEST, method="lower")) if len(late) else math.nan
+
+    def unhindered(self) -> Bools:
+        """Mark steady frames that none before them can have held up: all had come by then."""
+        sent_s = self.t_s - self.late_s + self.earliest_s
+        before = np.maximum.accumulate(self.t_s)[:-1]
+        good = self.steady()
+        good[1:] &= before <= sent_s[1:]
         return good
 
 

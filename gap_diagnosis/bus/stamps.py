@@ -39,7 +39,7 @@ class Choice:
 
 def spread_of(message: Message) -> tuple[float, int]:
     """Return the standard deviation of a message's lateness [s], and of how many stamps."""
-    late = message.late_s[message.steady()]
+    late = message.late_s[message.unhindered()]
     if len(late) < 20:
         return 0.0, 0
     middle = float(np.median(late))
@@ -80,7 +80,7 @@ def _inflation(message: Message) -> float:
 
     By the lateness' tails, and by how long its size lasts from frame to frame.
     """
-    late = message.late_s[message.steady()]
+    late = message.late_s[message.unhindered()]
     if len(late) < _LEAST_FOR_TAILS:
         return 1.0
     square = (late - late.mean()) ** 2
@@ -102,7 +102,7 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
     for message in messages:
         good = message.steady()
         if np.count_nonzero(good) >= 20:
-            seen[message.name] = float(np.median(message.late_s[good]))
+            seen[message.name] = message.earliest_s
     found: dict[str, Choice] = {}
     if len(seen) < 2:
         return found

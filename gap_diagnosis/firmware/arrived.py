@@ -7,6 +7,7 @@ they used, so that their rows move with it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -18,13 +19,14 @@ from numpy.typing import NDArray
 from can_bus import Arrivals, MessageSpec
 from firmware_model import FRESH, STALE
 from gap_diagnosis.firmware.inputs import ReplayInputs
-from gap_diagnosis.recording import Floats, Ints, Recording
+from gap_diagnosis.recording import Floats, FrameTimes, Ints, Recording
 from hil_harness.assembly import Wire
 from hil_harness.effect_runs import accepted_frames, ticks_of_answers
 from hil_harness.nodes.schedule import cycle_of
 
 Validity = NDArray[np.int8]
 
+_CLEARLY: Final = 10.0
 _NOT_LATE_US: Final = 2
 """Stamps are whole microseconds, and so is the line through them."""
 
@@ -93,15 +95,26 @@ def _delays_us(recording: Recording, names: Sequence[str]) -> dict[str, Floats]:
     """Return by how much each frame came later than the earliest can: whole microseconds.
 
     Delays are never negative, so that the ECU's clock is the line below all stamps that lies
-    closest to them: with delays like an exponential's it is the most likely one.
+    closest to them: with delays like an exponential's it is the most likely one. A clock that runs
+    as described is believed until another one is clearly likelier.
     """
-    late = {name: _lateness_us(name, recording) for name in names}
-    counter = np.concatenate([recording.frames[name].counter for name in names])
-    start, slope = line_below(counter.astype(np.float64), np.concatenate(list(late.values())))
-    return {
-        name: np.maximum(np.rint(one - start - slope * recording.frames[name].counter), 0.0)
-        for name, one in late.items()
-    }
+    frames = [recording.frames[name] for name in names]
+    counter = np.concatenate([one.counter for one in frames])
+    even_us = np.concatenate([_by_described_clock_us(one, recording) for one in frames])
+    line_us = np.concatenate([_lateness_us(one, recording) for one in frames])
+    start, slope = line_below(counter.astype(np.float64), line_us)
+    even_us -= even_us.min()
+    line_us -= start + slope * counter
+    closer = math.log(max(float(even_us.mean()), 1.0) / max(float(line_us.mean()), 1.0))
+    delay_us = line_us if len(counter) * closer > _CLEARLY else even_us
+    whole_us = np.maximum(np.rint(delay_us), 0.0)
+    ends = np.cumsum([len(one.counter) for one in frames])[:-1]
+    return dict(zip(names, np.split(whole_us, ends), strict=True))
+
+
+def _by_described_clock_us(frames: FrameTimes, recording: Recording) -> Floats:
+    """Return the time from each frame's tick to its stamp, if a tick lasts as described."""
+    return np.asarray((frames.t_s - frames.counter * recording.tick_period_s) * 1e6)
 
 
 def line_below(x: Floats, y: Floats) -> tuple[float, float]:
@@ -129,9 +142,8 @@ def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float,
     return (b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _lateness_us(name: str, recording: Recording) -> Floats:
-    """Return the ECU's time from each frame's tick to its stamp, by the line through all stamps."""
-    frames = recording.frames[name]
+def _lateness_us(frames: FrameTimes, recording: Recording) -> Floats:
+    """Return the ECU's time from each frame's tick to its stamp, by the recording's clock."""
     tick_s = (recording.t_s[-1] - recording.t_s[0]) / (recording.tick[-1] - recording.tick[0])
     line = np.interp(frames.counter, recording.tick, recording.t_s)
     beyond = frames.counter - np.clip(frames.counter, recording.tick[0], recording.tick[-1])

@@ -4,7 +4,7 @@ In each window the relative motion (forward, left, turn) of the record is held a
 replay. Its misfit has one of four densities, mixed with weights that do not depend on the replay:
 
 * *equal*: every tick of the window agrees to the last digit of the record;
-* *exact*: the window's misfit is within a few digits;
+* *exact*: the window's misfit is a few digits;
 * *practical*: normal about zero with the floor below which no one would speak of a gap;
 * *wild*: even in logarithm over many orders of magnitude, for lost frames and the like.
 
@@ -175,11 +175,12 @@ def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> F
     z = np.abs(off) / windows.floor
     digits = (_EXACT_QUANTA if windows.from_power_on else _CARRIED_QUANTA) * windows.quantum
     equal = equal & windows.from_power_on
-    exact = np.abs(off) <= digits
     per_digit = np.log(windows.floor / (2.0 * digits))
     log_wild = math.log(_WEIGHT_WILD) + _log_wild(z)
     log_practical = math.log(_WEIGHT_PRACTICAL) - 0.5 * z**2 - 0.5 * math.log(2.0 * math.pi)
-    log_exact = np.where(exact, math.log(_WEIGHT_EXACT) + per_digit, -np.inf)
+    # Cauchy's density has no edge that the chance of a last digit could cross.
+    log_exact = math.log(_WEIGHT_EXACT) + np.log(windows.floor / (math.pi * digits))
+    log_exact = log_exact - np.log1p((off / digits) ** 2)
     log_equal = np.where(equal, math.log(_WEIGHT_EQUAL) + per_digit + _EQUAL_NATS, -np.inf)
     total = np.logaddexp(np.logaddexp(log_wild, log_practical), np.logaddexp(log_exact, log_equal))
     return np.asarray(total)

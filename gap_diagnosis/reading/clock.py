@@ -1,12 +1,14 @@
 """The line from the ECU's ticks to the log's clock, through stamps that jitter.
 
-The line runs through the *middle* of the stamps, not along their lower edge: the catalogue gives a
-delay as a mean with a spread about it, and a line through the middle leaves that mean where it
-belongs, in the latency, which stays free in every fit. Jitter is one-sided with a long tail, and a
-recorder that was busy stamps a whole burst late, so the middle is Tukey's biweight (stamps beyond
-4.685 spreads have no say), started from Huber's line, which has one solution only; both are 95 %
-efficient where the jitter is normal (P. J. Huber, Robust Statistics, 1981). Where the ECU
-restarted, the line has a step; its slope is shared.
+Its slope is that of a line through the *middle* of the stamps. Jitter is one-sided with a long
+tail, and a recorder that was busy stamps a whole burst late, so the middle is Tukey's biweight
+(stamps beyond 4.685 spreads have no say), started from Huber's line, which has one solution only;
+both are 95 % efficient where the jitter is normal (P. J. Huber, Robust Statistics, 1981). Where the
+ECU restarted, the line has a step; its slope is shared.
+
+Its height is that of the *earliest* stamps, of whichever message comes first: delays are never
+negative, so that jitter, a poll or the latency of one message make frames late, and the line not.
+What all frames of all messages are late by stays in it, and free in every fit.
 
 The slope's standard deviation comes from the scatter of blocks of stamps, not of single ones, since
 neighbouring frames are late together (a sandwich estimate clustered by blocks).
@@ -14,7 +16,8 @@ neighbouring frames are late together (a sandwich estimate clustered by blocks).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +33,10 @@ _CONVERGED = 1e-13
 _BLOCKS = 60
 _STAMP_STEP_S = 1e-6
 """Logs carry whole microseconds."""
+_EARLIEST = 1e-3
+"""One stamp in a thousand may be early by mistake."""
+_WANDERS_S = 60.0
+"""Over a longer time two clocks do not keep one rate, and the earliest stamps are sought anew."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,29 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
         skew_sd=_slope_sd(centred, weight * residual, give) / slope**2,
         jitter_s=spread,
     )
+
+
+def lowered(clock: Clock, messages: Iterable[tuple[Ints, Ints, Floats]]) -> Clock:
+    """Return the clock with its line where the earliest stamps lie, segment by segment.
+
+    *messages*: of each message sampled with the tick, its frames' ticks, segments and stamps, as
+    `fit_clock` takes them.
+    """
+    earliest = np.full(len(clock.start_s), np.inf)
+    for tick, segment, stamp_s in messages:
+        late_s = stamp_s - clock.time_s(tick, segment)
+        for number in np.unique(segment):
+            here = segment == number
+            order = np.argsort(tick[here], kind="stable")
+            at_s = clock.tick_s * tick[here][order]
+            edge_s = _lower_edge(late_s[here][order], float(at_s[-1] - at_s[0]))
+            earliest[number] = min(earliest[number], edge_s)
+    return replace(clock, start_s=clock.start_s + np.where(np.isfinite(earliest), earliest, 0.0))
+
+
+def _lower_edge(late_s: Floats, span_s: float) -> float:
+    parts = np.array_split(late_s, min(max(round(span_s / _WANDERS_S), 1), len(late_s)))
+    return float(np.median([np.quantile(one, _EARLIEST, method="lower") for one in parts]))
 
 
 def _slope_sd(centred: Floats, pull: Floats, give: Floats) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.reading.clock import fit_clock
+from gap_diagnosis.reading.clock import fit_clock, lowered
 from gap_diagnosis.reading.frames import MessageFrames, checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
 from gap_diagnosis.reading.rows import hold, rows_of_ticks
 from gap_diagnosis.reading.ticks import Ticks, unwrap_ticks
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
+from hil_harness.sensor_frames import SENSOR_ROLES
 from hil_harness.signal_map import MappedSignal
 from hil_harness.signal_roles import Role
 
@@ -48,6 +50,7 @@ class LogByTicks:
             name: ticks if frames is anchor else self._aligned(frames)
             for name, frames in self.frames.items()
         }
+        self.clock = lowered(self.clock, self._sampled_with_the_tick())
         self.rows = rows_of_ticks(ticks.tick, ticks.segment, self.period_s, str(path))
 
     def _anchor(self) -> MessageFrames:
@@ -74,6 +77,17 @@ class LogByTicks:
                 f"{self.wire.database.path.name} says {self.period_s * 1e3:.3g} ms: expected its "
                 "GenMsgCycleTime in the DBC"
             )
+
+    def _sampled_with_the_tick(self) -> Iterator[tuple[Ints, Ints, Floats]]:
+        """Yield ticks, segments and stamps of the left wheel's frames and of all sensors' that
+        share its counter."""
+        for spec in self.wire.signal_map.messages(SENSOR_ROLES):
+            frames = self.frames.get(spec.name)
+            if frames is None or self.is_faster(frames):
+                continue
+            if frames is self.anchor or _is_shared(frames, self.anchor):
+                ticks = self.ticks[spec.name]
+                yield ticks.tick, ticks.segment, self._seconds(frames)
 
     def _seconds(self, frames: MessageFrames) -> Floats:
         return np.asarray((frames.stamp_us - self.start_us) * _US, dtype=np.float64)
@@ -120,7 +134,7 @@ class LogByTicks:
         own = self._unwrapped(frames)
         away = self.clock.tick(stamps, segment) - own.tick
         tick = own.tick.copy()
-        shared = _is_shared(frames) and _is_shared(self.anchor)
+        shared = _is_shared(frames, self.anchor)
         for number in np.unique(segment):
             here = segment == number
             lag = float(np.median(away[here]))
@@ -170,7 +184,8 @@ class LogByTicks:
         return mapped, hold(self.ticks[name].tick, raw, self.rows.tick)
 
 
-def _is_shared(frames: MessageFrames) -> bool:
-    """Tell whether the counter is the tick counter that the frames of one tick share."""
-    e2e = frames.spec.e2e
-    return frames.counter is not None and e2e is not None and e2e.counter_signal == "tick_counter"
+def _is_shared(*messages: MessageFrames) -> bool:
+    """Tell whether their counter is the tick counter that the frames of one tick share."""
+    counters = [None if one.spec.e2e is None else one.spec.e2e.counter_signal for one in messages]
+    has_counter = all(one.counter is not None for one in messages)
+    return has_counter and set(counters) == {"tick_counter"}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.reading.clock import fit_clock
+from gap_diagnosis.reading.clock import fit_clock, lowered
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,7 +77,9 @@ def table_clock(
     origin = float(time_s[order[0]])
     ecu_us = np.rint((ordered - ordered[0]) / _STEP_S).astype(np.int64)
     one_line = np.zeros(len(order), dtype=np.int64)
-    line = fit_clock(ecu_us, one_line, time_s[order] - origin, _STEP_S)
+    stamp_s = time_s[order] - origin
+    line = fit_clock(ecu_us, one_line, stamp_s, _STEP_S)
+    line = lowered(line, [(ecu_us, one_line, stamp_s)])
     t_s = line.time_s(ecu_us) + origin
     return TableClock(order, t_s, tick, period_s, line.skew, line.skew_sd)
 

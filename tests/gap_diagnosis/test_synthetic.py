@@ -105,6 +105,26 @@ def test_it_is_what_reading_gives(
             np.testing.assert_array_equal(repeats, shown)
 
 
+@pytest.mark.parametrize(
+    ("texts", "late_s"),
+    [
+        (("frame_jitter.sigma=0.005",), 0.0),
+        (("reception_stamp.period=0.0131",), 0.0),
+        (("frame_latency.frame=ENCODER", "frame_latency.delay=0.012"), 0.0),
+        (("frame_latency.delay=0.012",), 0.012),
+        (("frame_latency.delay=0.012", "frame_jitter.sigma=0.002"), 0.012),
+    ],
+)
+def test_ticks_lie_where_the_sensors_sampled_but_for_what_all_frames_are_late_by(
+    robot: Robot, wire: Wire, texts: tuple[str, ...], late_s: float
+) -> None:
+    drive = scenario("calibration")
+    plain = synthetic_recording(robot, wire, drive, (), SEED)
+    made = synthetic_recording(robot, wire, drive, settings_of(*texts), SEED)
+    rows = min(len(plain.t_s), len(made.t_s))
+    np.testing.assert_allclose(made.t_s[:rows] - plain.t_s[:rows], late_s, atol=5e-4)
+
+
 def test_many_cases_at_once_are_each_alone(robot: Robot, wire: Wire) -> None:
     cases = [
         (settings_of(), 1),

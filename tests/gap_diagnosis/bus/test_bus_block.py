@@ -92,6 +92,30 @@ def test_each_effect_is_found_measured_and_its_frame_named(
             assert abs(float(found.value) - value) < max(5 * found.sd, 0.02 * abs(value))
 
 
+def test_a_jitter_that_makes_frames_wait_for_each_other_is_measured_as_it_is() -> None:
+    sigma = {"frame": "sensors", "sigma": 0.01}
+    found = block_of(recording(4, frame_jitter=sigma)).fit(frozenset({"frame_jitter"}))
+    estimate = found.parameters["frame_jitter.sigma"]
+    assert abs(float(estimate.value) - 0.01) < 4 * estimate.sd < 0.001
+
+
+def test_jitter_and_latency_of_one_message_are_told_side_by_side() -> None:
+    both = {
+        "frame_jitter": {"frame": "ENCODER", "sigma": 0.004},
+        "frame_latency": {"frame": "ENCODER", "delay": 0.009},
+    }
+    block = block_of(recording(3, **both))
+    found = block.fit(frozenset(both))
+    assert found.log_evidence > evidence(block, "frame_jitter") + 8
+    for effect, values in both.items():
+        for name, value in values.items():
+            estimate = found.parameters[f"{effect}.{name}"]
+            if isinstance(value, str):
+                assert estimate.value == value
+            else:
+                assert abs(float(estimate.value) - value) < 4 * estimate.sd
+
+
 @pytest.mark.parametrize(
     ("effect", "values"),
     [

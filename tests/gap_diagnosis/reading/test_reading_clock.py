@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from gap_diagnosis.reading.clock import fit_clock
+from gap_diagnosis.reading.clock import fit_clock, lowered
 
 PERIOD_S = 0.01
 
@@ -62,3 +62,36 @@ def test_segments_share_the_slope_and_have_their_own_start() -> None:
 def test_too_few_stamps_say_nothing_of_the_skew() -> None:
     tick = np.arange(3)
     assert np.isnan(fit_clock(tick, one_segment(tick), tick * PERIOD_S, PERIOD_S).skew_sd)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    jitter_s=st.floats(0, 0.005),
+    latency_s=st.floats(0, 0.03),
+    common_s=st.floats(0, 0.03),
+    skew=st.floats(-2e-3, 2e-3),
+)
+def test_only_what_every_message_is_late_by_moves_the_line(
+    seed: int, jitter_s: float, latency_s: float, common_s: float, skew: float
+) -> None:
+    random = np.random.default_rng(seed)
+    tick = np.arange(4000)
+    segment = (tick >= 1500).astype(np.int64)
+    sampled_s = tick * PERIOD_S / (1 + skew) + 0.7 * segment
+    late_s = common_s + jitter_s * random.exponential(size=(2, len(tick)))
+    wheels_s = sampled_s + late_s[0] + latency_s
+    line = fit_clock(tick, segment, wheels_s, PERIOD_S)
+    messages = [(tick, segment, wheels_s), (tick, segment, sampled_s + late_s[1])]
+    away_s = lowered(line, messages).time_s(tick, segment) - sampled_s - common_s
+    # The slope remains that of the middle; the earliest of 1,500 delays is nearly none.
+    assert np.max(np.abs(away_s)) < 0.01 * jitter_s + 6 * line.skew_sd * tick[-1] * PERIOD_S + 1e-6
+
+
+def test_a_single_early_stamp_has_no_say() -> None:
+    tick = np.arange(4000)
+    stamp_s = tick * PERIOD_S + 0.001 * np.random.default_rng(0).exponential(size=4000)
+    line = fit_clock(tick, one_segment(tick), stamp_s, PERIOD_S)
+    without = lowered(line, [(tick, one_segment(tick), stamp_s)])
+    stamp_s[1234] -= 0.5
+    early = lowered(line, [(tick, one_segment(tick), stamp_s)])
+    assert early.start_s == pytest.approx(without.start_s, abs=2e-6)
