@@ -160,8 +160,10 @@ class SimulatedBus(can.BusABC):
         CanOperationError if there is none, or if the handle is closed; CanBusError for a frame
         that classic CAN does not have.
         """
-        with self._pace.lock:
-            self._check_open()
+        pace = self._pace
+        with pace.lock:
+            if not self._is_open:
+                self._check_open()
             if msg.is_error_frame or msg.is_fd:
                 raise CanBusError("the simulated bus sends classic data and remote frames only")
             is_remote = msg.is_remote_frame
@@ -178,7 +180,8 @@ class SimulatedBus(can.BusABC):
             message = copy_of(msg, 0.0)
             message.channel = self._name  # type: ignore[assignment]
             self._channel.send(self._controller, Pending(key, message, length_bits))
-            self._pace.ring()
+            if pace.waiters:
+                pace.ring()
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next completed frame, or let `timeout` pass on the simulated clock."""

@@ -145,18 +145,21 @@ class Channel:
         """
         while steps:
             if self._is_calm and self.faults.is_empty and self._bit_ns and self._flight is None:
-                self._run_quietly(limit_ns, awaited)
-                if awaited:
+                is_over = self._run_quietly(limit_ns, awaited)
+                if is_over or awaited:
                     return False
             if not self.step(limit_ns) or awaited:
                 return False
             steps -= 1
         return True
 
-    def _run_quietly(self, limit_ns: int, awaited: Sized) -> None:
-        """Carry whole frames while nothing else happens: `step` in few words, to the same end."""
-        if self._events and self._events[0][0] < limit_ns:
-            limit_ns = self._events[0][0]
+    def _run_quietly(self, limit_ns: int, awaited: Sized) -> bool:
+        """Carry whole frames while nothing else happens: `step` in few words, to the same end.
+
+        Returns True if nothing is left to do until then, and it is then.
+        """
+        event_ns = self._events[0][0] if self._events else NEVER_NS
+        end_limit_ns = event_ns if event_ns < limit_ns else limit_ns
         bit_ns, controllers = self._bit_ns, self.controllers
         while not awaited and len(controllers) > 1:
             winner, best = None, NEVER_NS
@@ -167,22 +170,27 @@ class Channel:
                     if key < best:
                         winner, best = one, key
                     elif key == best:
-                        return  # two of one identifier: bit by bit
+                        return False  # two of one identifier: bit by bit
             if winner is None:
-                return
-            pending = winner.queue.held[0][2]
+                if event_ns <= limit_ns:
+                    return False
+                self._go(limit_ns)
+                return True
+            queue = winner.queue
+            pending = queue.held[0][2]
             start_ns = self._free_ns if self._free_ns > self.now_ns else self.now_ns
             end_ns = start_ns + pending.length_bits * bit_ns
-            if end_ns > limit_ns or pending.on_sent is not None:
-                return
-            winner.queue.start()
-            winner.queue.finish()
+            if end_ns > end_limit_ns or pending.on_sent is not None:
+                return False
+            queue.pass_head()
             self.now_ns = end_ns
             self.busy_bits += pending.length_bits + INTERFRAME_BITS
             self._free_ns = self._idle_since_ns = end_ns + INTERFRAME_BITS * bit_ns
+            message = pending.message
             if winner.echo is not None:
-                self._echo(winner, pending.message)
-            self._deliver(controllers, winner, pending.message)
+                self._echo(winner, message)
+            self._deliver(controllers, winner, message)
+        return False
 
     def step(self, limit_ns: int) -> bool:
         """Do the next thing that happens until then; if there is none, go there and say so."""

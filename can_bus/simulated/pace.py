@@ -39,6 +39,7 @@ class Pace:
     Attributes:
         lock: of everything on the channel.
         changed: the bell, with that lock, that says it has changed.
+        waiters: the threads that are blocked; without one nobody hears the bell.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -47,7 +48,7 @@ class Pace:
         self.changed = threading.Condition(self.lock)
         self._channel = channel
         self._readers: dict[int, threading.Thread] = {}
-        self._waiters: list[_Waiter] = []
+        self.waiters: list[_Waiter] = []
         self._only_reader: threading.Thread | None = None
 
     def note_reader(self, handle: int) -> None:
@@ -70,7 +71,7 @@ class Pace:
 
         The lock is held by the caller, who is a reader.
         """
-        while self._only_reader is threading.current_thread() and not self._waiters:
+        while self._only_reader is threading.current_thread() and not self.waiters:
             if not self._channel.run(deadline_ns, received, _STEPS_IN_A_GO):
                 if received or deadline_ns < NEVER_NS:
                     return
@@ -82,7 +83,7 @@ class Pace:
 
     def ring(self) -> None:
         """Say that something has changed."""
-        if self._waiters:
+        if self.waiters:
             self.changed.notify_all()
 
     def wait(
@@ -94,7 +95,7 @@ class Pace:
         """
         channel = self._channel
         waiter = _Waiter(is_ready, deadline_ns)
-        self._waiters.append(waiter)
+        self.waiters.append(waiter)
         try:
             while not waiter.is_over(channel.now_ns):
                 if self._is_everyone_waiting():
@@ -105,10 +106,10 @@ class Pace:
                 if is_given_up():
                     return
         finally:
-            self._waiters.remove(waiter)
+            self.waiters.remove(waiter)
 
     def _is_everyone_waiting(self) -> bool:
-        waiters = self._waiters
+        waiters = self.waiters
         if len(waiters) > 1 and any(one.is_over(self._channel.now_ns) for one in waiters):
             return False
         blocked = {one.thread for one in waiters}
@@ -116,7 +117,7 @@ class Pace:
 
     def _move(self) -> bool:
         """Move the clock until somebody's wait is over; return whether anything happened."""
-        channel, waiters = self._channel, self._waiters
+        channel, waiters = self._channel, self.waiters
         limit_ns = min(one.deadline_ns for one in waiters)
         for _ in range(_STEPS_IN_A_GO):
             if not channel.step(limit_ns):

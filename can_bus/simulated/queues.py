@@ -134,6 +134,12 @@ class TransmitQueue:
         if self._behind:
             self._hold(self._behind.popleft())
 
+    def pass_head(self) -> None:
+        """Take the head out and free its mailbox: it has been sent at once."""
+        heappop(self.held)
+        if self._behind:
+            self._hold(self._behind.popleft())
+
     def take_back(self, pending: Pending) -> None:
         """Put the frame that was on the wire back into its mailbox, for another attempt."""
         self._sending -= 1
