@@ -164,7 +164,8 @@ def frame_length_bits(
     length, crc, inserted, state = _head(frame_id, is_extended, dlc, is_remote)
     if len(data) == _MAX_BYTES:
         crcs, stuffing = _words()
-        a, b, c, d = _unpack_words(data)
+        words: tuple[int, int, int, int] = _unpack_words(data)
+        a, b, c, d = words
         crc = crcs[crcs[crcs[crcs[crc << 1 ^ a] << 1 ^ b] << 1 ^ c] << 1 ^ d]
         after_a = stuffing[state][a]
         after_b = stuffing[after_a & _STATE_MASK][b]
