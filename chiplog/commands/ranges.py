@@ -30,7 +30,9 @@ def command(
     """Derive the range of every intermediate of the firmware, and say which words can overflow.
 
     From speed, gyro range and mission length; any acceleration. Where overflow is not impossible,
-    a drive that overflows the word is run through the kernel. Exit status 1 if a word can overflow.
+    a drive that overflows the word is run through the kernel; where a position's bound is beyond
+    its word by less than its slack, that drive may last longer than the mission, as is then said.
+    Exit status 1 if a word can overflow.
     """
     from chiplog.terminal import show_line, show_table
     from hil_harness.assembly import load_wire
@@ -91,8 +93,10 @@ def shown(finding: Finding, config: KernelConfig) -> str:
         if one.frame_every > 1:
             frames += f" {one.frame_every}th"
         gyro = f"gyro code {one.gyro_code}" if one.gyro_validity == 0 else "gyro invalid"
-        steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in each"
+        each = "each" if one.over_ticks == 1 else f"each {one.over_ticks}"
+        steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in {each}"
         ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
         parts.append(f"{ticks} of {steps}, {frames}, {gyro}")
     time_s = finding.tick * config.constants.tick_period_s
-    return f"; overflows after {time_s:g} s of: {'; '.join(parts)}"
+    late = ", beyond the mission," if finding.verdict == "overflows later" else ""
+    return f"; overflows after {time_s:g} s{late} of: {'; '.join(parts)}"

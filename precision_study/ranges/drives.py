@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Final
 
 import numpy as np
@@ -29,11 +30,13 @@ _TRIED_RHYTHMS: Final = 3
 
 @dataclass(frozen=True)
 class Stretch:
-    """So many equal ticks of a drive: what the counters gain in each, and what arrives.
+    """So many ticks of a drive: what the counters gain in them, and what arrives.
 
     Attributes:
         ticks: how many.
-        left_step, right_step: gain of each counter in each of them [encoder ticks].
+        left_step, right_step: gain of each counter in each `over_ticks` of them [encoder ticks]; on
+            the way there the left one is rounded up and the right one down, so that an odd count
+            of both goes to left and right in turn.
         frame_every: in each so manieth tick an encoder frame arrives, else none; 0: never.
         gyro_code: the gyro's code [LSB].
         gyro_validity: FRESH or INVALID.
@@ -45,6 +48,7 @@ class Stretch:
     frame_every: int
     gyro_code: int
     gyro_validity: int
+    over_ticks: int = 1
 
 
 Drive = tuple[Stretch, ...]
@@ -59,13 +63,15 @@ def drive_chunks(drive: Sequence[Stretch]) -> Iterator[NDArray[np.int64]]:
         for start in range(0, one.ticks, CHUNK_TICKS):
             steps = np.arange(start + 1, min(start + CHUNK_TICKS, one.ticks) + 1, dtype=np.int64)
             part = np.empty((steps.size, 5), dtype=np.int64)
-            part[:, 0], part[:, 1] = left + one.left_step * steps, right + one.right_step * steps
+            part[:, 0] = left - (-one.left_step * steps) // one.over_ticks
+            part[:, 1] = right + (one.right_step * steps) // one.over_ticks
             part[:, 2] = STALE
             if one.frame_every > 0:
                 part[steps % one.frame_every == 0, 2] = FRESH
             part[:, 3], part[:, 4] = one.gyro_code, one.gyro_validity
             yield part
-        left, right = left + one.left_step * one.ticks, right + one.right_step * one.ticks
+        left -= (-one.left_step * one.ticks) // one.over_ticks
+        right += (one.right_step * one.ticks) // one.over_ticks
 
 
 def until(drive: Drive, ticks: int) -> Drive:
@@ -113,13 +119,19 @@ def _by_wheels(
 
 
 def _far(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
-    """Yield straight drives of the whole mission, in the rhythms that carry farthest."""
-    fastest, ticks = envelope.step_ticks, envelope.mission_ticks
+    """Yield straight drives of the whole mission, in the rhythms that carry farthest.
+
+    An odd count turns by one and back: with a gyro that sees no turn, less of that is believed.
+    """
+    ticks, zero = envelope.mission_ticks, _zero_code(config)
     for rhythm in rhythms(config, envelope)[:_TRIED_RHYTHMS]:
-        speeds = {fastest, longest_step(config, envelope, rhythm.every)[1]}
-        for speed in sorted(speeds, reverse=True):
-            for sign in (1, -1):
-                yield (_by_wheels(config, ticks, sign * speed, sign * speed, rhythm.every),)
+        for count in longest_step(config, envelope, rhythm.every).counts:
+            each = Fraction(count, 2 * rhythm.every)
+            gain, over = each.numerator, each.denominator
+            drive = Stretch(ticks, gain, gain, rhythm.every, zero, INVALID, over)
+            yield (drive,)
+            if count % 2 == 1 and config.mode != MODE_WHEEL:
+                yield (replace(drive, gyro_validity=FRESH),)
 
 
 def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Iterator[Drive]:

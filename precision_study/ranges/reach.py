@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Final
 
 from firmware_model import KernelConfig
@@ -124,31 +125,48 @@ def step_bound(config: KernelConfig, envelope: Envelope, every: int) -> int:
     return largest(product, config.step_shift, config.step_rounding, config.step_carry)
 
 
-def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> tuple[int, int]:
-    """Return the longest step in its word [2^-S m], and a speed of both wheels that gives it.
+@dataclass(frozen=True)
+class LongestStep:
+    """The longest step in its word.
+
+    Attributes:
+        bound: no step is longer [2^-S m].
+        counts: of both wheels together in a frame, with their sign, that come nearest to it.
+    """
+
+    bound: int
+    counts: tuple[int, ...]
+
+
+@lru_cache(maxsize=256)
+def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> LongestStep:
+    """Return the longest step in its word of a frame that tells of so many ticks.
 
     A word that wraps may hold less at top speed than at a lower one.
     """
-    fastest = envelope.step_ticks * every
+    fastest = 2 * envelope.step_ticks * every
     bound = step_bound(config, envelope, every)
     if bound <= config.step_high_q or config.step_overflow == SATURATE:
-        return min(bound, -config.step_low_q), envelope.step_ticks
+        return LongestStep(min(bound, -config.step_low_q), (fastest, -fastest))
     shift, rounding = config.step_shift, config.step_rounding
-    best, best_even, speed = 0, 0, envelope.step_ticks
-    for count in range(1, min(2 * fastest, _ENUMERATED_COUNTS) + 1):
+
+    def length(count: int) -> int:
         step = shift_round(count * config.half_tick_m_q, shift, rounding)
-        step = abs(limit(step, config.step_low_q, config.step_high_q, WRAP))
-        best = max(best, step)
-        if step > best_even and count % (2 * every) == 0:  # both wheels alike in each tick
-            best_even, speed = step, count // (2 * every)
-    if 2 * fastest > _ENUMERATED_COUNTS:
-        best = -config.step_low_q
-    return min(best + config.step_carry, -config.step_low_q), speed
+        return abs(limit(step, config.step_low_q, config.step_high_q, WRAP))
+
+    most = min(fastest, _ENUMERATED_COUNTS)
+    counts = sorted((*range(-most, 0), *range(1, most + 1)), key=length, reverse=True)
+    longest = length(counts[0]) + config.step_carry
+    if fastest > _ENUMERATED_COUNTS:
+        longest = -config.step_low_q
+    even = [count for count in counts if count % 2 == 0]
+    tried = (*counts[:2], *even[:2], fastest, -fastest)
+    return LongestStep(min(longest, -config.step_low_q), tuple(dict.fromkeys(tried)))
 
 
 def _per_frame(config: KernelConfig, envelope: Envelope, every: int) -> Fraction:
     """Return how far a frame moves x or y on average, when it tells of so many ticks [2^-P m]."""
-    longest, _ = longest_step(config, envelope, every)
+    longest = longest_step(config, envelope, every).bound
     step = Fraction(longest)
     if config.step_carry:
         step = min(step, every * _step_rate(config, envelope))

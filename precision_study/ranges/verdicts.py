@@ -12,7 +12,7 @@ from precision_study.ranges.bounds import Intermediate, intermediates
 from precision_study.ranges.drives import Drive, drive_chunks, drives, until
 from precision_study.ranges.envelope import Envelope
 
-Verdict = Literal["impossible", "overflows", "not provoked"]
+Verdict = Literal["impossible", "overflows", "overflows later", "not provoked"]
 _WIDEST = (1 << 63) - 1
 
 
@@ -23,7 +23,8 @@ class Finding:
     Attributes:
         intermediate: the value and its proved bound.
         verdict: overflow is impossible; or `drive` overflows the word at tick `tick`, as the kernel
-            confirms; or neither (the bound is beyond the word, by less than its slack).
+            confirms; or does so later, when the mission is over by less than the bound's slack; or
+            neither proof nor drive was found.
         drive: from power-on, with counters at zero; None for a proof.
         tick: the first tick (from 0) in which the word has overflowed.
     """
@@ -71,10 +72,15 @@ def to_json(config: KernelConfig, envelope: Envelope, findings: Sequence[Finding
 def _finding(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Finding:
     if value.is_proved:
         return Finding(value, "impossible")
-    for drive in drives(config, envelope, value):
-        tick = first_overflow(config, value, drive)
-        if tick is not None:
-            return Finding(value, "overflows", until(drive, tick), tick)
+    longer = replace(envelope, mission_ticks=2 * envelope.mission_ticks)
+    asked: tuple[tuple[Verdict, Envelope], ...] = (("overflows", envelope),)
+    if value.word == "position":  # it grows as long as the robot drives
+        asked += (("overflows later", longer),)
+    for verdict, limits in asked:
+        for drive in drives(config, limits, value):
+            tick = first_overflow(config, value, drive)
+            if tick is not None:
+                return Finding(value, verdict, until(drive, tick), tick)
     return Finding(value, "not provoked")
 
 

@@ -199,10 +199,11 @@ def test_a_word_of_any_robot_is_proved_or_overflowed_by_a_drive_that_the_kernel_
             assume(False)
         envelope = Envelope.of(config, mission_s=mission_s)
     for one in find_ranges(config, envelope):
-        assert one.verdict in ("impossible", "overflows"), one
+        assert one.verdict in ("impossible", "overflows", "overflows later"), one
         if one.drive is None:
             continue
         assert one.tick is not None
+        assert (one.tick <= envelope.mission_ticks) == (one.verdict == "overflows")
         kernel = Kernel(config)
         assert sum(part.ticks for part in one.drive) == one.tick  # and the baseline before them
         kernel.run(inputs_of(one))
@@ -245,6 +246,33 @@ def test_a_word_too_narrow_is_overflowed_by_the_drive_at_the_tick_that_is_named(
         assert StatusBit.OVERFLOW not in oracle.status
     oracle.step(*drive[found.tick].tolist())
     assert StatusBit.OVERFLOW in oracle.status
+
+
+def test_where_steps_wrap_an_odd_count_goes_farther_than_any_even_one_and_is_driven() -> None:
+    """Nine counts are 128 of a word's 128 units, no even number more than 116: one wheel leads."""
+    robot = replace(ROBOT, wheel_radius_m=0.2, wheelbase_m=2.0, ticks_per_rev=360)
+    step = {"word_bits": 8, "frac_bits": 13, "overflow": "wrap", "carry_remainder": False}
+    position = {"word_bits": 14, "frac_bits": 12, "carry_remainder": False}
+    table = {"mode": "wheel", "step": step, "position": position}
+    config = build_config(FirmwareDescription.from_table(table), robot, allow_overflow=True)
+    found = finding(config, "x and y", mission_s=1.32)
+    assert found.verdict == "overflows"
+    assert found.drive is not None
+    assert found.drive[0].left_step % 2 == 1
+    drive = inputs_of(found)
+    gains = np.diff(drive[:, :2], axis=0)
+    assert set(gains.sum(axis=1)) == {found.drive[0].left_step}
+    assert np.ptp(drive[:, 1] - drive[:, 0]) == 1  # the heading turns by one count, and back
+
+
+def test_a_bound_that_is_its_words_limit_is_shown_by_a_drive_a_tick_longer_than_the_mission() -> (
+    None
+):
+    config = forced(position={"word_bits": 14, "frac_bits": 6})
+    within = finding(config, "x and y", mission_s=84.73)
+    assert (within.verdict, within.tick) == ("overflows", 8473)
+    beyond = finding(config, "x and y", mission_s=84.72)
+    assert (beyond.verdict, beyond.tick) == ("overflows later", 8473)
 
 
 def test_one_bit_less_than_needed_overflows_and_as_many_as_needed_do_not() -> None:
