@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,3 +89,45 @@ def rounding_error(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
     else:
         rounded = np.trunc(values)
     return np.asarray(rounded - values, dtype=np.float64)
+
+
+def left_over(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
+    """Return how far a sum is off, tick by tick, whose remainder is carried [units]."""
+    if rounding != TOWARD_ZERO:
+        return rounding_error(np.cumsum(values), rounding)
+    errors, remainder = np.empty(len(values)), 0.0
+    for tick, value in enumerate(values.tolist()):
+        remainder = math.fmod(remainder + value, 1.0)  # of the sign that the total has
+        errors[tick] = -remainder
+    return errors
+
+
+def mean_left_over(values: NDArray[np.floating[Any]], rounding: int, bits: int) -> Floats:
+    """Return the mean of `left_over` for evenly spread fractions; 0 before the first value."""
+    if rounding == TOWARD_ZERO:
+        return mean_errors(-left_over(values, rounding), rounding, bits)
+    moved = np.logical_or.accumulate(values != 0.0)
+    return np.where(moved, mean_errors(values, rounding, bits), 0.0)
+
+
+@dataclass(frozen=True)
+class Drops:
+    """What is dropped for good in each tick, in SI.
+
+    Attributes:
+        whole: rounded − value.
+        mean: what it is on average, for evenly spread fractions.
+        unit: of the rounding, weighted; 0 where nothing is rounded.
+    """
+
+    whole: Floats
+    mean: Floats
+    unit: Floats
+
+    @classmethod
+    def of(cls, values: NDArray[np.floating[Any]], rounding: int, bits: int, unit: Floats) -> Self:
+        """Return what rounding drops of values [units] that have so many fraction bits."""
+        # What is narrowed lies on so many bits itself: ties are as frequent as there.
+        values = np.ldexp(np.rint(np.ldexp(values, bits)), -bits)
+        mean = mean_errors(values, rounding, bits)
+        return cls(rounding_error(values, rounding) * unit, mean * unit, unit)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,10 @@ from precision_study.budget.bound import direction_bits, relative_errors
 from precision_study.budget.causes import (
     CAUSES,
     SPREAD,
+    Drops,
     Share,
-    mean_drop,
-    mean_errors,
+    left_over,
+    mean_left_over,
     rounding_error,
 )
 from precision_study.budget.direction import direction_errors
@@ -147,11 +148,19 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
     fine = math.ldexp(1.0, bits)
     values = np.rint(values * fine) / fine if bits < 20 else values
     error = rounding_error(values, config.heading_rounding) * (bits > 0)
+    if config.stale_heading_ticks > 0 and config.heading_carry == 1 and bits > 0:
+        old = left_over(path.turn_rad / unit, config.heading_rounding)
+        error = np.concatenate([np.zeros(config.stale_heading_ticks), old])[: len(values)]
     quantum = parts["heading_quantum"]
     shift = (path.step_m * error * unit) @ path.across
     _add_sum(quantum, shift, SPREAD * unit * spread_m * (bits > 0))
     if config.heading_carry == 1:
-        quantum.noise_rad2 += (_rms(config.heading_rounding, config.heading_shift) * unit) ** 2
+        turns, rounding, bits = path.turn_rad / unit, config.heading_rounding, config.heading_shift
+        if config.mode == MODE_WHEEL:
+            quantum.turn_rad += float(left_over(turns, rounding)[-1]) * unit * (bits > 0)
+        else:
+            quantum.turn_rad += float(mean_left_over(turns, rounding, bits)[-1]) * unit
+            quantum.noise_rad2 += (SPREAD * unit * (bits > 0)) ** 2
 
     whole = np.rint(values + error).astype(np.int64)
     phase = (whole & ((1 << config.heading_frac_bits) - 1)) << (32 - config.heading_frac_bits)
@@ -168,77 +177,71 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
 
 
 def _add_turns(parts: dict[str, _Part], config: KernelConfig, path: Path) -> None:
-    """Add what is dropped where turns are formed and where the heading takes them."""
+    """Add what is dropped where turns are formed and where the heading takes them.
+
+    By the wheels alone a turn is a whole number of ticks: what it drops is known, and no noise.
+    """
     twin, one = build_twin_config(config), config.description
     unit = _TURN * math.ldexp(1.0, -one.turn_step.frac_bits)
     weight = {MODE_WHEEL: 0.0, MODE_GYRO: 1.0}.get(config.mode, twin.blend_weight)
     sources = [
-        (1.0 - weight, path.turn_counts * (twin.tick_turn_rad / unit), config.wheel_turn_shift),
+        (
+            1.0 - weight,
+            path.turn_counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift),
+            config.wheel_turn_shift,
+        ),
         (weight, path.gyro_turn_rad / unit, config.gyro_turn_shift),
     ]
     turned = path.turn_rad != 0.0
+    is_known = config.mode == MODE_WHEEL
+    turns = path.turn_rad / unit
     for share, values, bits in sources:
         if share == 0.0 or bits == 0:
             continue
         if config.turn_carry == 1:
-            _add_waiting(parts["carried_remainder"], config, path, bits, share * unit)
+            error = mean_left_over(values, config.turn_rounding, bits) * share * unit
+            _add_waiting(parts["carried_remainder"], error, path, SPREAD * share * unit)
         else:
-            drops = _Drops.of(values, config.turn_rounding, bits, unit * share * turned)
-            _add_drops(parts, drops, path)
+            drops = Drops.of(values, config.turn_rounding, bits, unit * share * turned)
+            _add_drops(parts, drops, path, is_known=is_known)
+            if is_known:
+                turns = np.rint(values + rounding_error(values, config.turn_rounding))
     if config.mode == MODE_BLEND:
         difference = twin.blend_weight * (sources[1][1] - sources[0][1])
         bits = config.blend_frac_bits
-        _add_drops(parts, _Drops.of(difference, config.turn_rounding, bits, unit * turned), path)
+        _add_drops(
+            parts,
+            Drops.of(difference, config.turn_rounding, bits, unit * turned),
+            path,
+            is_known=False,
+        )
     if config.heading_carry == 0 and config.heading_shift > 0:
+        bits = config.heading_shift
         unit = _TURN * math.ldexp(1.0, -config.heading_frac_bits)
-        values, bits = path.turn_rad / unit, config.heading_shift
-        _add_drops(parts, _Drops.of(values, config.heading_rounding, bits, unit * turned), path)
+        drops = Drops.of(np.ldexp(turns, -bits), config.heading_rounding, bits, unit * turned)
+        _add_drops(parts, drops, path, is_known=is_known)
 
 
-def _add_waiting(part: _Part, config: KernelConfig, path: Path, bits: int, unit: float) -> None:
-    """Add the remainder of a turn that waits: the heading is short by it at every tick."""
-    mean = mean_drop(config.turn_rounding, bits) * unit
-    spread = SPREAD * unit
-    part.noise_m2 += mean * mean * float(path.end_m @ path.end_m)
-    part.noise_m2 += spread * spread * float(path.step_m @ path.step_m)
-    part.noise_rad2 += mean * mean + spread * spread
+def _add_waiting(part: _Part, error_rad: Floats, path: Path, spread_rad: float) -> None:
+    """Add the remainder of a turn that waits: the heading is off by it at every tick."""
+    part.shift_m += (path.step_m * error_rad) @ path.across
+    part.noise_m2 += spread_rad * spread_rad * float(path.step_m @ path.step_m)
+    part.turn_rad += float(error_rad[-1])
+    part.noise_rad2 += spread_rad * spread_rad
 
 
-@dataclass(frozen=True)
-class _Drops:
-    """What is dropped for good in each tick, in SI.
-
-    Attributes:
-        whole: rounded − value.
-        mean: what it is on average, for evenly spread fractions.
-        unit: of the rounding, weighted; 0 where nothing is rounded.
-    """
-
-    whole: Floats
-    mean: Floats
-    unit: Floats
-
-    @classmethod
-    def of(cls, values: NDArray[np.floating[Any]], rounding: int, bits: int, unit: Floats) -> Self:
-        # What is narrowed lies on so many bits itself: ties are as frequent as there.
-        values = np.ldexp(np.rint(np.ldexp(values, bits)), -bits)
-        mean = mean_errors(values, rounding, bits)
-        return cls(rounding_error(values, rounding) * unit, mean * unit, unit)
-
-
-def _add_drops(parts: dict[str, _Part], drops: _Drops, path: Path) -> None:
+def _add_drops(parts: dict[str, _Part], drops: Drops, path: Path, *, is_known: bool) -> None:
     """Add turns that lose something each for good [rad]."""
     bias, noise = parts["rounding_bias"], parts["rounding_noise"]
     mean_m, rest_m = drops.mean @ path.lever_m, (drops.whole - drops.mean) @ path.lever_m
     bias.shift_m += mean_m
-    _add_sum(
-        noise, rest_m, SPREAD * float(np.sqrt(((drops.unit[:, None] * path.lever_m) ** 2).sum()))
-    )
+    noise_m = SPREAD * float(np.sqrt(((drops.unit[:, None] * path.lever_m) ** 2).sum()))
+    _add_sum(noise, rest_m, 0.0 if is_known else noise_m)
     mean_rad = float(drops.mean.sum())
     rest_rad = float(drops.whole.sum()) - mean_rad
     noise_rad = SPREAD * float(np.sqrt(drops.unit @ drops.unit))
     bias.turn_rad += mean_rad
-    if abs(rest_rad) > _IS_REPEATED * noise_rad:
+    if is_known or abs(rest_rad) > _IS_REPEATED * noise_rad:
         noise.turn_rad += rest_rad
     else:
         noise.noise_rad2 += max(abs(rest_rad), noise_rad) ** 2
@@ -251,12 +254,14 @@ def _add_steps(parts: dict[str, _Part], config: KernelConfig, path: Path) -> Non
     moving = float(np.count_nonzero(path.counts))
     if config.step_shift > 0:
         if config.step_carry == 1:
-            waiting = _rms(config.step_rounding, config.step_shift) * unit
-            parts["carried_remainder"].noise_m2 += waiting * waiting
+            error = mean_left_over(path.step_m / unit, config.step_rounding, config.step_shift)
+            waiting = parts["carried_remainder"]
+            waiting.shift_m += np.diff(error, prepend=0.0) @ path.along * unit
+            waiting.noise_m2 += (SPREAD * unit) ** 2
         else:
             values = path.counts * math.ldexp(config.half_tick_m_q, -config.step_shift)
             units = unit * (path.counts != 0)
-            drops = _Drops.of(values, config.step_rounding, config.step_shift, units)
+            drops = Drops.of(values, config.step_rounding, config.step_shift, units)
             bias, noise = parts["rounding_bias"], parts["rounding_noise"]
             bias.shift_m += drops.mean @ path.along
             rest_m = (drops.whole - drops.mean) @ path.along
@@ -264,12 +269,16 @@ def _add_steps(parts: dict[str, _Part], config: KernelConfig, path: Path) -> Non
     unit = math.ldexp(1.0, -config.position_frac_bits)
     if config.position_shift > 0:
         if config.position_carry == 1:
-            left_over = _rms(config.position_rounding, config.position_shift) * unit
-            parts["position_quantum"].noise_m2 += 2.0 * left_over * left_over
+            quantum, bits = parts["position_quantum"], config.position_shift
+            for axis in (0, 1):
+                moved_m = path.step_m * path.along[:, axis]
+                error = mean_left_over(moved_m / unit, config.position_rounding, bits) * unit
+                quantum.shift_m[axis] += float(error[-1])
+            quantum.noise_m2 += 2.0 * (SPREAD * unit) ** 2
         else:
             values = path.step_m[:, None] * path.along / unit
             units = unit * (path.counts != 0)[:, None]
-            drops = _Drops.of(values, config.position_rounding, config.position_shift, units)
+            drops = Drops.of(values, config.position_rounding, config.position_shift, units)
             mean_m = drops.mean.sum(axis=0)
             parts["rounding_bias"].shift_m += mean_m
             rest_m = drops.whole.sum(axis=0) - mean_m
@@ -284,13 +293,6 @@ def _add_twin(part: _Part, path: Path) -> None:
     far = float(np.abs(path.step_m).sum())
     part.noise_rad2 += ticks * (SPREAD * _EPSILON * turned) ** 2
     part.noise_m2 += part.noise_rad2 * far * far / 3.0 + ticks * (SPREAD * _EPSILON * far) ** 2
-
-
-def _rms(rounding: int, bits: int) -> float:
-    """Return the root mean square of rounded − value for evenly spread fractions [units]."""
-    if bits <= 0:
-        return 0.0
-    return math.hypot(mean_drop(rounding, bits), SPREAD)
 
 
 def _add_sum(part: _Part, shift_m: Floats, noise_m: float) -> None:

@@ -14,11 +14,12 @@ from typing import Final
 
 from firmware_model import KernelConfig
 from firmware_model.config import TRIG_CORDIC
-from firmware_model.integers import FLOOR, SATURATE, TOWARD_ZERO, WRAP, limit, shift_round
+from firmware_model.integers import FLOOR, TOWARD_ZERO, WRAP, limit, shift_round
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
 
-_ENUMERATED_GAPS: Final = 64
+_ENUMERATED_GAPS: Final = 1 << 14
+_ENUMERATED_WRAPPED_GAPS: Final = 64
 _ENUMERATED_ROTATIONS: Final = 12
 _ENUMERATED_COUNTS: Final = 2048
 
@@ -92,12 +93,14 @@ def rhythms(config: KernelConfig, envelope: Envelope) -> list[Rhythm]:
     Where rounding is not carried, frames that come seldom lose or gain less by it. Those beyond
     the enumerated ones are covered by the last, whose bound holds for all of them.
     """
+    wraps = _wraps(config, step_bound(config, envelope, envelope.gap_ticks))
+    enumerated = _ENUMERATED_WRAPPED_GAPS if wraps else _ENUMERATED_GAPS
     found = [
         Rhythm(every, _per_frame(config, envelope, every) / every)
-        for every in range(1, min(envelope.gap_ticks, _ENUMERATED_GAPS) + 1)
+        for every in range(1, min(envelope.gap_ticks, enumerated) + 1)
     ]
-    if envelope.gap_ticks > _ENUMERATED_GAPS:
-        seldom = _ENUMERATED_GAPS + 1
+    if envelope.gap_ticks > enumerated:
+        seldom = enumerated + 1
         step = _gain(config.step_shift, config.step_rounding, config.step_carry) / seldom
         step = min(step + _step_rate(config, envelope), Fraction(-config.step_low_q, seldom))
         moved = step * largest_direction(config) / (1 << config.position_shift)
@@ -138,7 +141,7 @@ class LongestStep:
     counts: tuple[int, ...]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=_ENUMERATED_WRAPPED_GAPS)
 def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> LongestStep:
     """Return the longest step in its word of a frame that tells of so many ticks.
 
@@ -146,7 +149,7 @@ def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> Longes
     """
     fastest = 2 * envelope.step_ticks * every
     bound = step_bound(config, envelope, every)
-    if bound <= config.step_high_q or config.step_overflow == SATURATE:
+    if not _wraps(config, bound):
         return LongestStep(min(bound, -config.step_low_q), (fastest, -fastest))
     shift, rounding = config.step_shift, config.step_rounding
 
@@ -162,6 +165,10 @@ def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> Longes
     even = [count for count in counts if count % 2 == 0]
     tried = (*counts[:2], *even[:2], fastest, -fastest)
     return LongestStep(min(longest, -config.step_low_q), tuple(dict.fromkeys(tried)))
+
+
+def _wraps(config: KernelConfig, bound: int) -> bool:
+    return bound > config.step_high_q and config.step_overflow == WRAP
 
 
 def _per_frame(config: KernelConfig, envelope: Envelope, every: int) -> Fraction:

@@ -31,7 +31,11 @@ from precision_study.study.requirement import Course
 ROBOT, WIRE = load_robot(None), load_wire()
 PERIOD_US = WIRE.tick_period_us
 ROUNDINGS = ("floor", "half_up", "half_even", "toward_zero")
-MEASURED, REFERENCES = tuple(range(1, 17)), tuple(range(101, 113))
+MEASURED, REFERENCES = tuple(range(1, 33)), tuple(range(101, 125))
+"""So many that the root of a mean square is known to 1/√64, or an eighth, of itself."""
+HALF_TURN_RAD = 3.1
+"""Half a turn of heading error, but for what a tick adds. Beyond, an error is told short by whole
+turns and the firmware drives the other way, which no sum of first order can foretell."""
 
 
 def config_of(**firmware: Any) -> KernelConfig:
@@ -104,7 +108,8 @@ def test_the_bound_holds_in_every_run_and_the_expected_error_is_within_a_factor_
     name: str, size: str
 ) -> None:
     those, references = drives(name, MEASURED), drives(name, REFERENCES)
-    for seed in range(12 if size == "small" else 300):
+    count, compared = 12 if size == "small" else 300, 0
+    for seed in range(count):
         config = random_config(seed)
         errors = measure(config, those)
         position_m, heading_rad = bound_of(config, those, errors)
@@ -115,10 +120,12 @@ def test_the_bound_holds_in_every_run_and_the_expected_error_is_within_a_factor_
             for row, ticks in enumerate(references.ticks.tolist())
         ]
         expected = expected_error(config, paths).together
+        if max(errors.largest_arithmetic_heading_rad) > HALF_TURN_RAD:
+            continue
         assert 0.5 <= expected.position_m / rms(errors.arithmetic_position_m) <= 2.0, seed
-        heading_rad = rms(errors.arithmetic_heading_rad)
-        if heading_rad < 0.5:  # beyond, some have wrapped: a measured one ends at half a turn
-            assert 0.5 <= expected.heading_rad / heading_rad <= 2.0, seed
+        assert 0.5 <= expected.heading_rad / rms(errors.arithmetic_heading_rad) <= 2.0, seed
+        compared += 1
+    assert compared > 0.95 * count
 
 
 def inputs(those: Drives) -> tuple[NDArray[np.int64], ...]:
