@@ -1,4 +1,7 @@
-"""MF4 logs (ASAM MDF 4 with bus logging), read by asammdf, which is an extra."""
+"""MF4 logs (ASAM MDF 4 with bus logging), read by asammdf, which is an extra.
+
+Its C code trusts what a file says and a damaged one can end the process: it runs in one of its own.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus.errors import CanBusError, one_line, quiet
+from can_bus.logs.apart import Reading, read_apart
 from can_bus.logs.frame_block import (
     BITRATE_SWITCH,
     ERROR,
@@ -57,9 +61,9 @@ def read_mf4_blocks(
     """
     asammdf = _asammdf(path)
     with quiet("asammdf"), _no_complaints_of_the_dead():
-        blocks = _read(asammdf, path, refuse_beyond)
+        blocks = read_apart(lambda: _read(asammdf, path, refuse_beyond))
         if isinstance(blocks, str):
-            gc.collect()  # they hold each other
+            gc.collect()  # where it was read here: they hold each other
     if isinstance(blocks, str):
         raise CanBusError(f"{path}: not an MF4 file that can be read: {blocks}")
     yield from _good_frames(path, _by_time(blocks))
@@ -90,9 +94,7 @@ def _no_complaints_of_the_dead() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
-def _read(
-    asammdf: Any, path: Path, refuse_beyond: Callable[[int], None] | None
-) -> list[FrameBlock] | str:
+def _read(asammdf: Any, path: Path, refuse_beyond: Callable[[int], None] | None) -> Reading:
     """Return the frames of each channel group, or what is wrong with the file."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from can_bus import CanBusError, columns_of, read_log, read_log_columns, timestamp_us
+from can_bus.logs.apart import Reading, read_apart
+from can_bus.logs.frame_block import FrameBlock
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
@@ -142,6 +146,33 @@ def test_an_mf4_log_cut_short_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(CanBusError, match="not an MF4 file that can be read") as caught:
             list(read_log(path))
         assert "\n" not in str(caught.value)
+
+
+def test_a_library_that_breaks_down_on_a_file_ends_no_other_process() -> None:
+    def break_down() -> Reading:
+        os.kill(os.getpid(), signal.SIGSEGV)
+        return []
+
+    assert read_apart(break_down) == "it breaks the library that reads it"
+
+
+def test_what_is_read_apart_comes_back_as_it_was() -> None:
+    block = FrameBlock.empty(3, 64)
+    block.timestamp_s[:] = [0.5, 1.5, np.inf]
+    block.data[1] = np.arange(64)
+    for blocks in ([], [block], [block, FrameBlock.empty(0, 64), block]):
+        back = read_apart(lambda blocks=blocks: blocks)
+        assert isinstance(back, list)
+        for one, other in zip(back, blocks, strict=True):
+            for name, column in vars(other).items():
+                np.testing.assert_array_equal(getattr(one, name), column)
+    assert read_apart(lambda: "not\nthis") == "not\nthis"
+
+    def refuse() -> Reading:
+        raise CanBusError("too many")
+
+    with pytest.raises(CanBusError, match="too many"):
+        read_apart(refuse)
 
 
 def test_an_asc_log_of_can_utils_is_read(tmp_path: Path) -> None:

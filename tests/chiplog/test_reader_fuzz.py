@@ -37,6 +37,7 @@ from hil_harness.scenarios import scenario
 from hil_harness.signal_map import load_map
 
 RUNS = {"small": 60, "full": 100_000}
+SLOW = {"mine.dbc": 3, "bus.mf4": 10}
 GROWN_KIB = 256 * 1024
 OURS = (CanBusError, HarnessError, DiagnosisError)
 DATABASE = load_database()
@@ -66,6 +67,14 @@ def stored_blf(folder: Path) -> bytes:
     v64 += struct.pack("<BBBBLLLLLLLHBBL", 1, 4, 4, 0, 7, 0, 0x1000, 0, 0, 0, 0, 0, 0, 0, 0)
     head = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + 76, 10) + struct.pack("<H6xL4x", 0, 76)
     return path.read_bytes() + head + v64 + b"abcd"
+
+
+def mf4_seed(folder: Path) -> bytes:
+    path = folder / "seed.mf4"
+    with can.MF4Writer(path) as log:
+        log.on_message_received(can.Message(timestamp=1, arbitration_id=5, data=b"abc"))
+        log.on_message_received(can.Message(timestamp=2, is_fd=True, data=bytes(12)))
+    return path.read_bytes()
 
 
 def file_reader(path: Path, read: Callable[[Path], object]) -> Callable[[bytes], object]:
@@ -100,13 +109,14 @@ TUM = b"# t x y z qx qy qz qw\n0.0 0 0 0 0 0 0 1\n0.1 1e-3 0 0 0 0 0.1 0.995\n0.
 NAMES = ("bus.log", "bus.asc", "bus.blf", "robot.toml", "mine.toml", "map.toml", "effects.toml")
 
 
-@pytest.mark.parametrize("name", [*NAMES, "way.tum", "mine.dbc"])
+@pytest.mark.parametrize("name", [*NAMES, "way.tum", "mine.dbc", "bus.mf4"])
 def test_any_file_is_read_or_refused_in_one_line(name: str, tmp_path: Path, size: str) -> None:
     path = tmp_path / name
     readers: dict[str, tuple[Callable[[Path], object], list[bytes]]] = {
         "bus.log": (both_ways, [b"(0.1) can0 123##1" + b"00" * 12 + b"\n"]),
         "bus.asc": (both_ways, []),
         "bus.blf": (both_ways, []),
+        "bus.mf4": (read_log_columns, []),
         "robot.toml": (load_robot, [ROBOT]),
         "mine.toml": (lambda file: scenario(str(file)), [SCENARIO]),
         "map.toml": (lambda file: load_map(file, DATABASE), [MAP]),
@@ -118,12 +128,14 @@ def test_any_file_is_read_or_refused_in_one_line(name: str, tmp_path: Path, size
         ),
     }
     read, seeds = readers[name]
-    if name.startswith("bus"):
+    if path.suffix == ".mf4":
+        seeds = [mf4_seed(tmp_path)]
+    elif name.startswith("bus"):
         seeds = [*seeds, log_seed(path.suffix, tmp_path)]
     if path.suffix == ".blf":
         seeds.append(stored_blf(tmp_path))
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    runs = RUNS[size] // (3 if name == "mine.dbc" else 1)
+    runs = RUNS[size] // SLOW.get(name, 1)
     reached = explore(file_reader(path, read), seeds, errors=OURS, runs=runs, seed=3)
     grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib
     print(f"{name}: {runs} inputs, {reached} lines reached, {grown_kib} KiB more than before")
