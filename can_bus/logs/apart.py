@@ -12,15 +12,21 @@ import os
 import signal
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
 from typing import Any, BinaryIO, Final
 
-from can_bus.errors import CanBusError
-from can_bus.logs.frame_block import FD_BYTES, FrameBlock
+import numpy as np
+from numpy.typing import NDArray
 
+from can_bus.errors import CanBusError
+from can_bus.logs.frame_block import FrameBlock
+
+_PIPE_BYTES: Final = 1 << 20
 _BROKE_DOWN: Final = "it breaks the library that reads it"
 
 Reading = list[FrameBlock] | str
-"""Blocks of frames with room for `FD_BYTES`, or what is wrong with the file."""
+"""Blocks of frames, or what is wrong with the file."""
 
 
 def read_apart(read: Callable[[], Reading]) -> Reading:
@@ -30,7 +36,7 @@ def read_apart(read: Callable[[], Reading]) -> Reading:
     """
     if not hasattr(os, "fork"):
         return read()
-    receiving, sending = os.pipe()
+    receiving, sending = _wide_pipe()
     with warnings.catch_warnings():
         # A fork beside threads may find locks taken; this child only reads a file and ends.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -42,7 +48,7 @@ def read_apart(read: Callable[[], Reading]) -> Reading:
         with os.fdopen(receiving, "rb") as source:
             said = source.readline()
             answer: dict[str, Any] = json.loads(said) if said else {"wrong": _BROKE_DOWN}
-            blocks = [_received(source, frames) for frames in answer.get("frames", ())]
+            blocks = [_received(source, *shape) for shape in answer.get("shapes", ())]
     except (EOFError, ValueError):
         answer, blocks = {"wrong": _BROKE_DOWN}, []
     except BaseException:
@@ -54,6 +60,15 @@ def read_apart(read: Callable[[], Reading]) -> Reading:
         raise CanBusError(answer["refused"])
     wrong: str | None = answer.get("wrong")
     return blocks if wrong is None else wrong
+
+
+def _wide_pipe() -> tuple[int, int]:
+    fcntl = import_module("fcntl")  # only where there is a fork
+    receiving, sending = os.pipe()
+    if hasattr(fcntl, "F_SETPIPE_SZ"):
+        with suppress(OSError):  # a user may have used up the pages for it
+            fcntl.fcntl(sending, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    return receiving, sending
 
 
 def _be_the_child(read: Callable[[], Reading], receiving: int, sending: int) -> None:
@@ -72,10 +87,10 @@ def _be_the_child(read: Callable[[], Reading], receiving: int, sending: int) -> 
                 if isinstance(reading, str):
                     _say(sink, wrong=reading)
                 else:
-                    _say(sink, frames=[len(block) for block in reading])
+                    _say(sink, shapes=[block.data.shape for block in reading])
                     for block in reading:
                         for column in vars(block).values():
-                            sink.write(column.tobytes())
+                            sink.write(_bytes_of(column))
     finally:
         os._exit(0)  # nothing of the parent's is to be ended twice
 
@@ -84,11 +99,15 @@ def _say(sink: BinaryIO, **answer: object) -> None:
     sink.write(json.dumps(answer).encode() + b"\n")
 
 
-def _received(source: BinaryIO, frames: int) -> FrameBlock:
+def _bytes_of(column: NDArray[Any]) -> memoryview:
+    return column.reshape(-1).view(np.uint8).data
+
+
+def _received(source: BinaryIO, frames: int, width: int) -> FrameBlock:
     """Return a block as it comes. Raises EOFError where it ends too early."""
-    block = FrameBlock.empty(frames, FD_BYTES)
+    block = FrameBlock.empty(frames, width)
     for column in vars(block).values():
-        room = memoryview(column.reshape(-1).view("u1"))
+        room = _bytes_of(column)
         while room:
             count = source.readinto(room)  # type: ignore[attr-defined]  # a buffered file has it
             if not count:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -75,6 +75,11 @@ class FrameBlock:
     def rows(self, start: int, stop: int) -> FrameBlock:
         """Return some of the frames."""
         return FrameBlock(*(column[start:stop] for column in vars(self).values()))
+
+    def widened(self, width: int) -> FrameBlock:
+        """Return the frames with room for so many bytes, no fewer than now."""
+        missing = width - self.data.shape[1]
+        return replace(self, data=np.pad(self.data, ((0, 0), (0, missing)))) if missing else self
 
     def messages(self) -> Iterator[can.Message]:
         """Yield the frames one by one."""

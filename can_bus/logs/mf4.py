@@ -20,6 +20,7 @@ from can_bus.errors import CanBusError, one_line, quiet
 from can_bus.logs.apart import Reading, read_apart
 from can_bus.logs.frame_block import (
     BITRATE_SWITCH,
+    CLASSIC_BYTES,
     ERROR,
     ERROR_STATE,
     EXTENDED,
@@ -122,8 +123,10 @@ def _read(asammdf: Any, path: Path, refuse_beyond: Callable[[int], None] | None)
 def _block(signal: Any, event: str, flag: int, start_s: float) -> FrameBlock:
     """Return the frames of one channel group: asammdf's signal with a structure per frame."""
     samples = signal.samples
-    block = FrameBlock.empty(len(samples), FD_BYTES)
     names = samples.dtype.names or ()
+    field = f"{event}.DataBytes"
+    is_short = field not in names or samples.dtype[field].shape[0] <= CLASSIC_BYTES
+    block = FrameBlock.empty(len(samples), CLASSIC_BYTES if is_short else FD_BYTES)
 
     def values(name: str) -> NDArray[Any] | None:
         field = f"{event}.{name}"
@@ -149,10 +152,11 @@ def _block(signal: Any, event: str, flag: int, start_s: float) -> FrameBlock:
     if flag == REMOTE or data is None:
         return block
     length = block.dlc if length is None else length
-    width = min(data.shape[1], FD_BYTES)
-    block.length[:] = np.minimum(length, FD_BYTES)
+    room = block.data.shape[1]
+    width = min(data.shape[1], room)
+    block.length[:] = np.minimum(length, room)
     block.data[:, :width] = data[:, :width]
-    block.data[np.arange(FD_BYTES) >= block.length[:, np.newaxis]] = 0
+    block.data[np.arange(room) >= block.length[:, np.newaxis]] = 0
     if code is None or flag == ERROR:
         block.dlc[:] = block.length
     return block
@@ -160,7 +164,9 @@ def _block(signal: Any, event: str, flag: int, start_s: float) -> FrameBlock:
 
 def _by_time(blocks: list[FrameBlock]) -> FrameBlock:
     if not blocks:
-        return FrameBlock.empty(0, FD_BYTES)
+        return FrameBlock.empty(0, CLASSIC_BYTES)
+    room = max(block.data.shape[1] for block in blocks)
+    blocks = [block.widened(room) for block in blocks]
     columns = [
         np.concatenate(column) for column in zip(*(vars(b).values() for b in blocks), strict=True)
     ]
