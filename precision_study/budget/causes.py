@@ -102,6 +102,13 @@ def left_over(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
     return errors
 
 
+def rounded_sum(values: NDArray[np.floating[Any]], rounding: int, carry: int) -> Floats:
+    """Return the sum of rounded values, with their remainders carried or dropped [units]."""
+    if carry == 1:
+        return np.rint(np.cumsum(values) + left_over(values, rounding))
+    return np.cumsum(np.rint(values + rounding_error(values, rounding)))
+
+
 def mean_left_over(values: NDArray[np.floating[Any]], rounding: int, bits: int) -> Floats:
     """Return the mean of `left_over` for evenly spread fractions; 0 before the first value."""
     if rounding == TOWARD_ZERO:

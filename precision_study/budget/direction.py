@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from firmware_model import KernelConfig
 from firmware_model.config import TRIG_TABLE
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
-from precision_study.budget.causes import rounding_error
+from precision_study.budget.causes import rounded_sum, rounding_error
+from precision_study.budget.path import Path
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,6 +39,28 @@ def direction_errors(config: KernelConfig, phase_turn_q32: Ints) -> tuple[Floats
         table = _cordic(config, angle)
         chord = np.zeros_like(table)
     return _turned(table, quadrant), _turned(chord, quadrant)
+
+
+def direction_by_wheels(config: KernelConfig, path: Path) -> NDArray[np.int64]:
+    """Return the angle of each step as the firmware rounds it, from counts alone [2^-F turn].
+
+    Sine and cosine may jump where the twin's heading lies, as those of CORDIC do at zero.
+    """
+    rounding, fine = config.heading_rounding, math.ldexp(1.0, -config.heading_shift)
+    turns = path.turn_counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
+    turns = np.diff(rounded_sum(turns, config.turn_rounding, config.turn_carry), prepend=0.0)
+    heading = rounded_sum(turns * fine, rounding, config.heading_carry)
+    old = config.stale_heading_ticks
+    if old > 0:
+        angle = np.concatenate([np.zeros(old), heading])[: len(heading)]
+    else:
+        exact = np.cumsum(turns * fine) if config.heading_carry == 1 else heading
+        before = np.concatenate([[0.0], exact])[: len(exact)]
+        half = 1 << (config.heading_frac_bits - 1)
+        angle = (before + config.integration / 2.0 * turns * fine + half) % (2.0 * half) - half
+        angle += rounding_error(angle, rounding)
+    whole: NDArray[np.int64] = np.rint(angle).astype(np.int64)
+    return whole
 
 
 def _turned(errors: Floats, quadrant: Ints) -> Floats:

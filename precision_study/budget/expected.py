@@ -32,7 +32,7 @@ from precision_study.budget.causes import (
     mean_left_over,
     rounding_error,
 )
-from precision_study.budget.direction import direction_errors
+from precision_study.budget.direction import direction_by_wheels, direction_errors
 from precision_study.budget.path import Path, wrapped
 
 Floats = NDArray[np.float64]
@@ -162,7 +162,10 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
             quantum.turn_rad += float(mean_left_over(turns, rounding, bits)[-1]) * unit
             quantum.noise_rad2 += (SPREAD * unit * (bits > 0)) ** 2
 
-    whole = np.rint(values + error).astype(np.int64)
+    if config.mode == MODE_WHEEL:
+        whole = direction_by_wheels(config, path)
+    else:
+        whole = np.rint(values + error).astype(np.int64)
     phase = (whole & ((1 << config.heading_frac_bits) - 1)) << (32 - config.heading_frac_bits)
     table, chord = direction_errors(config, phase)
     trig_unit = math.ldexp(1.0, -one.trig.frac_bits)

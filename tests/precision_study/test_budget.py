@@ -22,7 +22,12 @@ from precision_study.budget import (
     guaranteed_bound,
     trace,
 )
-from precision_study.budget.causes import largest_drop, mean_drop, rounding_error
+from precision_study.budget.causes import (
+    largest_drop,
+    mean_drop,
+    rounded_sum,
+    rounding_error,
+)
 from precision_study.streaming import stream
 from precision_study.study.drives import Drives, drive
 from precision_study.study.measure import Errors, measure
@@ -126,6 +131,24 @@ def test_the_bound_holds_in_every_run_and_the_expected_error_is_within_a_factor_
         assert 0.5 <= expected.heading_rad / rms(errors.arithmetic_heading_rad) <= 2.0, seed
         compared += 1
     assert compared > 0.95 * count
+
+
+def test_by_the_wheels_alone_the_counts_tell_the_heading_to_the_bit() -> None:
+    left, right, gyro = (one[0] for one in inputs(drives("random", (1,), 5.0)))
+    for config in (random_config(seed) for seed in range(40)):
+        if config.description.mode != "wheel":
+            continue
+        counts = trace(config, left, right, gyro).turn_counts
+        turns = counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
+        turned = rounded_sum(turns, config.turn_rounding, config.turn_carry)
+        steps = np.ldexp(np.diff(turned, prepend=0.0), -config.heading_shift)
+        heading = rounded_sum(steps, config.heading_rounding, config.heading_carry)
+        kernel = [
+            part.pose_q[0, :, 2].copy()
+            for part in stream(config, left[None], right[None], gyro[None])
+        ]
+        apart = heading.astype(np.int64) - np.concatenate(kernel)
+        assert not np.any(apart & ((1 << config.heading_frac_bits) - 1))
 
 
 def inputs(those: Drives) -> tuple[NDArray[np.int64], ...]:
