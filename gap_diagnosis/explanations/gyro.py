@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.reference import detailed_turn_rate
+from gap_diagnosis.explanations.reference import detailed_turn_rate, turn_rate_with_details
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
 
@@ -15,6 +15,11 @@ def gyro_lag(p: Prediction, *, time_constant: float) -> None:
     The rate is a smooth one: in the fine details of counted turns, counting errors pass for a lag.
     """
     _trail(p, time_constant, p.motion.turn_rate_rad_s)
+
+
+def exact_gyro_lag(p: Prediction, *, time_constant: float) -> None:
+    """Trail the true rate with those of its details that are no counting errors."""
+    _trail(p, time_constant, turn_rate_with_details(p.motion))
 
 
 def long_gyro_lag(p: Prediction, *, time_constant: float) -> None:

@@ -46,6 +46,7 @@ _LAG: Final = Variant(
     is_positive=True,
     little=gyro.little_gyro_lag,
     large=gyro.long_gyro_lag,
+    exact=gyro.exact_gyro_lag,
 )
 _AMPLITUDE = ("amplitude", "phase")
 _DOWNHILL = ("ratio", "direction")

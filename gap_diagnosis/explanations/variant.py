@@ -8,7 +8,7 @@ none.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,8 @@ class Variant:
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
         stage_rank: order of acting, for effects of a user's library.
+        exact: how it acts in every detail, if `act` makes it smooth so that its column is free of
+            the data's noise: what is compared is exact, what it is compared along is smooth.
         chance: how far what happened may be off from the coefficient, a rate or probability, by
             chance alone (standard deviation), for that coefficient.
         little: how small amounts act, where a share of a large one would look otherwise.
@@ -51,12 +53,18 @@ class Variant:
     stage_rank: int = 3
     little: Action | None = None
     large: Action | None = None
+    exact: Action | None = None
     chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""
         named = dict(zip(self.coefficients, coefficients, strict=True))
         self.act(prediction, **named, **self.fixed)
+
+    @property
+    def in_detail(self) -> Variant:
+        """The same, acting in every detail."""
+        return self if self.exact is None else replace(self, act=self.exact)
 
     def parameters(self, draws: Any) -> dict[str, Any]:
         """Return the catalogue's parameters for coefficients *draws*, float64[..., k]."""

@@ -232,7 +232,7 @@ class MotionModel:
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
-        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
+        settings = [(t.variant.in_detail, c) for t, c in zip(terms, coefficients, strict=True)]
         smooth = self.nodes.smooth
         change = residuals(self.nodes, predict(smooth, settings)) - self._smooth_nominal
         own = {index for term in terms for weight in term.weights for index, _ in weight}
@@ -262,11 +262,19 @@ class MotionModel:
     def _linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
     ) -> tuple[Floats, list[tuple[int, float]], list[Term]]:
-        """Return columns about these coefficients: data, free tolerances, tangents of the terms."""
+        """Return columns about these coefficients: data, free tolerances, tangents of the terms.
+
+        Tangents are smooth and the data exact: where a step ends, what is left of the data goes
+        along with no tangent, and noise that the data share with an exact tangent has no say (the
+        tangents are instruments; Fuller 1987, Measurement Error Models, section 1.4).
+        """
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
-        there = residuals(self.nodes, predict(smooth, settings))
-        here = self.columns.values[..., 0] + there - self._smooth_nominal
+        there = exact = residuals(self.nodes, predict(smooth, settings))
+        if any(t.variant.exact is not None for t in terms):
+            detailed = [(variant.in_detail, c) for variant, c in settings]
+            exact = residuals(self.nodes, predict(smooth, detailed))
+        here = self.columns.values[..., 0] + exact - self._smooth_nominal
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [here, *(self.columns.values[..., i + 1] for i, _ in free)]

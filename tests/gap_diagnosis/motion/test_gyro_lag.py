@@ -1,0 +1,42 @@
+"""A lag is read as long as it is, whatever the smoothing that keeps counting errors out of it."""
+
+import numpy as np
+import pytest
+from motion_cases import LEVELS, ROBOT, WIRE
+
+from gap_diagnosis.explanations.reference import turn_rate_with_details
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+LAG_S = 0.03
+QUIET_M_PER_SQRT_M = 1e-4
+"""The least contact noise that a diagnosis believes in."""
+
+
+def drive(name: str, lag_s: float = 0.0) -> Recording:
+    lag = EffectSetting("gyro_lag", (("time_constant", lag_s),))
+    effects = (lag,) if lag_s else ()
+    return synthetic_recording(ROBOT, WIRE, scenario(name), effects, 3, reference=ReferenceNoise())
+
+
+def test_a_lag_of_three_ticks_on_a_quiet_floor_is_read_within_four_standard_deviations() -> None:
+    model = MotionModel(drive("calibration", LAG_S), ROBOT, default_prior())
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "gyro_lag")
+    levels = LEVELS.copy()
+    levels[0] = QUIET_M_PER_SQRT_M
+    found = model.refit((term,), levels, free_levels=False)
+    ((lag_s,),) = found.coefficients
+    likeliest = int(np.argmax(found.scored.weights))
+    sd_s = float(np.sqrt(found.scored.covariances[likeliest][0, 0]))
+    assert lag_s == pytest.approx(LAG_S, abs=4 * sd_s)
+    assert sd_s < 1e-4
+
+
+def test_on_a_straight_no_detail_of_the_turn_rate_is_believed() -> None:
+    motion = MotionModel(drive("straight"), ROBOT, default_prior()).nodes.smooth
+    detailed = turn_rate_with_details(motion)
+    assert np.mean(detailed != motion.turn_rate_rad_s) < 0.01
