@@ -18,7 +18,7 @@ from firmware_model.integers import FLOOR, TOWARD_ZERO, WRAP, limit, shift_round
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
 
-_ENUMERATED_GAPS: Final = 1 << 14
+_ENUMERATED_GAPS: Final = 1 << 10
 _ENUMERATED_WRAPPED_GAPS: Final = 64
 _ENUMERATED_ROTATIONS: Final = 12
 _ENUMERATED_COUNTS: Final = 2048
@@ -87,7 +87,8 @@ class Rhythm:
     per_tick: Fraction
 
 
-def rhythms(config: KernelConfig, envelope: Envelope) -> list[Rhythm]:
+@lru_cache(maxsize=4)
+def rhythms(config: KernelConfig, envelope: Envelope) -> tuple[Rhythm, ...]:
     """Return rhythms, the farthest first.
 
     Where rounding is not carried, frames that come seldom lose or gain less by it. Those beyond
@@ -106,7 +107,7 @@ def rhythms(config: KernelConfig, envelope: Envelope) -> list[Rhythm]:
         moved = step * largest_direction(config) / (1 << config.position_shift)
         gain = _gain(config.position_shift, config.position_rounding, config.position_carry)
         found.append(Rhythm(envelope.gap_ticks, moved + gain / seldom))
-    return sorted(found, key=lambda one: one.per_tick, reverse=True)
+    return tuple(sorted(found, key=lambda one: one.per_tick, reverse=True))
 
 
 def position_reach(config: KernelConfig, envelope: Envelope) -> int:
@@ -141,7 +142,6 @@ class LongestStep:
     counts: tuple[int, ...]
 
 
-@lru_cache(maxsize=_ENUMERATED_WRAPPED_GAPS)
 def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> LongestStep:
     """Return the longest step in its word of a frame that tells of so many ticks.
 
