@@ -207,10 +207,15 @@ def frame_latency(motion: Motion) -> Iterable[Variant]:
     """Return latencies of rows whose frames carry no counter: tables, where stamps are all."""
     if motion.has_counters:
         return
-    for frame, act, large in (
-        ("IMU", reference.gyro_latency, reference.late_gyro),
-        ("ENCODER", reference.counts_latency, reference.late_counts),
-        ("sensors", reference.sensors_latency, None),
+    for frame, act, large, exact in (
+        ("IMU", reference.gyro_latency, reference.late_gyro, reference.exact_gyro_latency),
+        (
+            "ENCODER",
+            reference.counts_latency,
+            reference.late_counts,
+            reference.exact_counts_latency,
+        ),
+        ("sensors", reference.sensors_latency, None, None),
     ):
         yield Variant(
             "frame_latency",
@@ -219,6 +224,7 @@ def frame_latency(motion: Motion) -> Iterable[Variant]:
             report={"frame": frame},
             is_positive=True,
             large=large,
+            exact=exact,
         )
 
 

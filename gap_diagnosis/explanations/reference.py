@@ -63,6 +63,17 @@ def counts_latency(p: Prediction, *, delay: float) -> None:
     _move_gyro(p, delay)
 
 
+def exact_gyro_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp the gyro late, with those details of the rate that are no counting errors."""
+    _move(p, -delay, turn_rate_with_details(p.motion))
+
+
+def exact_counts_latency(p: Prediction, *, delay: float) -> None:
+    """Stamp the counts late, with those details of the rate that are no counting errors."""
+    encoder_latency(p, delay=delay)
+    _move(p, delay, turn_rate_with_details(p.motion))
+
+
 def late_gyro(p: Prediction, *, delay: float) -> None:
     """Stamp the gyro so late that every detail of a turn shows it."""
     _move_in_detail(p, -delay)
@@ -75,8 +86,7 @@ def late_counts(p: Prediction, *, delay: float) -> None:
 
 
 def _move_in_detail(p: Prediction, by_s: float) -> None:
-    t_s, rate = p.motion.t_s, detailed_turn_rate(p.motion)
-    p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate
+    _move(p, by_s, detailed_turn_rate(p.motion))
 
 
 def detailed_turn_rate(motion: Motion) -> Floats:
@@ -107,5 +117,9 @@ def turn_rate_with_details(motion: Motion) -> Floats:
 
 def _move_gyro(p: Prediction, by_s: float) -> None:
     """Let the gyro show the rate of another moment."""
-    t_s, rate = p.motion.t_s, p.motion.turn_rate_rad_s
+    _move(p, by_s, p.motion.turn_rate_rad_s)
+
+
+def _move(p: Prediction, by_s: float, rate: Floats) -> None:
+    t_s = p.motion.t_s
     p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate

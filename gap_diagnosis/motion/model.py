@@ -105,7 +105,7 @@ class MotionModel:
             large = term.variant.large
             is_lag = term.variant.effect == "gyro_lag" and delay_s > 0
             if large is not None and (is_lag or term.variant.report == late):
-                variant = replace(term.variant, act=large)
+                variant = replace(term.variant, act=large, exact=None)
                 _, self.columns = with_variant(
                     self.columns, self.nodes, variant, term, abs(delay_s)
                 )
