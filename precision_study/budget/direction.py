@@ -41,14 +41,19 @@ def direction_errors(config: KernelConfig, phase_turn_q32: Ints) -> tuple[Floats
     return _turned(table, quadrant), _turned(chord, quadrant)
 
 
+def turns_by_wheels(config: KernelConfig, path: Path) -> Floats:
+    """Return the turn of each tick as the firmware rounds it, from counts alone [2^-K turn]."""
+    turns = path.turn_counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
+    return np.diff(rounded_sum(turns, config.turn_rounding, config.turn_carry), prepend=0.0)
+
+
 def direction_by_wheels(config: KernelConfig, path: Path) -> NDArray[np.int64]:
     """Return the angle of each step as the firmware rounds it, from counts alone [2^-F turn].
 
     Sine and cosine may jump where the twin's heading lies, as those of CORDIC do at zero.
     """
     rounding, fine = config.heading_rounding, math.ldexp(1.0, -config.heading_shift)
-    turns = path.turn_counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
-    turns = np.diff(rounded_sum(turns, config.turn_rounding, config.turn_carry), prepend=0.0)
+    turns = turns_by_wheels(config, path)
     heading = rounded_sum(turns * fine, rounding, config.heading_carry)
     old = config.stale_heading_ticks
     if old > 0:

@@ -32,7 +32,11 @@ from precision_study.budget.causes import (
     mean_left_over,
     rounding_error,
 )
-from precision_study.budget.direction import direction_by_wheels, direction_errors
+from precision_study.budget.direction import (
+    direction_by_wheels,
+    direction_errors,
+    turns_by_wheels,
+)
 from precision_study.budget.path import Path, wrapped
 
 Floats = NDArray[np.float64]
@@ -157,7 +161,8 @@ def _add_direction(parts: dict[str, _Part], config: KernelConfig, path: Path) ->
     if config.heading_carry == 1:
         turns, rounding, bits = path.turn_rad / unit, config.heading_rounding, config.heading_shift
         if config.mode == MODE_WHEEL:
-            quantum.turn_rad += float(left_over(turns, rounding)[-1]) * unit * (bits > 0)
+            turns = np.ldexp(turns_by_wheels(config, path), -bits)
+            quantum.turn_rad += float(left_over(turns, rounding)[-1]) * unit
         else:
             quantum.turn_rad += float(mean_left_over(turns, rounding, bits)[-1]) * unit
             quantum.noise_rad2 += (SPREAD * unit * (bits > 0)) ** 2
