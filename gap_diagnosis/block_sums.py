@@ -79,7 +79,7 @@ def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
         effects = effects - _COUNTING
     fit = block.fit(effects)
     if block.name == "drive" and effects & _COUNTING:
-        fit = _clearly(fit, block.fit(effects - _COUNTING))
+        fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
         return fit.log_evidence - _allowance(block, effects), fit.log_likelihood
     rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
@@ -100,13 +100,20 @@ def _allowance(block: Block, effects: Effects) -> float:
     return (len(effects) - 1) * _INEXACT * max(0.0, largest - _EXACT_UP_TO)
 
 
-def _clearly(fit: Fit, without: Fit) -> Fit:
+def _clearly(fit: Fit, without: Fit, alone: Fit) -> Fit:
     """Return what commands say of counting errors: nothing that is not said clearly.
 
     Their size is not held against the one that the motion finds, so a small misfit of the drive
-    must not speak for them.
+    must not speak for them; nor may what they explain *alone* speak for a drive effect beside them.
     """
-    gained = fit.log_evidence - without.log_evidence
-    if not 0 < gained < _CLEARLY:
-        return fit
-    return replace(fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood)
+    if 0 < alone.log_evidence < _CLEARLY:
+        return replace(
+            fit,
+            log_evidence=fit.log_evidence - alone.log_evidence,
+            log_likelihood=max(fit.log_likelihood - alone.log_likelihood, 0.0),
+        )
+    if 0 < fit.log_evidence - without.log_evidence < _CLEARLY:
+        return replace(
+            fit, log_evidence=without.log_evidence, log_likelihood=without.log_likelihood
+        )
+    return fit

@@ -159,7 +159,10 @@ _NOISY_LSB: Final = 2.0
 
 
 def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
-    """Return for each side the longest stretch [first, last] in which only the other counts."""
+    """Return for each side the stretch [first, last] to the log's end in which it counts nothing.
+
+    Only a side whose other one counts meanwhile: one that counts again was not dead.
+    """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
     least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
     found = {}
@@ -168,10 +171,11 @@ def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
         runs = [
             (first, last)
             for first, last in _runs(step == 0, least)
-            if np.abs(other[first : last + 1]).sum() > _DEAD_TICKS * motion.rad_per_count
+            if last == len(step) - 1
+            and np.abs(other[first:]).sum() > _DEAD_TICKS * motion.rad_per_count
         ]
         if runs:
-            found[side] = max(runs, key=lambda run: run[1] - run[0])
+            found[side] = runs[0]
     return found
 
 
@@ -192,7 +196,9 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
             "stop_s": float(motion.t_s[last]) + 1e-6,
         }
         report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
-        yield Variant("encoder_dead", acts[side], (), window, report)
+        # It may have died at any time of the log, and looks alike wherever it stands anyway.
+        share = math.log((last - first + 1) / len(motion.t_s))
+        yield Variant("encoder_dead", acts[side], (), window, report, log_share=share)
 
 
 def encoder_wrap(motion: Motion) -> Iterable[Variant]:

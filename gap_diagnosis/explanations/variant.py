@@ -35,6 +35,8 @@ class Variant:
         stage_rank: order of acting, for effects of a user's library.
         exact: how it acts in every detail, if `act` makes it smooth so that its column is free of
             the data's noise: what is compared is exact, what it is compared along is smooth.
+        log_share: log of the share of all the times at which it could have begun that looks like
+            this one.
         chance: how far what happened may be off from the coefficient, a rate or probability, by
             chance alone (standard deviation), for that coefficient.
         little: how small amounts act, where a share of a large one would look otherwise.
@@ -54,6 +56,7 @@ class Variant:
     little: Action | None = None
     large: Action | None = None
     exact: Action | None = None
+    log_share: float = 0.0
     chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:

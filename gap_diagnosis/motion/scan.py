@@ -289,7 +289,7 @@ class Scan:
         scored = [score(gram, terms, self.model.prior) for terms in choices]
         weighed = [
             one.log_evidence
-            + sum(t.log_weight for t in one.terms)
+            + sum(t.log_weight + t.variant.log_share for t in one.terms)
             - self._beyond_belief(one.terms, self._sizes(one))
             for one in scored
         ]

@@ -147,6 +147,15 @@ def test_what_drive_and_counts_explain_alike_is_not_counted_twice_in_three() -> 
     assert three.log_evidence == pytest.approx(180)
 
 
+def test_what_a_counting_error_explains_faintly_does_not_bring_in_a_drive_effect() -> None:
+    alike = frozenset({"drive_gain", "ticks_per_rev"})
+    motion = FakeBlock({"ticks_per_rev": 150.0})
+    drive = FakeBlock({"drive_gain": 9.0, "ticks_per_rev": 11.0}, pairs={alike: 9.5}, name="drive")
+    ranking = ranked(motion, drive)
+    assert ranking.best.effects == {"ticks_per_rev"}
+    assert odds(ranking, ["ticks_per_rev"], ["drive_gain", "ticks_per_rev"]) > 10
+
+
 def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_told() -> None:
     motion = FakeBlock({"setup_swapped": 5000.0, "gyro_bias": 40.0})
     drive = FakeBlock({"drive_gain": 30.0}, name="drive")

@@ -1,0 +1,47 @@
+"""A wheel that stands is no dead encoder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.scenarios import scenario
+
+WHOLE = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 5, reference=None)
+LASTS_S = WHOLE.t_s[-1] - WHOLE.t_s[0]
+
+
+def standing(start_s: float, stop_s: float) -> Recording:
+    """Return the log with a left count that stands from one time to another."""
+    step = np.diff(WHOLE.left_ticks, prepend=WHOLE.left_ticks[0])
+    step[(WHOLE.t_s > start_s) & (WHOLE.t_s <= stop_s)] = 0.0
+    return replace(WHOLE, left_ticks=WHOLE.left_ticks[0] + np.cumsum(step))
+
+
+def found(recording: Recording) -> list[Variant]:
+    """Return the ways in which an encoder may be dead in the log."""
+    return list(EXPLAINED["encoder_dead"].variants(estimate_motion(recording, ROBOT)))
+
+
+def test_a_count_that_goes_on_was_not_dead() -> None:
+    assert found(standing(0.3 * LASTS_S, 0.8 * LASTS_S)) == []
+
+
+def test_a_count_that_stands_to_the_end_may_have_died_when_it_stopped() -> None:
+    (dead,) = found(standing(0.3 * LASTS_S, np.inf))
+    assert dead.report["side"] == "left"
+    assert dead.fixed["start_s"] == pytest.approx(0.3 * LASTS_S, abs=0.05)
+
+
+def test_a_short_stand_at_the_end_speaks_little_of_a_dead_encoder() -> None:
+    """It may have died at any time: a stand of a tenth of the log has a tenth of the odds."""
+    (dead,) = found(standing(0.9 * LASTS_S, np.inf))
+    assert dead.log_share == pytest.approx(-np.log(10), abs=0.05)
