@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import AbstractContextManager
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -312,6 +313,11 @@ class SimulatedBus(can.BusABC):
     def to_bus_ns(self, duration_s: float) -> int:
         """Return a duration on this node's clock in nanoseconds of the bus."""
         return self._controller.bus_ns(duration_s)
+
+    @property
+    def standing_clock(self) -> AbstractContextManager[object]:
+        """A context in which no thread moves the clock on."""
+        return self._pace.lock
 
     def at_ns(self, time_ns: int, action: Callable[[], None]) -> None:
         """Have something done at a time of the bus."""

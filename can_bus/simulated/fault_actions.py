@@ -28,7 +28,8 @@ def queued(
     """Return what enters the queue because of this frame, each with its delay in ns."""
     delay_ns, copies = 0, 1
     for active in faults:
-        if active.concerns(controller.name, pending.message) and active.strike(now_ns):
+        concerned = active.is_on and active.concerns(controller.name, pending.message)
+        if concerned and active.strike(now_ns):
             kind = active.fault.kind
             if kind == "duplication":
                 copies += 1

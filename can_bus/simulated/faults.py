@@ -176,10 +176,10 @@ class FaultPlan:
         return active
 
     def remove(self, active: ActiveFault) -> None:
-        """Switch a fault off; may be called twice."""
+        """Switch a fault off; may be called twice. One that holds frames stays until they go."""
         active.is_on = False
         places = self._places(active.fault.kind)
-        if places is not None and active in places:
+        if places is not None and active in places and not active.held:
             places.remove(active)
         self.is_empty = not (self.queueing or self.corruption or self.loss or self.silence)
 

@@ -51,7 +51,10 @@ class SimulatedCyclicTask(
         if not self._is_running:
             self._is_running = True
             self._run += 1
-            self._schedule(self._run, self._bus.now_ns, 0)
+            # Another thread that reads the bus may move its clock on: what is scheduled then lies
+            # in the past, and all turns up to now would come at once.
+            with self._bus.standing_clock:
+                self._schedule(self._run, self._bus.now_ns, 0)
 
     def stop(self) -> None:
         """Stop; may be called twice."""

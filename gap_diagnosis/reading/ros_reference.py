@@ -61,7 +61,7 @@ def read_ros_rows(path: Path, topic: str | None, most_rows: int) -> NDArray[np.f
     except DiagnosisError:
         raise
     except Exception as error:  # rosbags raises what parsing happens to raise
-        text = " ".join(str(error).split()) or type(error).__name__
+        text = " ".join(str(error).split())[:200] or type(error).__name__
         raise DiagnosisError(f"{path}: not a ROS recording that can be read: {text}") from error
     return np.array(rows, dtype=np.float64).reshape(-1, 8)
 

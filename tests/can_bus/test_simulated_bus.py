@@ -329,6 +329,28 @@ def test_a_notifier_reads_in_its_own_thread(node: OpenNode) -> None:
     assert heard[:10] == pytest.approx([n * 0.01 + length_s for n in range(10)])
 
 
+def test_periodic_frames_keep_their_period_beside_a_notifier_that_runs_already(
+    node: OpenNode,
+) -> None:
+    """Its thread moves the clock on while this one starts the task."""
+    sender, receiver = node(), node()
+    for turn in range(20):
+        heard: list[float] = []
+        enough = threading.Event()
+
+        def listen(message: can.Message, heard=heard, enough=enough) -> None:
+            heard.append(message.timestamp)
+            if len(heard) == 10:
+                enough.set()
+
+        with can.Notifier(receiver, [listen]):
+            task = sender.send_periodic(frame(0x100 + turn), 0.01)
+            assert enough.wait(20.0)
+            task.stop()
+        gaps = [later - earlier for earlier, later in itertools.pairwise(heard[:10])]
+        assert gaps == pytest.approx([0.01] * 9)
+
+
 def test_a_notifier_stops_at_once_though_the_clock_stands(node: OpenNode) -> None:
     """Its thread waits for this one, which waits for it: neither moves the clock."""
     main, background = node(), node()

@@ -100,6 +100,18 @@ def test_reordering_puts_a_frame_behind_the_next_of_its_identifier(node: OpenNod
     assert numbers(receiver) == [0, 2, 1, 3]
 
 
+def test_a_frame_that_waits_for_the_next_comes_though_the_fault_was_switched_off(
+    node: OpenNode,
+) -> None:
+    sender, receiver = node("s"), node("r")
+    fault = sender.inject(BusFault(kind="reordering", turns=(1,)))
+    for number in range(4):
+        if number == 2:
+            sender.clear(fault)
+        sender.send(frame(number))
+    assert numbers(receiver) == [0, 2, 1, 3]
+
+
 def test_a_babbling_node_starves_all_below_it_and_nobody_above(node: OpenNode) -> None:
     sender, receiver = node("s"), node("r")
     sender.inject(
