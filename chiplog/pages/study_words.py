@@ -123,5 +123,5 @@ def _proof(chosen: Outcome, requirement: Requirement) -> str:
     if requirement.kind == "total":
         return f"Its arithmetic is proved to err by at most {said}."
     if bound <= requirement.limit:
-        return f"Proved: at most {said} on every such drive, so the limit always holds."
+        return f"Proved: at most {said} on each of these drives, so the limit holds."
     return f"Proved is at most {said}: what was measured holds, a worst case might not."
