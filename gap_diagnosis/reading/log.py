@@ -82,7 +82,8 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
     scale = ticks_per_unit(mapped.quantity, log.plant)
     if mapped.quantity in ("speed", "turn rate"):
         speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
-        return integrated_speed(speed, rows, scale=scale, period_s=log.period_s)
+        ecu_s = np.asarray(rows * log.period_s, dtype=np.float64)
+        return integrated_speed(speed, ecu_s, scale=scale)
     if not mapped.signal.is_float:
         count_to_raw(mapped, log.plant)  # refuses a signal narrower than the counter
     wrap = None if mapped.signal.is_float else float(wrap_of(mapped)[0])

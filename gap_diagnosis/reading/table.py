@@ -55,6 +55,7 @@ class _Table:
             self.clock.period_s,
             str(path),
         )
+        self.t_s = np.interp(self.rows.tick, self.clock.tick, self.clock.t_s)
 
     def _refuse_empty(self) -> None:
         rows = len(self.values["left_count"])
@@ -134,7 +135,7 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
-    t_s = np.interp(rows.tick, clock.tick, clock.t_s)
+    t_s = table.t_s
     gyro = _gyro(table)
     heading = _quantity(table, "odom_heading")
     recording = Recording(
@@ -166,7 +167,7 @@ def _wheel(table: _Table, role: Role) -> Floats:
     reading, tick = table.last(role), table.rows.tick
     scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
     if mapped.quantity in ("speed", "turn rate"):
-        return integrated_speed(reading, tick, scale=scale, period_s=table.clock.period_s)
+        return integrated_speed(reading, table.t_s, scale=scale)
     return running_count(
         reading,
         tick,

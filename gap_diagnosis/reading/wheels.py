@@ -62,13 +62,13 @@ def running_count(
     return (reading - reading[valid[0]]) * scale if len(valid) else reading.copy()
 
 
-def integrated_speed(speed: Floats, tick: Ints, *, scale: float, period_s: float) -> Floats:
+def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> Floats:
     """Return the running count that wheel speeds add up to (trapezoids; a gap is bridged)."""
     valid = np.flatnonzero(np.isfinite(speed))
     result = np.full(len(speed), np.nan)
     if len(valid):
         rate = speed[valid] * scale
-        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(tick[valid]) * period_s
+        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s[valid])
         result[valid] = np.concatenate(([0.0], np.cumsum(steps)))
     return result
 
