@@ -197,8 +197,11 @@ def _compare_reference(
     forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
     point_x = forward * cosine - left * sine
     point_y = forward * sine + left * cosine
-    point_x = point_x + p.reference_scale * (x_m + point_x - motion.x_m[0])
-    point_y = point_y + p.reference_scale * (y_m + point_y - motion.y_m[0])
+    # A room's scale stretches the way that the wheels went: in the estimated pose stands the
+    # reference's own noise, and a large room about small wheels would take that away.
+    way_x, way_y = nodes.smooth.x_m[tick], nodes.smooth.y_m[tick]
+    point_x = point_x + p.reference_scale * (way_x + point_x)
+    point_y = point_y + p.reference_scale * (way_y + point_y)
     x_m, y_m, heading = (
         x_m + d_x[tick] + point_x,
         y_m + d_y[tick] + point_y,

@@ -92,3 +92,14 @@ def test_what_is_not_kept_is_compared_nowhere():
     left = residuals(nodes, predict(nodes.motion))
     assert np.isnan(left[0, 22:38]).all()
     assert np.isfinite(left[3]).all()
+
+
+def test_a_rooms_scale_stretches_the_way_and_not_the_noise_of_the_reference():
+    wander = 0.1 * np.sin(np.arange(len(RECORDING.reference.t_s)) / 300)
+    noisy = replace(RECORDING.reference, x_m=RECORDING.reference.x_m + wander)
+    (scale,) = EXPLAINED["reference_scale"].variants(NODES.motion)
+    changes = []
+    for nodes in (NODES, nodes_of(replace(RECORDING, reference=noisy))):
+        stretched = residuals(nodes, predict(nodes.motion, [(scale, (1.0,))]))
+        changes.append(residuals(nodes, predict(nodes.motion)) - stretched)
+    assert np.nanmax(np.abs(changes[1][:2] - changes[0][:2])) < 0.01
