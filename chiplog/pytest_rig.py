@@ -19,7 +19,9 @@ from hil_harness.rig import Rig
 SHOWN_FRAMES: Final = 30
 """How many frames before a failure its report shows."""
 
-_OF_A_TEST: Final = ("robot", "device", "effects", "scenario", "seed", "plant", "dbc", "signals")
+_OF_A_TEST: Final = (
+    *("robot", "device", "effects", "scenario", "seed", "force", "plant", "dbc", "signals"),
+)
 _PATHS: Final = ("robot", "dbc", "signals", "scenario")
 
 

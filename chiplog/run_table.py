@@ -56,5 +56,5 @@ def _facts(result: RunResult, report: Path) -> list[list[str]]:
         )
     overflows = result.kernel_state.get("overflow_count", 0)
     if overflows:
-        rows.append(["firmware", f"{q.count(overflows)} overflows of a word"])
+        rows.append(["firmware", q.overflows(overflows)])
     return [*rows, ["report", str(report)]]

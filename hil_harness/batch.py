@@ -18,6 +18,7 @@ from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import EffectSetting, apply_effects, combine_effects
 from hil_harness.laws.statistics import Split, split_error
 from hil_harness.nodes import firmware_config
+from hil_harness.reach import require_counts_fit
 from hil_harness.results import Poses
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
@@ -106,15 +107,19 @@ def run_scenario_batch(
     effects: tuple[EffectSetting, ...] = (),
     twin: bool = True,
     history: bool = True,
+    force: bool = False,
 ) -> BatchResult:
-    """Run plant and firmware over many seeds.
+    """Run plant and firmware over many seeds; `force` takes words that overflow, and counts.
 
     Raises HarnessError, PlantError or FirmwareError for what does not fit together.
     """
+    robot.require_tick(wire.tick_period_us, wire.database.path.name)
     plant = simulate_batch(
         scenario, robot, wire, seeds, ticks=ticks, effects=effects, outputs="odometry"
     )
-    config = firmware_config(robot, wire.signal_map, wire.tick_period_us)
+    config = firmware_config(robot, wire.signal_map, wire.tick_period_us, allow_overflow=force)
+    if not force:
+        require_counts_fit(robot, config, plant.left_count, plant.right_count)
     firmware = run_batch(
         config, plant.left_count, plant.right_count, plant.gyro_code, twin=twin, history=history
     )

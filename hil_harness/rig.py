@@ -78,6 +78,7 @@ class Rig:
         scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
             the signal map says instead) that the test sends.
         seed: seed of the plant's noise and of faults with a probability.
+        force: True runs the shipped firmware with words that overflow; STATUS says when one has.
         plant: False leaves the robot out: the sensor frames are then the test's or a rest bus's.
         dbc, signals: a DBC other than the shipped one, and the map that says what its signals mean.
         interface, channel, bitrate, bus_args: as python-can takes them; without a channel a
@@ -97,6 +98,7 @@ class Rig:
         effects: str | Iterable[str] = (),
         scenario: str | Path | None = None,
         seed: int = 1,
+        force: bool = False,
         plant: bool = True,
         dbc: Database | str | Path | None = None,
         signals: SignalMap | str | Path | None = None,
@@ -110,6 +112,7 @@ class Rig:
         """Assemble the rig; in real time it starts at once."""
         seed = checked_seed(seed)
         effects = effect_texts(effects)
+        check_kind("force", force, (bool,), "True or False")
         check_kind("plant", plant, (bool,), "True or False")
         check_kind("scenario", scenario, (str, Path, NoneType), "a name or a file")
         check_kind("robot", robot, (Robot, str, Path, NoneType), "a robot or its file")
@@ -130,6 +133,7 @@ class Rig:
         self._recorder = FrameRecorder(self.database)
         self._last_failure: tuple[AssertionError | None, list[SeenFrame]] = (None, [])
         self._seed = seed
+        self._force = force
         self._faults = FaultInjector(self.database, seed)
         self._outgoing_faults = FaultInjector(self.database, seed + 1)
         channel = channel_for(interface, channel)
@@ -372,18 +376,22 @@ class Rig:
     def _open_device(self, device: Any, channel: str, folder: Path | None) -> Device:
         if device is None:
             assert self.signal_map is not None
+            program = FirmwareProgram(
+                self.robot,
+                self.signal_map,
+                self.tick_period_us,
+                schedule=self._plant.settings.over_time(lambda at: at.firmware),
+                seed=self._seed,
+                allow_overflow=self._force,
+            )
+            if not self._force:
+                self._plant.require_fits(program.described)
             shipped = FirmwareNode(
                 self.robot,
                 database=self.database,
                 signal_map=self.signal_map,
                 tick_period_us=self.tick_period_us,
-                program=FirmwareProgram(
-                    self.robot,
-                    self.signal_map,
-                    self.tick_period_us,
-                    schedule=self._plant.settings.over_time(lambda at: at.firmware),
-                    seed=self._seed,
-                ),
+                program=program,
             )
             return PythonDevice(shipped, name="shipped firmware")
         if isinstance(device, Device):

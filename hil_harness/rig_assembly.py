@@ -14,11 +14,13 @@ from typing import Final
 import can
 
 from can_bus import IN_PROCESS_INTERFACES, Database
+from firmware_model import KernelConfig
 from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import Settings, apply_effects, combine_effects, parse_effect
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import unique_channel
 from hil_harness.nodes import Node, PlantNode
+from hil_harness.reach import require_drive_fits
 from hil_harness.robot import Robot
 from hil_harness.scenarios import scenario as find_scenario
 from hil_harness.sensor_frames import SENSOR_ROLES
@@ -40,12 +42,15 @@ class RigPlant:
         pose: returns the true (x_m, y_m, heading_rad); raises HarnessError if there is no robot.
         message_names: what the node sends, so that a rest bus leaves it alone.
         settings: what its effects add up to, those of bus and firmware included.
+        require_fits: raises HarnessError for a firmware whose position does not hold the scenario;
+            how far a test's own commands go is not known beforehand.
     """
 
     node: Node
     pose: Callable[[], tuple[float, float, float]]
     message_names: frozenset[str]
     settings: Settings = field(default_factory=Settings)
+    require_fits: Callable[[KernelConfig], None] = lambda described: None
 
 
 def no_plant() -> RigPlant:
@@ -70,13 +75,12 @@ def simulated_plant(
     drive = None if scenario is None else find_scenario(scenario, seed=seed)
     settings = combine_effects(*((parse_effect(text),) for text in effects))
     roles: tuple[Role, ...] = SENSOR_ROLES
+    wire = Wire(database, signal_map)
     commands = None
     if drive is not None:
         settings = combine_effects(drive.effects, settings)
         roles += COMMAND_ROLES
-        commands = commands_on_the_wire(
-            drive, drive.tick_count(tick_period_us), Wire(database, signal_map)
-        )
+        commands = commands_on_the_wire(drive, drive.tick_count(tick_period_us), wire)
     applied = apply_effects(settings)
     plant = Plant(
         robot.plant,
@@ -97,7 +101,15 @@ def simulated_plant(
         mistakes=applied.setup,
     )
     names = frozenset(spec.name for spec in signal_map.messages(roles))
-    return RigPlant(node, lambda: plant.pose, names, applied)
+
+    def require_fits(described: KernelConfig) -> None:
+        if drive is not None:
+            ticks = drive.tick_count(tick_period_us)
+            require_drive_fits(
+                drive, robot, wire, described, ticks=ticks, settings=applied, seed=seed
+            )
+
+    return RigPlant(node, lambda: plant.pose, names, applied, require_fits)
 
 
 class _Silent:

@@ -16,6 +16,7 @@ from hil_harness.toml_source import TomlSource, load_toml
 from sim_plant import PlantDescription
 
 DEFAULT_NAME: Final = "robot.toml"
+LONGEST_MISSION_S: Final = 366 * 86_400.0
 
 
 class _Table(BaseModel):
@@ -48,12 +49,48 @@ class Tolerance(_Table):
     time_offset_s: float = _tolerance("between clocks of log, ECU and reference [s]", 0.002)
 
 
+def _limit(meaning: str, high: float, example: float) -> Any:
+    return Field(default=None, gt=0, le=high, description=meaning, examples=[example])
+
+
+class Design(_Table):
+    """Table [design]: what the firmware is made for, as `ranges` and `export-c` take it.
+
+    Raises pydantic.ValidationError.
+    """
+
+    tick_period_us: int | None = Field(
+        default=None,
+        ge=10,
+        le=10_000_000,
+        description="tick that it was made for [µs]; left out: the DBC's",
+        examples=[10_000],
+    )
+    mission_s: float = Field(
+        default=3600.0,
+        gt=0,
+        le=LONGEST_MISSION_S,
+        description="longest mission [s]",
+        examples=[3600.0],
+    )
+    distance_m: float | None = _limit(
+        "longest way in a mission [m]; left out: at top speed all along", 1e9, 1000.0
+    )
+    speed_m_s: float | None = _limit(
+        "fastest ground speed of a wheel [m/s]; left out: what [drive] gives", 1e5, 1.0
+    )
+    turn_rate_rad_s: float | None = _limit(
+        "fastest turn of the robot [rad/s]; left out: what the wheels give", 1e5, 2.0
+    )
+
+
 class RobotFile(PlantDescription):
     """A whole robot.toml: the plant's tables, the firmware's, tolerances and a name."""
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this format")
     robot: RobotTable = RobotTable()
     firmware: FirmwareDescription = FirmwareDescription()
+    design: Design = Design()
     tolerance: Tolerance = Tolerance()
 
 
@@ -65,6 +102,7 @@ class Robot:
         name: what people call it.
         plant: its body and sensors.
         firmware: its dead reckoning.
+        design: what that is made for.
         tolerance: how far the real robot may differ before it is news.
         source: the file it was read from; None for the shipped one.
     """
@@ -72,6 +110,7 @@ class Robot:
     name: str
     plant: PlantDescription
     firmware: FirmwareDescription
+    design: Design
     tolerance: Tolerance
     source: TomlSource | None = field(default=None, repr=False, compare=False)
 
@@ -80,6 +119,19 @@ class Robot:
         if self.source is None:
             return DEFAULT_NAME
         return self.source.where(self.source.key_named_in(message))
+
+    def require_tick(self, tick_period_us: int, dbc: str) -> None:
+        """Refuse a tick other than the one that the firmware was made for.
+
+        Raises HarnessError with file and line.
+        """
+        made_for = self.design.tick_period_us
+        if made_for not in (None, tick_period_us):
+            message = (
+                f"design.tick_period_us = {made_for}: the tick of {dbc} is {tick_period_us} µs: "
+                "expected --dbc with the tick that the firmware was made for"
+            )
+            raise HarnessError(f"{self.where(message)}: {message}")
 
     def firmware_constants(
         self, tick_period_us: int, gyro: GyroCodes | None = None
@@ -157,6 +209,7 @@ def _robot(source: TomlSource, named: TomlSource | None) -> Robot:
         name=whole.robot.name,
         plant=PlantDescription(**plant),
         firmware=whole.firmware,
+        design=whole.design,
         tolerance=whole.tolerance,
         source=named,
     )

@@ -30,6 +30,7 @@ from hil_harness.lockstep import Lockstep
 from hil_harness.meter import BusMeter
 from hil_harness.nodes import FirmwareNode, Node, PlantNode
 from hil_harness.peers import Outages, Tell
+from hil_harness.reach import require_run_fits
 from hil_harness.realtime import Pacer, run_paced
 from hil_harness.results import BusStatistics, Poses, Reception, RunResult, Timing
 from hil_harness.skewed_log import SkewedLog
@@ -92,6 +93,7 @@ def run(config: RunConfig, progress: Progress | None = None, tell: Tell | None =
     _refuse_in_real_time(config, settings, wire)
     plant = build_plant_node(config, wire, ticks)
     program = _program(config, settings, wire)
+    require_run_fits(config, wire, program.described, ticks)
     shadow = FirmwareNode(
         config.robot,
         database=wire.database,

@@ -35,13 +35,15 @@ class NodeOutcome:
 
     `timing` says of the plant how late its ticks started, of the firmware how uneven its cycle was,
     of both when the other one or the bus was out. `starved_ticks` are the firmware's ticks without
-    a complete set of sensor frames. `rejected` counts refused frames by reason.
+    a complete set of sensor frames, `overflows` how often a word of its kernel has overflowed.
+    `rejected` counts refused frames by reason.
     """
 
     ticks: int
     interrupted: bool
     timing: Timing = field(default_factory=Timing)
     starved_ticks: int = 0
+    overflows: int = 0
     rejected: Mapping[str, int] = field(default_factory=dict)
 
     def summary(self, role: str) -> dict[str, Any]:
@@ -53,6 +55,7 @@ class NodeOutcome:
             "interrupted": self.interrupted,
             "timing": self.timing.summary(),
             "starved_ticks": self.starved_ticks,
+            "overflows": self.overflows,
             "rejected": dict(self.rejected),
         }
 
@@ -129,6 +132,7 @@ def run_firmware_alone(
         stop.is_made,
         with_outages(cycle.timing(), outages),
         starved_ticks=starved,
+        overflows=node.kernel.overflow_count,
         rejected=rejected,
     )
 

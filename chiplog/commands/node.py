@@ -173,4 +173,5 @@ def sentence(role: Role, outcome: NodeOutcome) -> str:
         f"{done}, cycle {timing.jitter_p50_us:.0f} µs off (median), {timing.jitter_p99_us:.0f} µs "
         f"(99 %), {timing.jitter_max_us:.0f} µs at most; {q.count(outcome.starved_ticks)} ticks "
         f"without all sensor frames, {', '.join(refused) or 'none'} refused{away}"
+        + (f"; {q.overflows(outcome.overflows)}" if outcome.overflows else "")
     )

@@ -44,6 +44,11 @@ def count(value: int) -> str:
     return f"{value:,}".replace("-", MINUS)
 
 
+def overflows(number: int) -> str:
+    """Return how often words overflowed."""
+    return f"{count(number)} {'overflow' if number == 1 else 'overflows'} of a word"
+
+
 def share(value: float | None) -> str:
     """Return a ratio as a percentage."""
     return UNKNOWN if value is None else f"{_significant(100 * value, 3)} %"

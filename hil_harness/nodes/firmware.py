@@ -68,6 +68,7 @@ class FirmwareNode:
         program: FirmwareProgram | None = None,
     ) -> None:
         """Build the kernel from the robot's description and bind it to the signals."""
+        robot.require_tick(tick_period_us, database.path.name)
         self._inputs = KernelInputs(signal_map, robot.plant)
         if program is None:
             program = FirmwareProgram(

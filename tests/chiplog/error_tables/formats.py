@@ -90,6 +90,19 @@ FORMATS: tuple[Row, ...] = (
         "robot.toml:2: firmware.position.word_bits = 16: the longest step, 5.052 m, does "
         "not fit: expected at least 36, or fewer frac_bits",
     ),
+    Row(
+        "a position's word too short for the drive",
+        "chiplog run --scenario straight --robot robot.toml",
+        "robot.toml:2: firmware.position.word_bits = 25: 10.01 m by the wheels do not fit with 21 "
+        "fraction bits: expected at least 26 bits",
+        {"robot.toml": "[firmware.position]\nword_bits = 25\nfrac_bits = 21\n"},
+    ),
+    _robot(
+        "a firmware made for another tick",
+        "[design]\ntick_period_us = 2500\n",
+        "robot.toml:2: design.tick_period_us = 2500: the tick of chiplog.dbc is 10000 µs: expected "
+        "--dbc with the tick that the firmware was made for",
+    ),
     _robot(
         "a velocity finer than its steps",
         "[firmware.velocity]\nfrac_bits = 24\n[firmware.step]\nfrac_bits = 2\n",
