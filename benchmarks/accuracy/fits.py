@@ -137,9 +137,7 @@ def bounds(world: World, model: MotionModel, effect: str, truth: Truth) -> dict[
     information = np.linalg.inv(scored.covariances[widest]) - np.diag(high**-2.0)
     covariance = np.linalg.inv(information)
     if term.variant.polar is None:
-        # No log can tell a rate or probability better than the events that it led to.
-        chance = [term.variant.chance(model.nodes.motion, one) for one in coefficients]
-        sds = np.sqrt(np.diag(covariance) + np.square(chance))
+        sds = np.sqrt(np.diag(covariance))
         sizes = dict(zip(_parameters(effect, names), (float(sd) for sd in sds), strict=True))
         if effect == "ticks_per_rev":
             sizes["scale"] /= (1 + float(values["scale"])) ** 2

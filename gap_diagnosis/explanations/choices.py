@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.explanations.variant import Value, Variant
 from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import FACTORS
+
+Scatter = Callable[[Motion, float], tuple[Floats, Floats]]
 
 
 def missed_ticks(motion: Motion) -> Iterable[Variant]:
@@ -35,26 +38,42 @@ def missed_ticks(motion: Motion) -> Iterable[Variant]:
                 fixed,
                 report,
                 is_positive=True,
-                chance=_chance_of_missed(side, threshold),
+                scatter=_scatter_of_missed(side, threshold),
             )
 
 
-def _chance_of_missed(side: str, threshold: float) -> Callable[[Motion, float], float]:
-    """Return the standard deviation of the share of ticks that a probability lets get lost."""
+def _scatter_of_missed(side: str, threshold: float) -> Scatter:
+    """Of N counts, each lost with probability p, N p (1 - p) is the variance of those lost."""
 
-    def chance(motion: Motion, probability: float) -> float:
+    def scatter(motion: Motion, probability: float) -> tuple[Floats, Floats]:
+        share = min(max(probability, 0.0), 0.99)
         step = motion.left_step_rad if side == "left" else motion.right_step_rad
         rate = motion.left_rate_rad_s if side == "left" else motion.right_rate_rad_s
-        ticks = float(np.abs(step[np.abs(rate) > threshold]).sum()) / motion.rad_per_count
-        share = min(max(probability, 0.0), 1.0)
-        return math.sqrt(share * (1.0 - share) / max(ticks, 1.0))
+        counted = np.where(np.abs(rate) > threshold, np.abs(step), 0.0) / motion.rad_per_count
+        return _of_side(side, counted * share / (1.0 - share) ** 2)
 
-    return chance
+    return scatter
 
 
-def chance_of_extra(motion: Motion, rate: float) -> float:
-    """Return the standard deviation of the mean rate that spurious counts come at."""
-    return math.sqrt(abs(rate) / float(motion.elapsed_s[-1]))
+def extra_ticks(motion: Motion) -> Iterable[Variant]:
+    """Return both sides."""
+    for side, act in (("left", encoder.extra_ticks_left), ("right", encoder.extra_ticks_right)):
+        scatter = _scatter_of_extra(side)
+        yield Variant("extra_ticks", act, ("rate",), report={"side": side}, scatter=scatter)
+
+
+def _scatter_of_extra(side: str) -> Scatter:
+    """Spurious counts are as many as expected in the mean, and that is their variance."""
+
+    def scatter(motion: Motion, rate: float) -> tuple[Floats, Floats]:
+        return _of_side(side, abs(rate) * motion.dt_s)
+
+    return scatter
+
+
+def _of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
+    none = np.zeros_like(variance)
+    return (variance, none) if side == "left" else (none, variance)
 
 
 SLIP_WINDOWS: Final = 12

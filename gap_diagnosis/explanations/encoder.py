@@ -42,31 +42,13 @@ def missed_ticks_right(p: Prediction, *, probability: float, threshold: float) -
 
 
 def extra_ticks_left(p: Prediction, *, rate: float) -> None:
-    """Count without motion on the left."""
-    p.left_rad = _without_extra(p, p.left_rad, p.motion.left_rate_rad_s, rate)
+    """Count without motion on the left: in the mean, so many counts are taken off."""
+    p.left_rad = p.left_rad - rate * p.motion.dt_s * p.motion.rad_per_count
 
 
 def extra_ticks_right(p: Prediction, *, rate: float) -> None:
-    """Count without motion on the right."""
-    p.right_rad = _without_extra(p, p.right_rad, p.motion.right_rate_rad_s, rate)
-
-
-def _without_extra(p: Prediction, step_rad: Floats, wheel_rad_s: Floats, rate: float) -> Floats:
-    """Take spurious counts off: each one where the other wheel rests, their mean in motion.
-
-    A rest in which the counter went the other way, or not at all, speaks against this rate: there
-    the mean is taken off too.
-    """
-    motion = p.motion
-    others = np.minimum(np.abs(motion.left_rate_rad_s), np.abs(motion.right_rate_rad_s))
-    slow = 3 * abs(rate) * motion.rad_per_count + 5 * motion.rad_per_count
-    rests = (others <= motion.rad_per_count) & (np.abs(wheel_rad_s) < slow)
-    if rate == 0.0:
-        return step_rad
-    which_rest = np.cumsum(np.diff(rests, prepend=False))
-    net_rad = np.bincount(which_rest, weights=step_rad)[which_rest]
-    spurious = rests & (net_rad * rate > 0)
-    return np.where(spurious, 0.0, step_rad - rate * motion.dt_s * motion.rad_per_count)
+    """Count without motion on the right: in the mean, so many counts are taken off."""
+    p.right_rad = p.right_rad - rate * p.motion.dt_s * p.motion.rad_per_count
 
 
 def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:

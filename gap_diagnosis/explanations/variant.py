@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats
 
 Value = float | int | str
 Action = Callable[..., None]
@@ -37,8 +38,8 @@ class Variant:
             the data's noise: what is compared is exact, what it is compared along is smooth.
         log_share: log of the share of all the times at which it could have begun that looks like
             this one.
-        chance: how far what happened may be off from the coefficient, a rate or probability, by
-            chance alone (standard deviation), for that coefficient.
+        scatter: for a coefficient that is a rate or a probability, by how much the counts of the
+            left and the right wheel vary by chance, counts² per tick, float64[n] each.
         little: how small amounts act, where a share of a large one would look otherwise.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
@@ -57,7 +58,7 @@ class Variant:
     large: Action | None = None
     exact: Action | None = None
     log_share: float = 0.0
-    chance: Callable[[Motion, float], float] = lambda motion, size: 0.0
+    scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""

@@ -271,9 +271,7 @@ class MotionBlock:
             named = term.variant.parameters(draws[:, column : column + width]) if width else {}
             column += width
             for name, samples in named.items():
-                by_chance = term.variant.chance(self.model.nodes.motion, samples.mean())
-                spread = samples + by_chance * rng.standard_normal(len(samples))
-                parameters[f"{effect}.{name}"] = _estimate(name, spread)
+                parameters[f"{effect}.{name}"] = _estimate(name, samples)
             for name, value in term.variant.report.items():
                 key = f"{effect}.{name}"
                 if name in EDGES:

@@ -29,6 +29,9 @@ from hil_harness.robot import Robot
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
+_ROUNDS: Final = 6
+_FAR_ROUNDS: Final = 15
+"""Where chance has been taken for contact noise so far, the levels are far from the best."""
 _DOWNHILL: Final = 0.5
 """A step may lose this much [nat]: the prior pulls too."""
 
@@ -151,7 +154,7 @@ class MotionModel:
             for term in terms
         ]
         return best_levels(
-            lambda levels: self._evidence(values, nuisances, moved, levels),
+            lambda levels: self._evidence(values, nuisances, moved, levels, self.course),
             self.level_prior,
             start,
             rounds=rounds,
@@ -171,8 +174,9 @@ class MotionModel:
         nuisances: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         levels: Floats,
+        course: Course,
     ) -> float:
-        white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
+        white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
         gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
         if not terms:
             return gram.log_nothing
@@ -194,9 +198,10 @@ class MotionModel:
         coefficients = tuple(start)
         for step in range(steps):
             values, nuisances, tangent = self._linearised(terms, coefficients)
+            course = self._scattered(terms, coefficients)
             if free_levels and step == 1:
-                levels = self._better_levels(values, nuisances, tangent, levels)
-            white, log_determinant, rows = whiten(values, self.course, levels, self.nodes.ticks)
+                levels = self._better_levels(values, nuisances, tangent, levels, course)
+            white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
             best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
@@ -241,7 +246,19 @@ class MotionModel:
         columns += [self.columns.values[..., i + 1] for i, _ in free]
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        return self._evidence(values, nuisances, (), levels)
+        course = self._scattered(terms, coefficients)
+        return self._evidence(values, nuisances, (), levels, course)
+
+    def _scattered(
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
+    ) -> Course:
+        """Return the course with what rates and probabilities of these sizes leave to chance."""
+        course = self.course
+        for term, sizes in zip(terms, coefficients, strict=True):
+            if term.variant.scatter is not None:
+                variances = term.variant.scatter(self.nodes.motion, sizes[0])
+                course = course.scattered(self.nodes, *variances)
+        return course
 
     @cached_property
     def _smooth_nominal(self) -> Floats:
@@ -253,11 +270,13 @@ class MotionModel:
         nuisances: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         start: Floats,
+        course: Course,
     ) -> Floats:
         def evidence(levels: Floats) -> float:
-            return self._evidence(values, nuisances, terms, levels)
+            return self._evidence(values, nuisances, terms, levels, course)
 
-        return best_levels(evidence, self.level_prior, start, rounds=6)
+        rounds = _ROUNDS if course is self.course else _FAR_ROUNDS
+        return best_levels(evidence, self.level_prior, start, rounds=rounds)
 
     def _linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]

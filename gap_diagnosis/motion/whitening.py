@@ -11,7 +11,7 @@ gains; what comes out is a plain least-squares problem.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numba
@@ -58,6 +58,8 @@ class Course:
     right_path_m: Floats
     left_moved: Floats
     right_moved: Floats
+    left_scatter_m2: Floats
+    right_scatter_m2: Floats
     cosine: Floats
     sine: Floats
     quantum_m: float
@@ -65,6 +67,16 @@ class Course:
     wheelbase_m: float
     samples: Floats
     gyro_floor_rad: Floats
+
+    def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
+        """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
+        metres2 = (nodes.motion.radius_m * nodes.motion.rad_per_count) ** 2
+        left_m2, right_m2 = (nodes.mean(np.cumsum(wheel)) * metres2 for wheel in (left, right))
+        return replace(
+            self,
+            left_scatter_m2=self.left_scatter_m2 + np.diff(left_m2, prepend=left_m2[0]),
+            right_scatter_m2=self.right_scatter_m2 + np.diff(right_m2, prepend=right_m2[0]),
+        )
 
 
 def course_of(nodes: Nodes, noise_ticks: float) -> Course:
@@ -91,6 +103,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_path_m=right_path,
         left_moved=left_path / per_count_m,
         right_moved=right_path / per_count_m,
+        left_scatter_m2=np.zeros(nodes.count),
+        right_scatter_m2=np.zeros(nodes.count),
         cosine=np.cos(heading),
         sine=np.sin(heading),
         quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),
@@ -126,6 +140,8 @@ def whiten(
         course.right_path_m,
         course.left_moved,
         course.right_moved,
+        course.left_scatter_m2,
+        course.right_scatter_m2,
         course.cosine,
         course.sine,
         course.quantum_m,
@@ -149,6 +165,8 @@ def _whiten(
     right_path: Floats,
     left_moved: Floats,
     right_moved: Floats,
+    left_scatter: Floats,
+    right_scatter: Floats,
     cosine: Floats,
     sine: Floats,
     quantum_m: float,
@@ -214,8 +232,8 @@ def _whiten(
             covariance[77] += fresh * slow_position**2
             covariance[88] += fresh * slow_position**2
             covariance[99] += fresh * slow_heading**2
-            left = contact * contact * left_path[k]
-            right = contact * contact * right_path[k]
+            left = contact * contact * left_path[k] + left_scatter[k]
+            right = contact * contact * right_path[k] + right_scatter[k]
             c, s = cosine[k], sine[k]
             along = 0.25 * (left + right)
             cross = 0.5 * (right - left) / wheelbase_m
