@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
@@ -24,6 +24,7 @@ from gap_diagnosis.motion.unknown import Alternative, alternatives
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.traces import traces
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
@@ -42,6 +43,7 @@ class Analysis:
         alternatives: what an unlisted cause in the motion could depend on, best first.
         unknown: log evidence of an unlisted cause by stage, less that of no effect.
         outliers: number of reference samples left out.
+        traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
     """
 
@@ -52,6 +54,7 @@ class Analysis:
     unknown: Mapping[str, float]
     outliers: int = 0
     burst: Burst | None = None
+    traces: Mapping[str, Fit] = field(default_factory=dict)
 
     @property
     def firmware(self) -> FirmwareBlock | None:
@@ -109,14 +112,16 @@ def analyse(
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
     others = [] if motion is None else _alternatives(motion, burst)
+    seen = traces(blocks)
     return Analysis(
         as_received,
         motion,
         tuple(_without(one, without) for one in blocks),
         tuple(others),
-        _unknown(others, drive, firmware),
+        _unknown(others, seen, drive, firmware),
         outliers,
         burst,
+        seen,
     )
 
 
@@ -182,7 +187,10 @@ def _rough(burst: Burst) -> Alternative:
 
 
 def _unknown(
-    others: list[Alternative], drive: DriveBlock | None, firmware: FirmwareBlock | None
+    others: list[Alternative],
+    seen: Mapping[str, Fit],
+    drive: DriveBlock | None,
+    firmware: FirmwareBlock | None,
 ) -> dict[str, float]:
     stages: dict[str, list[float]] = {}
     for one in others:
@@ -191,6 +199,8 @@ def _unknown(
         stage: float(np.logaddexp.reduce(values)) - float(np.log(len(values)))
         for stage, values in stages.items()
     }
+    for stage, trace in seen.items():
+        found[stage] = max(found.get(stage, trace.log_evidence), trace.log_evidence)
     if drive is not None:
         found["actuation"] = drive.unexplained().log_evidence
     if firmware is not None:

@@ -171,7 +171,8 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
         else:
             own = [one for one in analysis.alternatives if one.stage == stage][:3]
             pairs = [(one.variable, one.share) for one in own]
-            windows += own[0].windows if own else ()
+            seen = analysis.traces.get(stage)
+            windows += own[0].windows if own else () if seen is None else seen.windows
         for variable, share in pairs:
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)

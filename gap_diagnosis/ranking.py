@@ -25,6 +25,8 @@ _TRIPLED: Final = 12
 _WORTH_FOURS: Final = 30.0
 _FOURS: Final = 6
 _APART: Final = 2
+_BLOCK: Final = {"actuation": "drive", "bus": "bus"}
+"""In which block an unlisted cause of a stage shows; all others in the motion."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ def rank(
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
         stage: evidence
-        + _elsewhere(logs, scored, "drive" if stage == "actuation" else "motion", stage)
+        + _elsewhere(logs, scored, _BLOCK.get(stage, "motion"), stage)
         + math.log(prior.unknown / max(len(unknown), 1))
         for stage, evidence in unknown.items()
     }
