@@ -28,7 +28,7 @@ _PIPED_WIDTH = 1000  # a pipe has no edge: nothing is wrapped or cut there
 class Progress(Protocol):
     """Hears how much is done, and of how much if that was not known before."""
 
-    def __call__(self, done: int, total: int | None = None, /) -> None:
+    def __call__(self, done: float, total: int | None = None, /) -> None:
         """Move the bar."""
 
 
@@ -106,7 +106,7 @@ def progress(
     ) as bar:
         task = bar.add_task(description, total=total)
 
-        def move(done: int, of: int | None = None, /) -> None:
+        def move(done: float, of: int | None = None, /) -> None:
             end = total if of is None else of
             is_full = done == end and then is not None
             bar.update(

@@ -28,7 +28,7 @@ class Stretch:
     """Some ticks of every run; the arrays are overwritten by the next stretch.
 
     Attributes:
-        start: the first tick.
+        start: the first tick, from the beginning of the arrays that were handed in.
         pose_q: int64[runs, n, 3], x_m_q, y_m_q and heading_turn_q after each tick.
         twin_pose: float64[runs, n, 3], x_m, y_m and the unwrapped heading_rad of the float twin.
         status: int32[runs, n], the status word.
@@ -42,6 +42,64 @@ class Stretch:
     overflow_count: Ints
 
 
+class Streams:
+    """Kernel and float twin of some runs, which go on from wherever the last ticks left them."""
+
+    def __init__(self, config: KernelConfig, runs: int) -> None:
+        """Put every run at power-on."""
+        self._records = _repeated(config, CONFIG_DTYPE, runs)
+        self._table = _table(config)
+        self._states = _repeated(initial_state(config), STATE_DTYPE, runs)
+        self._twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
+        self._twins = np.zeros(runs, TWIN_DTYPE)
+
+    def over(
+        self,
+        left_count: Ints,
+        right_count: Ints,
+        gyro_code: Ints,
+        *,
+        chunk_ticks: int = CHUNK_TICKS,
+    ) -> Iterator[Stretch]:
+        """Yield what `firmware_model.run_batch` would return with history, a stretch at a time.
+
+        Args:
+            left_count, right_count, gyro_code: int64[runs, ticks], the next ones, all fresh; the
+                ticks of a run lie beside each other in memory.
+            chunk_ticks: how many ticks are held at once.
+        """
+        runs, ticks = left_count.shape
+        longest = min(chunk_ticks, ticks)
+        fresh = np.full((runs, longest), FRESH, np.int8)
+        batch = compiled_batch()
+        size = 0
+        for start in range(0, ticks, max(longest, 1)):
+            part = slice(start, min(start + longest, ticks))
+            if part.stop - start != size:
+                size = part.stop - start
+                pose_q = np.empty((runs, size, 3), dtype=np.int64)
+                twin_pose = np.empty((runs, size, 3), dtype=np.float64)
+                status = np.empty((runs, size), dtype=np.int32)
+                source = np.empty((runs, size), dtype=np.int8)
+            batch(
+                self._states,
+                self._records,
+                self._table,
+                left_count[:, part],
+                right_count[:, part],
+                fresh[:, :size],
+                gyro_code[:, part],
+                fresh[:, :size],
+                self._twins,
+                self._twin_configs,
+                pose_q,
+                status,
+                source,
+                twin_pose,
+            )
+            yield Stretch(start, pose_q, twin_pose, status, self._states["overflow_count"])
+
+
 def stream(
     config: KernelConfig,
     left_count: Ints,
@@ -50,49 +108,9 @@ def stream(
     *,
     chunk_ticks: int = CHUNK_TICKS,
 ) -> Iterator[Stretch]:
-    """Yield what `firmware_model.run_batch` would return with history, a stretch at a time.
-
-    Args:
-        config: of all runs.
-        left_count, right_count, gyro_code: int64[runs, ticks], all fresh; the ticks of a run lie
-            beside each other in memory.
-        chunk_ticks: how many ticks are held at once.
-    """
-    runs, ticks = left_count.shape
-    records = _repeated(config, CONFIG_DTYPE, runs)
-    table = _table(config)
-    states = _repeated(initial_state(config), STATE_DTYPE, runs)
-    twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
-    twins = np.zeros(runs, TWIN_DTYPE)
-    longest = min(chunk_ticks, ticks)
-    fresh = np.full((runs, longest), FRESH, np.int8)
-    batch = compiled_batch()
-    size = 0
-    for start in range(0, ticks, longest):
-        part = slice(start, min(start + longest, ticks))
-        if part.stop - start != size:
-            size = part.stop - start
-            pose_q = np.empty((runs, size, 3), dtype=np.int64)
-            twin_pose = np.empty((runs, size, 3), dtype=np.float64)
-            status = np.empty((runs, size), dtype=np.int32)
-            source = np.empty((runs, size), dtype=np.int8)
-        batch(
-            states,
-            records,
-            table,
-            left_count[:, part],
-            right_count[:, part],
-            fresh[:, :size],
-            gyro_code[:, part],
-            fresh[:, :size],
-            twins,
-            twin_configs,
-            pose_q,
-            status,
-            source,
-            twin_pose,
-        )
-        yield Stretch(start, pose_q, twin_pose, status, states["overflow_count"])
+    """Yield whole runs from power-on; the arguments are those of `Streams.over`."""
+    runs = Streams(config, len(left_count))
+    return runs.over(left_count, right_count, gyro_code, chunk_ticks=chunk_ticks)
 
 
 _KEPT_TABLES = 64

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim_plant import kernel, records
 from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
+from sim_plant.generators import SOURCE
 from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
 from sim_plant.records import DriveModel, EncoderModel
@@ -82,50 +83,20 @@ def simulate(
     Raises:
         PlantError: an argument out of its range.
     """
-    check_choices(tick_period_us, encoder_model, noise, drive)
-    if outputs not in ("all", "odometry"):
-        raise PlantError(f"outputs = {outputs!r}: expected 'all' or 'odometry'")
-    if workers is not None and workers < 1:
-        raise PlantError(f"workers = {workers}: expected a whole number of at least 1")
     rows = _check_commands(commands)
-    run_seeds = [check_seed(seed) for seed in seeds]
-    per_run: list[Mechanisms | MechanismSchedule]
-    if isinstance(mechanisms, Mechanisms | MechanismSchedule):
-        per_run = [mechanisms] * len(run_seeds)
-    else:
-        per_run = list(mechanisms)
-        if len(per_run) != len(run_seeds):
-            raise PlantError(
-                f"mechanisms: expected one for all or one for each of the {len(run_seeds)} seeds, "
-                f"got {len(per_run)}"
-            )
-    built = {
-        id(item): records.build_parameters(
-            description,
-            item,
-            tick_s=tick_period_us / 1e6,
-            drive_model=drive,
-            encoder_model=encoder_model,
-        )
-        for item in {id(item): item for item in per_run}.values()
-    }
-    batch = _Batch(
-        [built[id(item)] for item in per_run],
-        run_seeds,
+    batch = Batch(
+        description,
+        mechanisms,
         rows,
-        noise,
-        everything=outputs == "all",
+        seeds,
+        tick_period_us=tick_period_us,
+        encoder_model=encoder_model,
+        noise=noise,
+        drive=drive,
+        outputs=outputs,
+        workers=workers,
     )
-    threads = workers or _processors()
-    runs = range(len(run_seeds))
-    if threads == 1 or len(runs) < 2:
-        batch.work(runs)
-    else:
-        # A few shares per thread, so that all threads end together.
-        size = -(-len(runs) // (_SHARES_PER_THREAD * threads))
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(batch.work, (runs[i : i + size] for i in runs[::size])))
-    return batch.runs()
+    return batch.advance(len(rows))
 
 
 def _processors() -> int:
@@ -148,95 +119,161 @@ def _check_commands(commands: ArrayLike) -> NDArray[np.float64]:
     return rows
 
 
-class _Batch:
-    """The arrays of one `simulate` call; `work` fills the rows of some runs."""
+class Batch:
+    """Runs that are simulated some ticks at a time, with the same bits as all at once.
+
+    The arguments are those of `simulate`, but that the rows of `commands` are repeated for ever.
+    """
 
     def __init__(
         self,
-        parameters: list[NDArray[Any]],
-        seeds: list[int],
-        commands: NDArray[np.float64],
-        noise: NoiseModel,
+        description: PlantDescription,
+        mechanisms: Mechanisms | MechanismSchedule | Sequence[Mechanisms | MechanismSchedule],
+        commands: ArrayLike,
+        seeds: Sequence[int] | NDArray[np.integer[Any]],
         *,
-        everything: bool,
+        tick_period_us: int,
+        encoder_model: EncoderModel = "counter",
+        noise: NoiseModel = "streams",
+        drive: DriveModel = "motor",
+        outputs: Outputs = "all",
+        workers: int | None = None,
     ) -> None:
-        self._parameters = parameters
-        self._seeds = np.array(seeds, np.uint64)
-        self._commands = commands
-        self._noise: NoiseModel = noise
-        runs, ticks = len(seeds), commands.shape[0]
-        shape = (runs, ticks)
-        # One allocation: large ones come in huge pages, and their first touch is quicker.
-        self._left, self._right, self._gyro = np.empty((3, *shape), np.int64)
-        extra = shape if everything else (0, 0)
-        self._rates = np.empty(extra, np.float64)
-        self._others = np.empty((4, *extra), np.int64)
-        self._shared: NDArray[Any] | None = None
-        one_for_all = len({id(record) for record in parameters}) == 1
-        if one_for_all and not records.active_streams(parameters[0]) & MOTION_STREAMS:
-            self._shared = self._move_once(parameters[0])
-            self._truth = self._shared.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
+        """Put every robot at its start. Raises PlantError for an argument out of its range."""
+        check_choices(tick_period_us, encoder_model, noise, drive)
+        if outputs not in ("all", "odometry"):
+            raise PlantError(f"outputs = {outputs!r}: expected 'all' or 'odometry'")
+        if workers is not None and workers < 1:
+            raise PlantError(f"workers = {workers}: expected a whole number of at least 1")
+        self._commands = _check_commands(commands)
+        self._seeds = np.array([check_seed(seed) for seed in seeds], np.uint64)
+        runs = len(self._seeds)
+        per_run: list[Mechanisms | MechanismSchedule]
+        if isinstance(mechanisms, Mechanisms | MechanismSchedule):
+            per_run = [mechanisms] * runs
         else:
-            self._truth = np.empty((runs, ticks, 3))
-
-    def _move_once(self, parameters: NDArray[Any]) -> NDArray[Any]:
-        samples = np.zeros(self._commands.shape[0], records.SAMPLE)
-        kernel.run_motion(
-            parameters,
-            np.zeros(1, records.MOTION_STATE),
-            samples,
-            np.zeros(1, NORMALS),
-            self._commands,
+            per_run = list(mechanisms)
+            if len(per_run) != runs:
+                raise PlantError(
+                    f"mechanisms: expected one for all or one for each of the {runs} seeds, "
+                    f"got {len(per_run)}"
+                )
+        built = {
+            id(item): records.build_parameters(
+                description,
+                item,
+                tick_s=tick_period_us / 1e6,
+                drive_model=drive,
+                encoder_model=encoder_model,
+            )
+            for item in {id(item): item for item in per_run}.values()
+        }
+        self._parameters = [built[id(item)] for item in per_run]
+        self._noise: NoiseModel = noise
+        self._everything = outputs == "all"
+        self._threads = workers or _processors()
+        self._tick = 0
+        one_for_all = len(built) == 1
+        self._is_shared = one_for_all and not (
+            records.active_streams(self._parameters[0]) & MOTION_STREAMS
         )
-        return samples
+        self._motion_states = np.zeros(1 if self._is_shared else runs, records.MOTION_STATE)
+        self._sensor_states = np.zeros(runs, records.SENSOR_STATE)
+        self._sources = np.zeros((runs, 2 if noise == "lesson" else 1), SOURCE)
 
-    def work(self, runs: range) -> None:
-        """Fill the rows of these runs."""
-        shared = self._shared is not None
-        samples = (
-            self._shared if self._shared is not None else np.zeros(BLOCK_TICKS, records.SAMPLE)
-        )
-        truth = np.empty((0, 0, 3)) if shared else self._truth
+    def advance(self, ticks: int) -> PlantRuns:
+        """Return the next ticks of every run.
+
+        Args:
+            ticks: how many; but for the last time a multiple of `BLOCK_TICKS`.
+
+        Raises:
+            PlantError: ticks that begin within a block of noise.
+        """
+        if self._tick % BLOCK_TICKS:
+            raise PlantError(f"tick {self._tick}: expected a multiple of {BLOCK_TICKS} to go on")
+        into = _Arrays(len(self._seeds), ticks, everything=self._everything)
+        samples: NDArray[Any] | None = None
+        if self._is_shared:
+            samples = np.zeros(ticks, records.SAMPLE)
+            kernel.run_motion(
+                self._parameters[0],
+                self._motion_states,
+                samples,
+                np.zeros(1, NORMALS),
+                self._commands,
+                self._tick,
+            )
+            into.truth = samples.view(np.float64).reshape(1, ticks, -1)[:, :, :3]
+        else:
+            into.truth = np.empty((len(self._seeds), ticks, 3))
+        runs = range(len(self._seeds))
+        if self._threads == 1 or len(runs) < 2:
+            self._work(runs, samples, into)
+        else:
+            # A few shares per thread, so that all threads end together.
+            size = -(-len(runs) // (_SHARES_PER_THREAD * self._threads))
+            shares = (runs[i : i + size] for i in runs[::size])
+            with ThreadPoolExecutor(self._threads) as pool:
+                list(pool.map(lambda share: self._work(share, samples, into), shares))
+        self._tick += ticks
+        return into.runs()
+
+    def _work(self, runs: range, samples: NDArray[Any] | None, into: _Arrays) -> None:
+        """Fill the rows of these runs; *samples* is the motion that they share, if they do."""
+        truth = into.truth
+        if samples is None:
+            samples = np.zeros(BLOCK_TICKS, records.SAMPLE)
+        else:
+            truth = np.empty((0, 0, 3))
         for _, group in itertools.groupby(runs, lambda run: id(self._parameters[run])):
             same = list(group)
+            these = slice(same[0], same[-1] + 1)
             parameters = self._parameters[same[0]]
             noise = self._noise_for(parameters)
             kernel.run(
                 parameters,
-                np.zeros(len(same), records.MOTION_STATE),
-                np.zeros(len(same), records.SENSOR_STATE),
+                self._motion_states[these],
+                self._sensor_states[these],
                 self._commands,
                 samples,
-                noise.sources,
+                self._sources[these],
                 noise.raws,
-                self._seeds[same[0] : same[-1] + 1],
+                self._seeds[these],
                 noise.active,
                 noise.columns,
                 noise.normals,
                 same[0],
                 truth,
-                self._left,
-                self._right,
-                self._gyro,
-                self._rates,
-                *self._others,
+                into.left,
+                into.right,
+                into.gyro,
+                into.rates,
+                *into.others,
             )
 
     def _noise_for(self, parameters: NDArray[Any]) -> Noise:
         active = records.active_streams(parameters)
-        if not self._rates.size:
+        if not self._everything:
             active -= _UNREAD_STREAMS
         return Noise(active, lesson=self._noise == "lesson")
 
+
+class _Arrays:
+    """Room for some ticks of some runs."""
+
+    def __init__(self, runs: int, ticks: int, *, everything: bool) -> None:
+        shape = (runs, ticks)
+        # One allocation: large ones come in huge pages, and their first touch is quicker.
+        self.left, self.right, self.gyro = np.empty((3, *shape), np.int64)
+        extra = shape if everything else (0, 0)
+        self.rates = np.empty(extra, np.float64)
+        self.others = np.empty((4, *extra), np.int64)
+        self.truth: NDArray[np.float64] = np.empty((0, 0, 3))
+
     def runs(self) -> PlantRuns:
         """Return what has been filled."""
-        complete = self._rates.size > 0
-        others = self._others if complete else (None,) * 4
-        return PlantRuns(
-            self._truth,
-            self._left,
-            self._right,
-            self._gyro,
-            self._rates if complete else None,
-            *others,
-        )
+        complete = self.rates.size > 0
+        others = self.others if complete else (None,) * 4
+        rates = self.rates if complete else None
+        return PlantRuns(self.truth, self.left, self.right, self.gyro, rates, *others)

@@ -115,7 +115,7 @@ def _read_all(p: Any, s: Any, m: Any, n: Any, codes: Any) -> None:
 
 @inlined
 def _move_to(p: Any, s: Any, n: Any, commands: Any, tick: int) -> None:
-    """Move to a tick under the rows of `commands`; row j drives (t_j, t_j+1].
+    """Move to a tick under the rows of `commands`, over and over; row j drives (t_j, t_j+1].
 
     Before the first row takes effect, the robot was told to rest.
     """
@@ -124,9 +124,11 @@ def _move_to(p: Any, s: Any, n: Any, commands: Any, tick: int) -> None:
     after = tick - 1 - (0 if p.ideal != 0 else p.delay_ticks)
     v0 = w0 = v1 = w1 = 0.0
     if after >= 0:
-        v1, w1 = commands[after, 0], commands[after, 1]
+        row = after % commands.shape[0]
+        v1, w1 = commands[row, 0], commands[row, 1]
     if after >= 1:
-        v0, w0 = commands[after - 1, 0], commands[after - 1, 1]
+        row = (after - 1) % commands.shape[0]
+        v0, w0 = commands[row, 0], commands[row, 1]
     _advance(p, s, n, v0, w0, v1, w1)
 
 
@@ -175,13 +177,16 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
-    def run_motion(p: Any, motion_state: Any, samples: Any, normals: Any, commands: Any) -> int:
-        """Sample a whole motion without noise; all normals are zero."""
-        for tick in range(samples.size):
+    def run_motion(
+        p: Any, motion_state: Any, samples: Any, normals: Any, commands: Any, start: int
+    ) -> int:
+        """Sample a motion without noise from a tick on; all normals are zero."""
+        for k in range(samples.size):
+            tick = start + k
             index = _piece(p, tick)
             _change(p, motion_state[0], index)
             _move_to(p[index], motion_state[0], normals[0], commands, tick)
-            _observe(p[index], motion_state[0], samples[tick])
+            _observe(p[index], motion_state[0], samples[k])
         return sources_digest
 
     @njit(cache=True, nogil=True, error_model="numpy")
@@ -208,27 +213,32 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         temperature: Any,
         supply: Any,
     ) -> int:
-        """Read whole runs, one per seed, into rows `first_run` and on of the arrays.
+        """Read runs, one per seed, into rows `first_run` and on of the arrays.
 
-        Each run has its states, at zero. Where `truth` is empty, `samples` is the shared motion;
-        otherwise each run moves on its own, with room for a block of samples, and its pose goes to
-        `truth`. Where `gyro_rate` is empty, only counters and gyro code are written.
+        Each run has its states, at zero when it begins, and its generators; it goes on from the
+        tick that they are at, a whole number of blocks of noise from its beginning. Where `truth`
+        is empty, `samples` is the shared motion; otherwise each run moves on its own, with room for
+        a block of samples, and its pose goes to `truth`. Where `gyro_rate` is empty, only counters
+        and gyro code are written.
         """
-        ticks = commands.shape[0]
+        ticks = left.shape[1]
         everything = gyro_rate.size > 0
         for index in range(seeds.size):
             run = first_run + index
             state = sensor_states[index]
+            start = state.tick
             for first in range(0, ticks, BLOCK_TICKS):
-                fill_block(sources, raws, seeds[index], active, columns, first // BLOCK_TICKS)
+                block = (start + first) // BLOCK_TICKS
+                fill_block(sources[index], raws, seeds[index], active, columns, block)
                 count = min(BLOCK_TICKS, ticks - first)
                 span = samples[first : first + count] if truth.size == 0 else samples
                 if truth.size > 0:
                     poses = truth[run, first : first + count]
                     for k in range(count):
-                        now = _piece(p, first + k)
+                        tick = start + first + k
+                        now = _piece(p, tick)
                         _change(p, motion_states[index], now)
-                        _move_to(p[now], motion_states[index], normals[k], commands, first + k)
+                        _move_to(p[now], motion_states[index], normals[k], commands, tick)
                         _observe(p[now], motion_states[index], span[k])
                         poses[k, 0] = span[k].x_m
                         poses[k, 1] = span[k].y_m
@@ -236,7 +246,7 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
                 lefts, rights = left[run, first:], right[run, first:]
                 codes = gyro_code[run, first:]
                 for k in range(count):
-                    _read(p[_piece(p, first + k)], state, span[k], normals[k])
+                    _read(p[_piece(p, start + first + k)], state, span[k], normals[k])
                     lefts[k] = state.left_count
                     rights[k] = state.right_count
                     codes[k] = state.gyro_code
@@ -244,7 +254,7 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
                         gyro_rate[run, first + k] = state.gyro_rate_rad_s
                 if everything:
                     for k in range(count):
-                        q, m, n = p[_piece(p, first + k)], span[k], normals[k]
+                        q, m, n = p[_piece(p, start + first + k)], span[k], normals[k]
                         accel_x[run, first + k] = accel_code(q, m.accel_x_m_s2, n.accel_x)
                         accel_y[run, first + k] = accel_code(q, m.accel_y_m_s2, n.accel_y)
                         temperature[run, first + k] = temperature_code(q, m, n)

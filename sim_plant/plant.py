@@ -103,6 +103,7 @@ class Plant:
             self._sample,
             self._noise.normals,
             np.zeros((1, 2)),
+            0,
         )
         kernel.read(
             self._parameters, self._sensor_state, self._sample, self._noise.normals, 0, self._codes

@@ -98,6 +98,7 @@ def command(
     from precision_study.study import (
         Store,
         cheapest,
+        cores,
         outcomes,
         parse_requirement,
         run_study,
@@ -118,8 +119,10 @@ def command(
     table_path = out / f"results.{table_format.value}"
     if table_format is TableFormat.PARQUET:
         pyarrow_modules(table_path)
-    with Store(out) as store, progress("study", study.runs, then="drawing") as report:
-        run_study(study, store, report or (lambda done, total: None), workers)
+    threads = workers or cores()
+    at_once = f"study, up to {threads} worker{'s' if threads > 1 else ''}"
+    with Store(out) as store, progress(at_once, study.runs, then="drawing") as report:
+        run_study(study, store, report or (lambda done, total: None), threads)
         found = outcomes(study, store)
     chosen = None if requirement is None else cheapest(found, requirement, margin)
     write_table(table_path, rows(found))

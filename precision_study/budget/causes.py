@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
@@ -89,32 +88,6 @@ def rounding_error(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
     else:
         rounded = np.trunc(values)
     return np.asarray(rounded - values, dtype=np.float64)
-
-
-def left_over(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
-    """Return how far a sum is off, tick by tick, whose remainder is carried [units]."""
-    if rounding != TOWARD_ZERO:
-        return rounding_error(np.cumsum(values), rounding)
-    errors, remainder = np.empty(len(values)), 0.0
-    for tick, value in enumerate(values.tolist()):
-        remainder = math.fmod(remainder + value, 1.0)  # of the sign that the total has
-        errors[tick] = -remainder
-    return errors
-
-
-def rounded_sum(values: NDArray[np.floating[Any]], rounding: int, carry: int) -> Floats:
-    """Return the sum of rounded values, with their remainders carried or dropped [units]."""
-    if carry == 1:
-        return np.rint(np.cumsum(values) + left_over(values, rounding))
-    return np.cumsum(np.rint(values + rounding_error(values, rounding)))
-
-
-def mean_left_over(values: NDArray[np.floating[Any]], rounding: int, bits: int) -> Floats:
-    """Return the mean of `left_over` for evenly spread fractions; 0 before the first value."""
-    if rounding == TOWARD_ZERO:
-        return mean_errors(-left_over(values, rounding), rounding, bits)
-    moved = np.logical_or.accumulate(values != 0.0)
-    return np.where(moved, mean_errors(values, rounding, bits), 0.0)
 
 
 @dataclass(frozen=True)

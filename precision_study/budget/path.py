@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from firmware_model import KernelConfig
 from firmware_model.config import MODE_BLEND, MODE_GYRO
 from firmware_model.twin import build_twin_config
+from precision_study.budget.sums import Delay
 from precision_study.budget.travel import counter_steps
-from precision_study.streaming import stream
+from precision_study.streaming import Streams
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,7 +21,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Path:
-    """One drive as the float twin sees it; each array has an entry per tick.
+    """Some ticks of a drive as the float twin sees it; each array has an entry per tick.
 
     Attributes:
         counts: int64[n], left + right increments.
@@ -32,9 +33,8 @@ class Path:
         heading_rad: heading after the tick, not wrapped.
         angle_rad: direction of the step.
         along, across: float64[n, 2], unit vectors along the step and to its left.
-        lever_m: float64[n, 2], what a position error a turn of this tick makes by the end, per
-            radian: the way from here to the end, turned left by a quarter.
-        end_m: float64[2], where the drive ends.
+        reach: float64[n, 3], one, x_m and y_m at the end of the tick: what sums over turns are
+            weighed with, see `levered_m`.
     """
 
     counts: Ints
@@ -47,56 +47,89 @@ class Path:
     angle_rad: Floats
     along: Floats
     across: Floats
-    lever_m: Floats
-    end_m: Floats
+    reach: Floats
+
+
+class Tracer:
+    """The float twin over one drive that comes some ticks at a time."""
+
+    def __init__(self, config: KernelConfig) -> None:
+        """Begin a drive; the twin has the mode, integration rule and robot of *config*."""
+        self._config = config
+        self._twin = build_twin_config(config)
+        self._streams = Streams(config, 1)
+        self._counts: tuple[Ints, Ints] | None = None
+        self._heading_rad = 0.0
+        self._stale = Delay(max(config.stale_heading_ticks - 1, 0))
+        self._position_m = np.zeros((1, 2))
+
+    def add(self, left: Ints, right: Ints, gyro: Ints) -> Path:
+        """Return the path of the next ticks.
+
+        Args:
+            left, right, gyro: int64[n], counters and codes, all fresh.
+        """
+        config, twin = self._config, self._twin
+        heading = np.empty(len(left))
+        for part in self._streams.over(left[None], right[None], gyro[None]):
+            size = part.twin_pose.shape[1]
+            heading[part.start : part.start + size] = part.twin_pose[0, :, 2]
+        turn = np.diff(heading, prepend=self._heading_rad)
+        self._heading_rad = float(heading[-1])
+        before = heading - turn
+        angle = before + config.integration / 2.0 * turn
+        if config.stale_heading_ticks > 0:
+            angle = self._stale.through(before)
+        baseline = self._counts or (left[:1], right[:1])
+        left_steps = counter_steps(left, config.counter_bits, baseline[0])
+        right_steps = counter_steps(right, config.counter_bits, baseline[1])
+        self._counts = left[-1:].copy(), right[-1:].copy()
+        counts = left_steps + right_steps
+        step = counts.astype(np.float64) * twin.half_tick_m
+        along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        moved = np.concatenate([self._position_m, step[:, None] * along])
+        position = np.cumsum(moved, axis=0)[1:]
+        self._position_m = position[-1:].copy()
+        turn_counts = right_steps - left_steps
+        gyro_turn = np.zeros_like(turn)
+        if config.mode == MODE_GYRO:
+            gyro_turn = turn
+        elif config.mode == MODE_BLEND and twin.blend_weight > 0.0:
+            by_wheels = turn_counts * twin.tick_turn_rad
+            blended = (turn - (1.0 - twin.blend_weight) * by_wheels) / twin.blend_weight
+            gyro_turn = np.where(turn != 0.0, blended, 0.0)
+        return Path(
+            counts=counts,
+            turn_counts=turn_counts,
+            step_m=step,
+            turn_rad=turn,
+            gyro_turn_rad=gyro_turn,
+            offset_lsb=_offsets(config, gyro, gyro_turn / twin.sensitivity_rad_per_lsb),
+            heading_rad=heading,
+            angle_rad=angle,
+            along=along,
+            across=np.stack([-along[:, 1], along[:, 0]], axis=1),
+            reach=np.concatenate([np.ones((len(step), 1)), position], axis=1),
+        )
 
 
 def trace(config: KernelConfig, left: Ints, right: Ints, gyro: Ints) -> Path:
-    """Return the float twin's path over one drive.
+    """Return the float twin's path over one whole drive; arguments as of `Tracer`."""
+    return Tracer(config).add(left, right, gyro)
+
+
+def levered_m(turns: Floats, end_m: Floats) -> Floats:
+    """Return how far off turns move the end of a drive, float64[2].
+
+    A turn that is off by δ moves the end by δ times the way from there to it, turned left by a
+    quarter.
 
     Args:
-        config: whose mode, integration rule and robot the twin shares.
-        left, right, gyro: int64[ticks], counters and codes, all fresh.
+        turns: float64[3], Σ δ · `Path.reach` over all ticks [rad, rad m, rad m].
+        end_m: float64[2], where the drive ends.
     """
-    heading = np.empty(len(left))
-    for part in stream(config, left[None], right[None], gyro[None], chunk_ticks=65536):
-        size = part.twin_pose.shape[1]
-        heading[part.start : part.start + size] = part.twin_pose[0, :, 2]
-    twin = build_twin_config(config)
-    turn = np.diff(heading, prepend=0.0)
-    before = heading - turn
-    angle = before + config.integration / 2.0 * turn
-    old = config.stale_heading_ticks
-    if old > 0:
-        angle = np.concatenate([np.zeros(old - 1), before])[: len(before)]
-    left_steps, right_steps = (counter_steps(one, config.counter_bits) for one in (left, right))
-    counts = left_steps + right_steps
-    step = counts.astype(np.float64) * twin.half_tick_m
-    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    position = np.cumsum(step[:, None] * along, axis=0)
-    ahead = position[-1] - position
-    turn_counts = right_steps - left_steps
-    gyro_turn = np.zeros_like(turn)
-    if config.mode == MODE_GYRO:
-        gyro_turn = turn
-    elif config.mode == MODE_BLEND and twin.blend_weight > 0.0:
-        by_wheels = turn_counts * twin.tick_turn_rad
-        blended = (turn - (1.0 - twin.blend_weight) * by_wheels) / twin.blend_weight
-        gyro_turn = np.where(turn != 0.0, blended, 0.0)
-    return Path(
-        counts=counts,
-        turn_counts=turn_counts,
-        step_m=step,
-        turn_rad=turn,
-        gyro_turn_rad=gyro_turn,
-        offset_lsb=_offsets(config, gyro, gyro_turn / twin.sensitivity_rad_per_lsb),
-        heading_rad=heading,
-        angle_rad=angle,
-        along=along,
-        across=np.stack([-along[:, 1], along[:, 0]], axis=1),
-        lever_m=np.stack([-ahead[:, 1], ahead[:, 0]], axis=1),
-        end_m=position[-1],
-    )
+    ahead = turns[0] * end_m - turns[1:]
+    return np.array([-ahead[1], ahead[0]])
 
 
 def _offsets(config: KernelConfig, gyro: Ints, turn_lsb: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from precision_study.study.answer import Outcome, cheapest, holds, outcomes, pareto_front
 from precision_study.study.cost import Cost, CostTable, cost_table
-from precision_study.study.engine import Study, run_study
+from precision_study.study.engine import Study, cores, run_study
 from precision_study.study.requirement import (
     Course,
     Requirement,
@@ -30,6 +30,7 @@ __all__ = [
     "Study",
     "build_points",
     "cheapest",
+    "cores",
     "cost_table",
     "holds",
     "outcomes",

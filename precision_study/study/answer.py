@@ -78,7 +78,7 @@ def outcomes(study: Study, store: Store) -> list[Outcome]:
     found = []
     for point in study.points:
         by_scenario = tuple(
-            _scenario(scenario.name, store.records[study.unit(point, scenario)], study.seeds)
+            _scenario(scenario.name, store.records(study.unit(point, scenario)), study.seeds)
             for scenario in study.scenarios
         )
         found.append(Outcome(point, table.cost(point.firmware, point.tick_period_us), by_scenario))

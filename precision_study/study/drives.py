@@ -1,8 +1,9 @@
-"""What the sensors of many robots say while they drive a course."""
+"""What the sensors of many robots say while they drive a course, some ticks at a time."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,24 +15,30 @@ from hil_harness.effects import apply_effects
 from hil_harness.scenarios import Scenario
 from precision_study.errors import StudyError
 from precision_study.study.requirement import Course
-from sim_plant import PlantDescription, simulate
+from sim_plant import BLOCK_TICKS, Batch, PlantDescription
 
-MAX_ROWS_TIMES_TICKS: Final = 4_000_000
-"""So many ticks of drives are held at once: 200 MB with the truth."""
+Floats = NDArray[np.float64]
+
+TOGETHER_TICKS: Final = 4_000_000
+"""Seeds with so many ticks of drives, or one, are run and written to disk together."""
+HELD_TICKS: Final = 1 << 18
+"""So many ticks of drives are held at once, 12 MB with the truth, …"""
+HELD_TICKS_OF_A_ROW: Final = 1 << 16
+"""… and of each drive no more than these."""
 _SLACK: Final = 1.05
 _MAX_TICKS: Final = 50_000_000
 
 
 @dataclass(frozen=True)
 class Drives:
-    """A block of drives of one scenario, one per seed, each repeated until the course is done.
+    """Drives of one scenario, one per seed, each repeated until the course is done; or some ticks.
 
     Attributes:
         scenario: its name.
         seeds: of each row.
         left, right, gyro: int64[rows, ticks], counters and codes.
         truth: float64[rows or 1, ticks, 3], x_m, y_m, heading_rad.
-        ticks: int64[rows], ticks until the course is done; what comes later does not count.
+        ticks: int64[rows], so many until the course is done; what comes later does not count.
     """
 
     scenario: str
@@ -90,57 +97,98 @@ def drive(
     course: Course,
     seeds: tuple[int, ...],
 ) -> Drives:
-    """Drive the course once per seed.
+    """Drive the whole course once per seed.
+
+    Raises:
+        StudyError: as `drive_in_blocks`.
+    """
+    lap = lap_commands(scenario, wire, tick_period_us)
+    ticks = course_ticks(scenario, lap, course, tick_period_us)
+    rounded = -(-ticks // BLOCK_TICKS) * BLOCK_TICKS
+    (whole,) = drive_in_blocks(scenario, plant, wire, tick_period_us, course, seeds, rounded)
+    return whole
+
+
+def drive_in_blocks(
+    scenario: Scenario,
+    plant: PlantDescription,
+    wire: Wire,
+    tick_period_us: int,
+    course: Course,
+    seeds: tuple[int, ...],
+    block_ticks: int | None = None,
+) -> Iterator[Drives]:
+    """Drive the course once per seed; yield some ticks at a time.
+
+    Args:
+        scenario, plant, wire, tick_period_us, course, seeds: who drives what, and how far.
+        block_ticks: ticks at a time, a multiple of `BLOCK_TICKS`; None: as fit in memory.
 
     Raises:
         StudyError: as `course_ticks`, or a robot that does not get as far as it is told to.
     """
     lap = lap_commands(scenario, wire, tick_period_us)
     ticks = course_ticks(scenario, lap, course, tick_period_us)
-    commands = np.tile(lap, (-(-ticks // len(lap)), 1))[:ticks]
-    runs = simulate(
+    size = block_ticks or min(HELD_TICKS // len(seeds), HELD_TICKS_OF_A_ROW)
+    size = max(size // BLOCK_TICKS, 1) * BLOCK_TICKS
+    robots = Batch(
         plant,
         apply_effects(scenario.effects).plant_over_time,
-        commands,
+        lap,
         seeds,
         tick_period_us=tick_period_us,
         encoder_model=scenario.encoder_model,
         noise=scenario.noise,
         drive=scenario.drive,
         outputs="odometry",
+        workers=1,
     )
-    if course.distance_m is None:
-        last = np.full(len(seeds), ticks)
-    else:
-        last = _reached(runs.truth, course.distance_m)
-        if last.max() > ticks:
-            raise StudyError(
-                f"--scenario {scenario.name}: the robot does not reach {course.words} in "
-                f"{ticks} ticks: expected one that is as fast as it is told to be"
-            )
-        last = np.broadcast_to(last, len(seeds)).copy()
-    keep = int(last.max())
-    return Drives(
-        scenario=scenario.name,
-        seeds=seeds,
-        left=runs.left_count[:, :keep],
-        right=runs.right_count[:, :keep],
-        gyro=runs.gyro_code[:, :keep],
-        truth=runs.truth[:, :keep],
-        ticks=last,
-    )
+    position_m, driven_m = np.zeros((1, 1, 2)), np.zeros((1, 1))
+    for start in range(0, ticks, size):
+        runs = robots.advance(min(size, ticks - start))
+        count = runs.left_count.shape[1]
+        counted = np.full(len(seeds), count)
+        if course.distance_m is not None:
+            before_m, position_m, driven_m = _driven(runs.truth, position_m, driven_m)
+            # The tick that reaches the distance is the last one.
+            counted[:] = np.count_nonzero(before_m < course.distance_m, axis=1)
+        keep = int(counted.max())
+        yield Drives(
+            scenario=scenario.name,
+            seeds=seeds,
+            left=runs.left_count[:, :keep],
+            right=runs.right_count[:, :keep],
+            gyro=runs.gyro_code[:, :keep],
+            truth=runs.truth[:, :keep],
+            ticks=counted,
+        )
+        if course.distance_m is not None and driven_m.min() >= course.distance_m:
+            return
+    if course.distance_m is not None:
+        raise StudyError(
+            f"--scenario {scenario.name}: the robot does not reach {course.words} in "
+            f"{ticks} ticks: expected one that is as fast as it is told to be"
+        )
 
 
 def seed_blocks(seeds: tuple[int, ...], ticks: int) -> list[tuple[int, ...]]:
-    """Return the seeds in blocks whose drives fit in memory together."""
-    size = min(max(MAX_ROWS_TIMES_TICKS // ticks, 1), 64)
+    """Return the seeds in blocks that are run together."""
+    size = min(max(TOGETHER_TICKS // ticks, 1), 64)
     return [seeds[start : start + size] for start in range(0, len(seeds), size)]
 
 
-def _reached(truth: NDArray[np.float64], distance_m: float) -> NDArray[np.int64]:
-    """Return after how many ticks each robot has driven so far; one more than all if it has not."""
-    steps = np.diff(truth[:, :, :2], axis=1)
-    driven = np.cumsum(np.hypot(steps[:, :, 0], steps[:, :, 1]), axis=1)
-    reached = driven >= distance_m
-    first = np.where(reached.any(axis=1), reached.argmax(axis=1) + 2, truth.shape[1] + 1)
-    return np.asarray(first, dtype=np.int64)
+def _driven(truth: Floats, position_m: Floats, driven_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return how far each robot has driven before each tick; then where it is, and how far, now.
+
+    Args:
+        truth: float64[rows, n, 3], the next ticks.
+        position_m: float64[rows or 1, 1, 2], where it was.
+        driven_m: float64[rows or 1, 1], how far it had driven.
+    """
+    rows = len(truth)
+    way = np.concatenate([np.broadcast_to(position_m, (rows, 1, 2)), truth[:, :, :2]], axis=1)
+    steps = np.diff(way, axis=1)
+    gains = np.hypot(steps[:, :, 0], steps[:, :, 1])
+    driven = np.concatenate([np.broadcast_to(driven_m, (rows, 1)), gains], axis=1)
+    np.cumsum(driven, axis=1, out=driven)
+    return driven[:, :-1], truth[:, -1:, :2].copy(), driven[:, -1:].copy()

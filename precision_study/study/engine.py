@@ -9,23 +9,23 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.metadata import version
-from itertools import groupby, islice
+from itertools import islice
 from typing import Any, Final
 
-from firmware_model import KernelConfig
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
-from precision_study.budget import CAUSES, Path, Travel, expected_error, guaranteed_bound, trace
-from precision_study.study.drives import Drives, course_ticks, drive, lap_commands, seed_blocks
-from precision_study.study.measure import Errors, measure
+from precision_study.study.drives import course_ticks, lap_commands, seed_blocks
 from precision_study.study.requirement import Course
 from precision_study.study.space import Point, build
 from precision_study.study.store import Store
+from precision_study.study.together import Share, path_rules, run_together
 
 SCHEMA: Final = 1
-_PATHS: Final = 4
-"""Drives of a block that the expected error is averaged over."""
+_TOGETHER: Final = 16
+"""Configurations that share a drive: making it costs a tenth of what they do, …"""
+_LOOK_S: Final = 0.25
+"""… and so often is looked how far they are."""
 
 
 @dataclass(frozen=True)
@@ -70,60 +70,10 @@ class Study:
         return sha256(json.dumps(asked).encode()).hexdigest()[:20]
 
 
-@dataclass(frozen=True)
-class _Block:
-    """Drives to be made, and the configurations that go over them."""
-
-    scenario: Scenario
-    seeds: tuple[int, ...]
-    points: tuple[tuple[Point, str], ...]
-
-
-@dataclass
-class _Traces:
-    """Paths of the float twin over one block's drives, shared by all formats of a mode."""
-
-    drives: Drives
-    known: dict[str, list[Path]] = field(default_factory=dict)
-
-    def of(self, config: KernelConfig) -> list[Path]:
-        one = config.description
-        rules = one.model_dump(exclude={"position", "step", "heading", "turn_step", "trig"})
-        key = json.dumps(rules, sort_keys=True)
-        if key not in self.known:
-            self.known[key] = [
-                trace(
-                    config,
-                    self.drives.left[row, :ticks],
-                    self.drives.right[row, :ticks],
-                    self.drives.gyro[row, :ticks],
-                )
-                for row, ticks in enumerate(self.drives.ticks[:_PATHS].tolist())
-            ]
-        return self.known[key]
-
-    def travel(self, config: KernelConfig, errors: Errors) -> Travel:
-        """Return the most that any drive of the block asks for."""
-        travels = [
-            Travel.of_drive(
-                config,
-                self.drives.left[row, :ticks],
-                self.drives.right[row, :ticks],
-                self.drives.gyro[row, :ticks],
-                2 * errors.fallback_ticks[row],
-            )
-            for row, ticks in enumerate(self.drives.ticks.tolist())
-        ]
-        most = travels[0]
-        for other in travels[1:]:
-            most = most.joined(other)
-        return most
-
-
 def run_study(
     study: Study,
     store: Store,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[float, int], None] = lambda done, total: None,
     workers: int | None = None,
 ) -> None:
     """Do the runs that the store does not hold yet, and append them to it.
@@ -131,104 +81,68 @@ def run_study(
     Args:
         study: what is asked.
         store: where results go; what it holds is not run again.
-        progress: hears how many runs are done, and of how many.
+        progress: hears how many runs are done, those under way in part, and of how many.
         workers: threads; None: one per core.
 
     Raises:
         StudyError: a scenario that cannot do the course.
     """
-    blocks = list(_blocks(study, store))
-    left = sum(len(one.seeds) * len(one.points) for one in blocks)
-    done = study.runs - left
+    threads = workers or cores()
+    shares = list(_shares(study, store, threads))
+    done = study.runs - sum(one.runs for one in shares)
     progress(done, study.runs)
-    threads = workers or _cores()
     with ThreadPoolExecutor(threads) as pool:
-        for block in blocks:
-            first = block.points[0][0]
-            traces = _Traces(
-                drive(
-                    block.scenario,
-                    first.plant,
-                    study.wire,
-                    first.tick_period_us,
-                    study.course,
-                    block.seeds,
-                )
-            )
-            for record in _in_turn(pool, threads, study, block, traces):
-                store.append(record)
-                done += len(block.seeds)
-                progress(done, study.runs)
+        under_way: dict[Future[list[dict[str, Any]]], Share] = {}
+        left = iter(shares)
+        try:
+            while True:
+                for share in islice(left, threads - len(under_way)):
+                    under_way[pool.submit(_records, study, share)] = share
+                if not under_way:
+                    return
+                finished, _ = wait(under_way, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+                for one in finished:
+                    done += under_way.pop(one).runs
+                    for record in one.result():
+                        store.append(record)
+                part = sum(one.driven * one.runs for one in under_way.values())
+                progress(done + part, study.runs)
+        finally:
+            for one in under_way:
+                one.cancel()
 
 
-def _in_turn(
-    pool: ThreadPoolExecutor, threads: int, study: Study, block: _Block, traces: _Traces
-) -> Iterator[dict[str, Any]]:
-    """Yield the record of each configuration as it is done; few wait at a time."""
-    waiting: set[Future[dict[str, Any]]] = set()
-    points = iter(block.points)
-    try:
-        while True:
-            for point, unit in islice(points, 2 * threads - len(waiting)):
-                waiting.add(pool.submit(_record, study, block, traces, point, unit))
-            if not waiting:
-                return
-            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for one in finished:
-                yield one.result()
-    finally:
-        for one in waiting:
-            one.cancel()
+def _records(study: Study, share: Share) -> list[dict[str, Any]]:
+    configs = [build(point, study.robot, force=study.force) for point, _ in share.points]
+    return run_together(share, configs, study.wire, study.course)
 
 
-def _record(
-    study: Study, block: _Block, traces: _Traces, point: Point, unit: str
-) -> dict[str, Any]:
-    config = build(point, study.robot, force=study.force)
-    errors = measure(config, traces.drives)
-    bound = guaranteed_bound(config, traces.travel(config, errors))
-    expected = expected_error(config, traces.of(config))
-    together = expected.together
-    return {
-        "unit": unit,
-        "scenario": block.scenario.name,
-        "seeds": list(block.seeds),
-        **errors.to_json(),
-        "budget": {
-            name: [
-                *(bound[name].position_m, expected.shares[name].position_m),
-                *(bound[name].heading_rad, expected.shares[name].heading_rad),
-            ]
-            for name in CAUSES
-        },
-        "expected": [together.position_m, together.heading_rad],
-    }
-
-
-def _blocks(study: Study, store: Store) -> Iterator[_Block]:
+def _shares(study: Study, store: Store, threads: int) -> Iterator[Share]:
     """Yield what is left to do, drives that several configurations share together."""
     for scenario in study.scenarios:
-        by_drive: dict[str, list[tuple[Point, str]]] = {}
+        by_drive: dict[str, list[Point]] = {}
         for point in study.points:
             name = json.dumps([point.tick_period_us, point.plant.model_dump()], sort_keys=True)
-            by_drive.setdefault(name, []).append((point, ""))
+            by_drive.setdefault(name, []).append(point)
         for points in by_drive.values():
-            first = points[0][0]
-            lap = lap_commands(scenario, study.wire, first.tick_period_us)
-            ticks = course_ticks(scenario, lap, study.course, first.tick_period_us)
-            named = [(point, study.unit(point, scenario)) for point, _ in points]
-            missing = [
-                (tuple(seed for seed in study.seeds if seed not in store.seeds(unit)), point, unit)
-                for point, unit in named
-            ]
-            missing.sort(key=lambda one: one[0])
-            for seeds, group in groupby(missing, key=lambda one: one[0]):
-                these = tuple((point, unit) for _, point, unit in group)
+            period_us = points[0].tick_period_us
+            lap = lap_commands(scenario, study.wire, period_us)
+            ticks = course_ticks(scenario, lap, study.course, period_us)
+            missing: dict[tuple[int, ...], list[tuple[Point, str]]] = {}
+            for point in sorted(points, key=path_rules):
+                unit = study.unit(point, scenario)
+                done = store.seeds(unit)
+                seeds = tuple(seed for seed in study.seeds if seed not in done)
+                missing.setdefault(seeds, []).append((point, unit))
+            for seeds, group in missing.items():
+                size = min(_TOGETHER, -(-len(group) // threads))
                 for part in seed_blocks(seeds, ticks):
-                    yield _Block(scenario, part, these)
+                    for start in range(0, len(group), size):
+                        yield Share(scenario, part, tuple(group[start : start + size]))
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Return how many processors this process has."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

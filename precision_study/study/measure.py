@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import KernelConfig, StatusBit
-from precision_study.streaming import stream
+from precision_study.streaming import Streams
 from precision_study.study.drives import Drives
 
 Floats = NDArray[np.float64]
@@ -49,42 +49,63 @@ class Errors:
 
 
 def measure(config: KernelConfig, drives: Drives) -> Errors:
-    """Run the configuration over the drives; memory grows with neither runs nor ticks beyond them.
+    """Run the configuration over whole drives."""
+    one = Measurement(config, len(drives.seeds))
+    one.add(drives)
+    return one.errors()
+
+
+class Measurement:
+    """One configuration over drives that come some ticks at a time: of these only errors stay.
 
     The errors of a tick are formed in float64 from whole numbers: positions below 2^53 units are
     exact, others right to 2^-53 of themselves.
     """
-    rows, last = len(drives.seeds), drives.ticks.tolist()
-    final = np.zeros((4, rows))
-    largest = np.zeros((4, rows))
-    fallback = np.zeros(rows, dtype=np.int64)
-    overflows = np.zeros(rows, dtype=np.int64)
-    chunk = max(_CHUNK // rows, 64)
-    for part in stream(config, drives.left, drives.right, drives.gyro, chunk_ticks=chunk):
-        size = part.pose_q.shape[1]
-        errors = _errors(
-            config, part.pose_q, part.twin_pose, drives.truth[:, part.start : part.start + size]
+
+    def __init__(self, config: KernelConfig, rows: int) -> None:
+        """Put the firmware of every row at power-on."""
+        self._config = config
+        self._streams = Streams(config, rows)
+        self._final = np.zeros((4, rows))
+        self._largest = np.zeros((4, rows))
+        self._fallback = np.zeros(rows, dtype=np.int64)
+        self._overflows = np.zeros(rows, dtype=np.int64)
+
+    def add(self, drives: Drives) -> None:
+        """Go on over the next ticks of the same drives."""
+        rows, last = len(drives.seeds), drives.ticks.tolist()
+        chunk = max(_CHUNK // rows, 64)
+        inputs = drives.left, drives.right, drives.gyro
+        for part in self._streams.over(*inputs, chunk_ticks=chunk):
+            size = part.pose_q.shape[1]
+            truth = drives.truth[:, part.start : part.start + size]
+            errors = _errors(self._config, part.pose_q, part.twin_pose, truth)
+            for row, ticks in enumerate(last):
+                count = min(ticks - part.start, size)
+                if count > 0:
+                    self._largest[:, row] = np.maximum(
+                        self._largest[:, row], errors[:, row, :count].max(axis=1)
+                    )
+                    self._final[:, row] = errors[:, row, count - 1]
+                    fallen = part.status[row, :count] & _FALLEN_BACK
+                    self._fallback[row] += np.count_nonzero(fallen)
+                    self._overflows[row] = part.overflow_count[row]
+
+    def errors(self) -> Errors:
+        """Return the errors of all ticks so far."""
+        final, largest = self._final.tolist(), self._largest.tolist()
+        return Errors(
+            arithmetic_position_m=final[0],
+            arithmetic_heading_rad=final[1],
+            total_position_m=final[2],
+            total_heading_rad=final[3],
+            largest_arithmetic_position_m=largest[0],
+            largest_arithmetic_heading_rad=largest[1],
+            largest_total_position_m=largest[2],
+            largest_total_heading_rad=largest[3],
+            overflows=self._overflows.tolist(),
+            fallback_ticks=self._fallback.tolist(),
         )
-        for row, ticks in enumerate(last):
-            count = min(ticks - part.start, size)
-            if count > 0:
-                largest[:, row] = np.maximum(largest[:, row], errors[:, row, :count].max(axis=1))
-                final[:, row] = errors[:, row, count - 1]
-                fallen = part.status[row, :count] & _FALLEN_BACK
-                fallback[row] += np.count_nonzero(fallen)
-                overflows[row] = part.overflow_count[row]
-    return Errors(
-        arithmetic_position_m=final[0].tolist(),
-        arithmetic_heading_rad=final[1].tolist(),
-        total_position_m=final[2].tolist(),
-        total_heading_rad=final[3].tolist(),
-        largest_arithmetic_position_m=largest[0].tolist(),
-        largest_arithmetic_heading_rad=largest[1].tolist(),
-        largest_total_position_m=largest[2].tolist(),
-        largest_total_heading_rad=largest[3].tolist(),
-        overflows=overflows.tolist(),
-        fallback_ticks=fallback.tolist(),
-    )
 
 
 def _errors(

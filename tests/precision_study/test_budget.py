@@ -17,6 +17,7 @@ from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 from precision_study.budget import (
     CAUSES,
+    Asked,
     Travel,
     expected_error,
     guaranteed_bound,
@@ -25,9 +26,9 @@ from precision_study.budget import (
 from precision_study.budget.causes import (
     largest_drop,
     mean_drop,
-    rounded_sum,
     rounding_error,
 )
+from precision_study.budget.sums import RoundedSum
 from precision_study.streaming import stream
 from precision_study.study.drives import Drives, drive
 from precision_study.study.measure import Errors, measure
@@ -94,12 +95,9 @@ def random_config(seed: int) -> KernelConfig:
 
 def bound_of(config: KernelConfig, those: Drives, errors: Errors) -> tuple[float, float]:
     """Return the bound of position and heading for the most that any of the drives asks for."""
-    most = None
-    for row, ticks in enumerate(those.ticks.tolist()):
-        inputs = (one[row, :ticks] for one in (those.left, those.right, those.gyro))
-        travel = Travel.of_drive(config, *inputs, interruptions=2 * errors.fallback_ticks[row])  # type: ignore[misc]
-        most = travel if most is None else most.joined(travel)
-    assert most is not None
+    asked = Asked(config, len(those.seeds))
+    asked.add(those.left, those.right, those.gyro, those.ticks)
+    most = asked.most(config, [2 * ticks for ticks in errors.fallback_ticks])
     shares = guaranteed_bound(config, most).values()
     return sum(one.position_m for one in shares), sum(one.heading_rad for one in shares)
 
@@ -141,9 +139,9 @@ def test_by_the_wheels_alone_the_counts_tell_the_heading_to_the_bit() -> None:
             continue
         counts = trace(config, left, right, gyro).turn_counts
         turns = counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
-        turned = rounded_sum(turns, config.turn_rounding, config.turn_carry)
+        turned = RoundedSum(config.turn_rounding, carry=config.turn_carry == 1).add(turns)
         steps = np.ldexp(np.diff(turned, prepend=0.0), -config.heading_shift)
-        heading = rounded_sum(steps, config.heading_rounding, config.heading_carry)
+        heading = RoundedSum(config.heading_rounding, carry=config.heading_carry == 1).add(steps)
         kernel = [
             part.pose_q[0, :, 2].copy()
             for part in stream(config, left[None], right[None], gyro[None])

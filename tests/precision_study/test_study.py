@@ -21,7 +21,7 @@ import pytest
 
 from chiplog.cli import main
 from chiplog.pages.study import study_page
-from firmware_model import FirmwareDescription
+from firmware_model import FirmwareDescription, KernelConfig
 from firmware_model.cortex_m import Job
 from firmware_model.cortex_m import measure as measure_cost
 from hil_harness.assembly import load_wire
@@ -29,6 +29,7 @@ from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 from precision_study import StudyError
+from precision_study.budget import Asked
 from precision_study.study import (
     Course,
     Outcome,
@@ -37,6 +38,7 @@ from precision_study.study import (
     build_points,
     cheapest,
     cost_table,
+    drives,
     outcomes,
     pareto_front,
     parse_axis,
@@ -44,10 +46,11 @@ from precision_study.study import (
     parse_requirement,
     run_study,
 )
-from precision_study.study.drives import drive
-from precision_study.study.measure import measure
+from precision_study.study.drives import Drives, drive, drive_in_blocks
 from precision_study.study.results import dbc_at_tick, robot_toml, rows
 from precision_study.study.space import build, with_adc_bits
+from precision_study.study.together import Family
+from sim_plant import BLOCK_TICKS
 
 ROBOT, WIRE = load_robot(None), load_wire()
 AXES: dict[str, tuple[Any, ...]] = {
@@ -179,8 +182,8 @@ def test_a_study_that_is_stopped_goes_on_and_ends_as_if_it_had_not_been(
     class StopError(Exception):
         pass
 
-    def stop(done: int, total: int) -> None:
-        if done >= total // 2:
+    def stop(done: float, total: int) -> None:
+        if len(lines(tmp_path)) >= total // 6:
             raise StopError
 
     study = small_study()
@@ -190,7 +193,7 @@ def test_a_study_that_is_stopped_goes_on_and_ends_as_if_it_had_not_been(
     assert 0 < len(before) < study.runs // 3
     with (tmp_path / "runs.jsonl").open("a") as file:
         file.write('{"unit":"cut off')
-    told: list[int] = []
+    told: list[float] = []
     with Store(tmp_path) as store:
         run_study(study, store, lambda done, total: told.append(done))
         assert rows(outcomes(study, store)) == rows(found)
@@ -316,23 +319,79 @@ def test_the_cost_is_what_the_emulated_core_takes() -> None:
     assert table.instructions(firmware) == pytest.approx(measured, rel=2 * table.largest_error)
 
 
-def test_memory_grows_with_neither_runs_nor_ticks_beyond_the_drives() -> None:
-    config = firmware_config(ROBOT, WIRE.signal_map, 10_000)
+@pytest.mark.parametrize(("name", "stale_ticks"), [("lesson", 0), ("random", 2)])
+def test_a_drive_in_blocks_of_ticks_gives_what_the_whole_drive_gives(
+    name: str, stale_ticks: int
+) -> None:
+    axes = {
+        "mode": ("wheel", "gyro", "blend"),
+        "rounding": ("floor", "toward_zero"),
+        "carry_remainder": (True, False),
+        "stale_heading_ticks": (stale_ticks,),
+    }
+    here = (ROBOT.plant, WIRE, WIRE.tick_period_us, Course(distance_m=25.0), (1, 2, 3))
+    whole = drive(scenario(name), *here)
+    parts = list(drive_in_blocks(scenario(name), *here, block_ticks=BLOCK_TICKS))
+    assert len(parts) > 2
+    np.testing.assert_array_equal(np.sum([one.ticks for one in parts], axis=0), whole.ticks)
+    for field in ("left", "right", "gyro", "truth"):
+        joined = np.concatenate([getattr(one, field) for one in parts], axis=1)
+        np.testing.assert_array_equal(joined, getattr(whole, field))
+    for point in build_points(ROBOT, axes, WIRE.tick_period_us):
+        config = build(point, ROBOT)
+        (once,) = run_over([whole], config)
+        (again,) = run_over(parts, config)
+        for cause, shares in once.pop("budget").items():
+            bounds, expected = shares[::2], shares[1::2]
+            assert again["budget"][cause][::2] == bounds
+            # Sums over a drive in another order; what cancels leaves their last places.
+            assert again["budget"][cause][1::2] == pytest.approx(expected, rel=1e-5, abs=1e-14)
+        assert again["expected"] == pytest.approx(once.pop("expected"), rel=1e-9)
+        assert {name: again[name] for name in once} == once
 
-    def peak(distance_m: float, seeds: int) -> int:
-        course = Course(distance_m=distance_m)
-        those = drive(scenario("lesson"), ROBOT.plant, WIRE, 10_000, course, tuple(range(seeds)))
+
+def run_over(parts: list[Drives], config: KernelConfig) -> list[dict[str, Any]]:
+    """Return the statistics of a configuration over drives that come in parts."""
+    family = Family([config], len(parts[0].seeds))
+    asked = Asked(config, len(parts[0].seeds))
+    for part in parts:
+        asked.add(part.left, part.right, part.gyro, part.ticks)
+        family.add(part)
+    return family.statistics(asked)
+
+
+def test_memory_of_a_whole_study_grows_with_neither_ticks_nor_runs_nor_configurations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Blocks of ticks as small as they get: what is held for each tick is then soon more than them.
+    monkeypatch.setattr(drives, "HELD_TICKS_OF_A_ROW", BLOCK_TICKS, raising=False)
+
+    def peak_mb(seeds: int, duration_s: float, offsets: int) -> float:
+        """Return the peak of a study of so many seeds and ticks, and 4 configurations an offset."""
+        axes: dict[str, tuple[Any, ...]] = {
+            "mode": ("gyro", "blend"),
+            "stale_heading_ticks": (0, 1),
+            "gyro.offset_frac_bits": tuple(range(8, 8 + offsets)),
+        }
+        study = small_study(
+            points=tuple(build_points(ROBOT, axes, WIRE.tick_period_us)),
+            scenarios=(scenario("random"),),
+            seeds=tuple(range(seeds)),
+            course=Course(duration_s=duration_s),
+        )
         tracemalloc.start()
-        measure(config, those)
+        with Store(tmp_path / f"{seeds} {duration_s} {offsets}") as store:
+            run_study(study, store, workers=1)
+            outcomes(study, store)
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return most
+        return most / 1e6
 
-    # A stretch is 8,192 ticks of all rows together, some 20 words each.
-    largest = 8_192 * 8 * 40 + 1_000_000
-    assert peak(10.0, 8) < largest
-    assert peak(100.0, 8) < largest
-    assert peak(10.0, 64) < largest
+    peak_mb(1, 10.0, 1)  # what is compiled and loaded once
+    base_mb = peak_mb(8, 20.0, 2)
+    assert peak_mb(8, 60.0, 2) < 1.2 * base_mb
+    assert peak_mb(32, 20.0, 2) < 2.0 * base_mb  # 64 seeds are driven together
+    assert peak_mb(8, 20.0, 6) < 1.2 * base_mb
 
 
 def test_names_on_the_page_are_escaped(found: list[Outcome]) -> None:

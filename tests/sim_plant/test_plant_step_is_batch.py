@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from quiet_robot import held
 
 from sim_plant import (
+    Batch,
     Mechanisms,
     Plant,
     PlantDescription,
@@ -112,6 +113,26 @@ def test_a_run_over_several_blocks_of_noise_is_the_same_both_ways(noise: Any) ->
     runs = simulate(PlantDescription(), wandering, commands, [11], **models)
     plant = Plant(PlantDescription(), wandering, seed=11, **models)
     assert_tick_by_tick_is_row(runs, 0, commands, plant)
+
+
+@pytest.mark.parametrize("noise", ["streams", "lesson"])
+@pytest.mark.parametrize("slip_m", [0.0, 1e-4])
+def test_ticks_in_blocks_are_those_of_one_call_and_commands_are_repeated(
+    noise: Any, slip_m: float
+) -> None:
+    lap, ticks = held(0.7, -0.3, 300), 2 * BLOCK_TICKS + 5
+    lap[::7] *= 0.5
+    slipping = Mechanisms(micro_slip_step_left_m=slip_m, gyro_bias_walk_rad_s_per_sqrt_s=1e-3)
+    options: dict[str, Any] = {"tick_period_us": 10_000, "noise": noise}
+    laps = np.tile(lap, (-(-ticks // len(lap)), 1))[:ticks]
+    whole = simulate(PlantDescription(), slipping, laps, [3, 9], **options)
+    batch = Batch(PlantDescription(), slipping, lap, [3, 9], **options)
+    parts = [batch.advance(count) for count in (BLOCK_TICKS, BLOCK_TICKS, 5)]
+    for item in fields(PlantRuns):
+        joined = np.concatenate([getattr(part, item.name) for part in parts], axis=1)
+        np.testing.assert_array_equal(joined, getattr(whole, item.name))
+    with pytest.raises(PlantError, match="multiple of 1024"):
+        batch.advance(1)
 
 
 def _same(a: PlantRuns, b: PlantRuns, rows: slice = slice(None)) -> bool:
