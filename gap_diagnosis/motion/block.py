@@ -30,6 +30,8 @@ _THREES: Final = 12
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
+_GAINS: Final = 5.0
+"""Where a noise and an effect each gain more than this alone [nat], they may gain the same."""
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -57,7 +59,7 @@ class MotionBlock:
         self.model = model
         self.scan = Scan(model, progress)
         self._nothing = self.scan.found[frozenset()]
-        self._noise_fits: dict[frozenset[str], Fit] = {}
+        self._noise_fits: dict[tuple[str, str | None], Fit] = {}
 
     @property
     def effects(self) -> frozenset[str]:
@@ -180,8 +182,8 @@ class MotionBlock:
     def _noisy(self, effects: frozenset[str]) -> Fit:
         """Fit a set with one level of noise set free; a level within twice the described is none.
 
-        Beside an effect that does not lead, the noise is taken to gain what it gains alone. Beside
-        a mistake of the set-up no level is told: a factor multiplies the errors of the wheels too.
+        Beside several effects the noise gains no more than beside any one of them. Beside a mistake
+        of the set-up no level is told: a factor multiplies the errors of the wheels too.
         """
         noises = frozenset(effects & NOISES.keys())
         quiet = effects - noises
@@ -189,27 +191,44 @@ class MotionBlock:
         if len(noises) > 1 or quiet & GROSS:
             return Fit(names, _IMPOSSIBLE, _IMPOSSIBLE)
         (name,) = noises
-        if quiet and quiet != self._leader:
-            alone, beside = self._noisy(noises), self.fit(quiet)
-            return Fit(
-                names,
-                alone.log_evidence + beside.log_evidence,
-                alone.log_likelihood + beside.log_likelihood,
-                alone.parameters,
-            )
-        if effects not in self._noise_fits:
-            self._noise_fits[effects] = fit_noise(
-                self.model, self.scan.account(aliased(quiet)), self._nothing, name, names
-            )
-        return self._noise_fits[effects]
+        if not quiet:
+            return self._noise_beside(name, None)
+        seen = sorted(
+            OFFSET if one == LATENCY and one not in self.scan.effects else one for one in quiet
+        )
+        told = [self._noise_beside(name, one) for one in seen]
+        rest = [self.fit(frozenset({one})) for one in seen]
+        together = self.fit(quiet)
+        gains = [a.log_evidence - b.log_evidence for a, b in zip(told, rest, strict=True)]
+        likelier = [a.log_likelihood - b.log_likelihood for a, b in zip(told, rest, strict=True)]
+        least = int(np.argmin(gains))
+        return Fit(
+            names,
+            together.log_evidence + gains[least],
+            together.log_likelihood + likelier[least],
+            told[least].parameters,
+        )
 
-    @cached_property
-    def _leader(self) -> frozenset[str]:
-        """The single effect with the best evidence."""
-        singles = [one for one in self.scan.found.values() if len(one.effects) == 1]
-        if not singles:
-            return frozenset()
-        return max(singles, key=lambda one: one.log_evidence).effects
+    def _noise_beside(self, name: str, effect: str | None) -> Fit:
+        """Fit a noise beside one effect; beside one that gains little it gains what it does alone,
+        and where that is little it matters not how much."""
+        key = (name, effect)
+        if key not in self._noise_fits:
+            quiet = frozenset() if effect is None else frozenset({effect})
+            beside = self.fit(quiet)
+            alone = None if effect is None else self._noise_beside(name, None)
+            if alone is None or min(alone.log_evidence, beside.log_evidence) > _GAINS:
+                found = self.scan.account(aliased(quiet))
+                names = sorted(quiet | {name})
+                fit = fit_noise(self.model, found, self._nothing, name, names)
+            else:
+                fit = replace(
+                    alone,
+                    log_evidence=alone.log_evidence + beside.log_evidence,
+                    log_likelihood=alone.log_likelihood + beside.log_likelihood,
+                )
+            self._noise_fits[key] = fit
+        return self._noise_fits[key]
 
     def detail(self, effects: frozenset[str]) -> Fit:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""

@@ -9,12 +9,14 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import fit_noise
 from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 DISTURBANCE_RAD_S = 0.03
@@ -55,3 +57,17 @@ def test_noise_in_one_tenth_of_the_time_is_none() -> None:
     fit = fitted(0.05)
     assert fit.log_evidence < 0
     assert not fit.parameters
+
+
+def test_beside_each_effect_that_explains_the_same_a_noise_gains_nothing() -> None:
+    """A bias and a bend of the converter are the same here: either leaves no walk of the bias."""
+    setting = EffectSetting("gyro_bias", (("bias", 0.004),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("figure8"), (setting,), 5, reference=ReferenceNoise(), duration_s=40.0
+    )
+    block = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    walk = frozenset({"gyro_bias_walk"})
+    assert block.fit(walk).log_evidence > 10
+    for same in (frozenset({"gyro_bias"}), frozenset({"adc_inl"})):
+        assert block.fit(same).log_evidence > 50
+        assert block.fit(same | walk).log_evidence < block.fit(same).log_evidence
