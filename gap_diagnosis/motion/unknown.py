@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -33,8 +33,6 @@ _LEAST_RANGE: Final = {
     "lateral_acceleration": 0.05,
 }
 """A variable that varies less [SI] is noise: a function of it would fit the noise."""
-_ABOVE_NOISE: Final = 20.0
-"""So many standard deviations of their noise codes must vary by; noise itself does by 3.3."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,6 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "lateral_acceleration",
         "temperature",
         "supply",
-        "adc_code",
         "time",
     ),
     # Not with time: every reference wanders about slowly, and that is noise.
@@ -203,6 +200,10 @@ def alternatives(
         found.append(
             Alternative(stage, variable, evidence, likelihood, min(2 * likelihood / above_noise, 1))
         )
+        if (stage, variable) == ("gyro", "turn_rate") and smooth.gyro_code is not None:
+            # Which code there should be, the wheels' turn rate says: a function of the codes that
+            # there are would explain their noise with itself.
+            found.append(replace(found[-1], variable="adc_code"))
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
@@ -226,9 +227,6 @@ def basis(motion: Motion, variable: str) -> list[Floats]:
         return [*_hats(motion.x_m), *_hats(motion.y_m)]
     value = _variable(motion, variable)
     least = _LEAST_RANGE.get(variable, 0.0)
-    if variable == "adc_code" and value is not None:
-        # A function of codes that are hardly more than noise would fit that noise with itself.
-        least = _ABOVE_NOISE * float(np.std(np.diff(value))) / math.sqrt(2.0)
     if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
         return []
     return _hats(value)
@@ -244,7 +242,6 @@ def _variable(motion: Motion, name: str) -> Floats | None:
         "lateral_acceleration": motion.speed_m_s * motion.turn_rate_rad_s,
         "temperature": motion.warm_k,
         "supply": motion.supply_error,
-        "adc_code": motion.gyro_code,
         "time": motion.elapsed_s,
     }
     return known[name]
