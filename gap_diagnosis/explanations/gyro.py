@@ -100,11 +100,15 @@ def gyro_g_sensitivity(p: Prediction, *, x: float, y: float) -> None:
 
 
 def gyro_saturation(p: Prediction, *, limit: float) -> None:
-    """Clip each sample: near the limit its noise is cut off on one side."""
+    """Clip each sample: near the limit its noise is cut off on one side.
+
+    A smooth rate would reach the limit too early and too late.
+    """
     m = p.motion
     sd = max(m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s, 1e-12)
-    above, below = (p.gyro_rad_s - limit) / sd, (-limit - p.gyro_rad_s) / sd
-    p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond(above) + sd * _mean_beyond(below)
+    rate = p.gyro_rad_s + turn_rate_with_details(m) - m.turn_rate_rad_s
+    p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond((rate - limit) / sd)
+    p.gyro_rad_s = p.gyro_rad_s + sd * _mean_beyond((-limit - rate) / sd)
 
 
 def _mean_beyond(away: Floats) -> Floats:
