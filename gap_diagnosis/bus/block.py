@@ -288,7 +288,18 @@ class BusBlock:
         return _Option(None, evidence, ratio, {"skew": draws})
 
     def _gap(self) -> _Option:
-        """Return the best windows of silence: what they save in losses, less their prior."""
+        """Return the best windows of silence."""
+        total, ratio, chosen = self._silence
+        if not chosen:
+            return _Option(None, -math.log(2.0), 0.0, {})
+        start, stop = chosen[0]
+        even = self._random.uniform(0, self._recording.tick_period_s, (2, _SAMPLES))
+        draws = {"start_s": start + even[0], "stop_s": stop - even[1]}
+        return _Option(None, total, ratio, draws, chosen)
+
+    @cached_property
+    def _silence(self) -> tuple[float, float, Windows]:
+        """What windows of silence save in losses, less their prior; the same without; they."""
         period = self._recording.tick_period_s
         price = 2 * math.log(max(self._recording.duration_s / period, 2.0))
         total, ratio = -price, 0.0
@@ -300,12 +311,7 @@ class BusBlock:
             saved = self._usual_losses(windows) - base
             if saved - count * price > total or count == 1:
                 total, chosen, ratio = saved - count * price, windows, saved
-        if not chosen:
-            return _Option(None, -math.log(2.0), 0.0, {})
-        start, stop = chosen[0]
-        even = self._random.uniform(0, period, (2, _SAMPLES))
-        draws = {"start_s": start + even[0], "stop_s": stop - even[1]}
-        return _Option(None, total, ratio, draws, chosen)
+        return total, ratio, chosen
 
     def _usual_losses(self, excluded: Windows) -> float:
         return sum(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def loss_of(messages: list[Runs], span: tuple[float, float], bursts: tuple[float
     prior = np.full(_BURSTS, 0.5 / (_BURSTS - 1))
     prior[0] = 0.5
     joint = logs + np.log(prior) - math.log(_RATES)
-    log_evidence = float(logsumexp(joint))
+    log_evidence = log_sum(joint)
     posterior = np.exp(joint - log_evidence)
     return Rate(
         log_evidence,
@@ -101,6 +101,12 @@ def loss_of(messages: list[Runs], span: tuple[float, float], bursts: tuple[float
         burst,
         posterior.sum(axis=0),
     )
+
+
+def log_sum(logarithms: Floats) -> float:
+    """Return the logarithm of a sum given by logarithms."""
+    top = float(logarithms.max())
+    return top + math.log(float(np.exp(logarithms - top).sum()))
 
 
 def log_binomial(count: int, chosen: int) -> float:
@@ -113,7 +119,7 @@ def _refined(least: int, chances: int) -> int:
 
 
 def _normalised(logs: Floats) -> tuple[Floats, float]:
-    total = float(logsumexp(logs))
+    total = log_sum(logs)
     return np.exp(logs - total), total
 
 

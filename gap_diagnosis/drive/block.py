@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -124,7 +125,7 @@ class DriveBlock:
         self._null_evidence = self._evidence(setting, self._levels)[0]
         self._fits[frozenset()] = Fit((), 0.0, 0.0)
 
-    @property
+    @cached_property
     def effects(self) -> frozenset[str]:
         """The effects that this log's drive residuals can tell."""
         dead = {"encoder_dead"} if may_be_dead(self._data) else set[str]()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
+
+_TOGETHER: Final = 16
+"""Variances multiplied before a logarithm is taken: it is dear, and so few do not underflow."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,33 +123,65 @@ def whiten(
         dt_s: time from block to block.
         white, walk, spread, memory_s: the levels.
     """
+    flow, fade, angle_gain, rate_gain, scale, log_determinant = _gains(
+        seen, count, activity, lost, dt_s, white, walk, spread, memory_s
+    )
     kinds = columns.shape[0]
     blocks = columns.shape[2]
-    out = np.zeros((kinds, 2, blocks))
-    angle = np.zeros(kinds)
-    error = np.zeros(kinds)
+    out = np.empty((kinds, 2, blocks))
+    for c in range(kinds):
+        angle, error, angle_2, error_2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(blocks):  # both wheels in one step: neither waits for the other
+            angle += flow[0, i] * error
+            angle_2 += flow[1, i] * error_2
+            innovation = columns[c, 0, i] - angle
+            innovation_2 = columns[c, 1, i] - angle_2
+            out[c, 0, i] = innovation * scale[0, i]
+            out[c, 1, i] = innovation_2 * scale[1, i]
+            angle += angle_gain[0, i] * innovation
+            angle_2 += angle_gain[1, i] * innovation_2
+            error = fade[0, i] * error + rate_gain[0, i] * innovation
+            error_2 = fade[1, i] * error_2 + rate_gain[1, i] * innovation_2
+    return out, log_determinant
+
+
+@njit(cache=True, error_model="numpy")
+def _gains(
+    seen: Any,
+    count: Any,
+    activity: Any,
+    lost: Any,
+    dt_s: float,
+    white: float,
+    walk: float,
+    spread: float,
+    memory_s: float,
+) -> Any:
+    """Return what the filter does to every column alike, float64[2, m] each: how a rate error
+    moves the angle and how it fades until this block, how an innovation corrects both, and its
+    scale (0: no innovation); then the log determinant."""
+    blocks = seen.shape[1]
+    flow, fade = np.zeros((2, blocks)), np.ones((2, blocks))
+    angle_gain, rate_gain = np.zeros((2, blocks)), np.zeros((2, blocks))
+    scale = np.zeros((2, blocks))
     keep = math.exp(-dt_s / memory_s)
-    flow = memory_s * (1.0 - keep)
     log_determinant = 0.0
     for wheel in range(2):
-        angle[:] = 0.0
-        error[:] = 0.0
         started = False
         paa, pau, puu = 0.0, 0.0, spread * spread
+        product, together = 1.0, 0
         for i in range(blocks):
             g = activity[wheel, i]
             if started:
-                f = g * flow
-                paa_new = paa + 2.0 * f * pau + f * f * puu
+                f = g * memory_s * (1.0 - keep)
+                flow[wheel, i], fade[wheel, i] = f, keep
+                paa += 2.0 * f * pau + f * f * puu
                 pau = keep * (pau + f * puu)
                 puu = keep * keep * puu + spread * spread * (1.0 - keep * keep)
                 step = walk * g
                 # what the rate error gains within the block also moves the angle
                 within = spread * g * dt_s
-                paa = paa_new + step * step * dt_s + within * within * (1.0 - keep) * 0.667
-                for c in range(kinds):
-                    angle[c] += f * error[c]
-                    error[c] *= keep
+                paa += step * step * dt_s + within * within * (1.0 - keep) * 0.667
                 if lost[i]:
                     started = False
             if not seen[wheel, i]:
@@ -155,19 +190,34 @@ def whiten(
             if not started:
                 started = True
                 paa, pau = noise, 0.0
-                for c in range(kinds):
-                    angle[c] = columns[c, wheel, i]
+                angle_gain[wheel, i] = 1.0
                 continue
             variance = paa + noise
-            scale = 1.0 / math.sqrt(variance)
-            log_determinant += math.log(variance)
-            ka, ku = paa / variance, pau / variance
-            for c in range(kinds):
-                innovation = columns[c, wheel, i] - angle[c]
-                out[c, wheel, i] = innovation * scale
-                angle[c] += ka * innovation
-                error[c] += ku * innovation
+            product *= variance
+            together += 1
+            if together == _TOGETHER:
+                log_determinant += math.log(product)
+                product, together = 1.0, 0
+            scale[wheel, i] = 1.0 / math.sqrt(variance)
+            inverse = 1.0 / variance
+            ka, ku = paa * inverse, pau * inverse
+            angle_gain[wheel, i], rate_gain[wheel, i] = ka, ku
             puu -= ku * pau
             pau -= ka * pau
             paa -= ka * paa
-    return out, log_determinant
+        log_determinant += math.log(product)
+    return flow, fade, angle_gain, rate_gain, scale, log_determinant
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def products(rows: Any) -> Any:
+    """Return the inner products of a few long rows, float64[c, n] with each other."""
+    count, length = rows.shape
+    made = np.empty((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(length):
+                total += rows[i, k] * rows[j, k]
+            made[i, j] = made[j, i] = total
+    return made

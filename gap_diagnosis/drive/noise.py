@@ -7,7 +7,6 @@ proportion to how fast the wheel turns; all four levels are estimated under ever
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from gap_diagnosis.drive.data import DriveData
-from gap_diagnosis.drive.kernels import whiten
+from gap_diagnosis.drive.kernels import products, whiten
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +26,8 @@ _WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0])
 _ITERATIONS: Final = 25
+_STEP: Final = 0.02
+"""Of a log level, over which the likelihood's slope is taken."""
 
 
 @dataclass(frozen=True)
@@ -101,19 +102,30 @@ def fit_levels(
     """
     stacked = np.concatenate((residual[np.newaxis], columns))
 
-    def loss(logs: Floats) -> float:
-        white, log_determinant = whitened(data, stacked, Levels.of(logs, data.tick_rad))
-        gram = white @ white.T
-        log_likelihood = float(marginal(gram[1:, 1:], gram[1:, 0], gram[0, 0], sd))
-        value = log_likelihood - 0.5 * log_determinant + log_level_prior(logs)
-        return -value if math.isfinite(value) else 1e300
+    def loss(logs: Floats) -> tuple[float, Floats]:
+        steps = np.where(logs + _STEP > _HIGH, -_STEP, _STEP)
+        values = _losses(data, stacked, sd, np.vstack((logs, logs + np.diag(steps))))
+        return float(values[0]), (values[1:] - values[0]) / steps
 
-    bounds = list(zip(_LOW, _HIGH, strict=True))
     best = minimize(
         loss,
         np.clip(start, _LOW, _HIGH),
         method="L-BFGS-B",
-        bounds=bounds,
-        options={"maxiter": _ITERATIONS, "eps": 0.02, "ftol": 1e-7},
+        jac=True,
+        bounds=list(zip(_LOW, _HIGH, strict=True)),
+        options={"maxiter": _ITERATIONS, "ftol": 1e-7},
     )
     return np.asarray(best.x, dtype=np.float64), -float(best.fun)
+
+
+def _losses(data: DriveData, stacked: Floats, sd: Floats, logs: Floats) -> Floats:
+    """Return the negative log likelihoods with prior of log levels float64[p, 4]: float64[p]."""
+    grams, densities = [], []
+    for one in logs:
+        white, log_determinant = whitened(data, stacked, Levels.of(one, data.tick_rad))
+        grams.append(products(white))
+        densities.append(log_level_prior(one) - 0.5 * log_determinant)
+    gram = np.array(grams)
+    likelihoods = marginal(gram[:, 1:, 1:], gram[:, 1:, 0], gram[:, 0, 0], sd[np.newaxis])
+    values = likelihoods + densities
+    return np.where(np.isfinite(values), -values, 1e300)

@@ -61,7 +61,7 @@ class MotionBlock:
         self._nothing = self.scan.found[frozenset()]
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
 
-    @property
+    @cached_property
     def effects(self) -> frozenset[str]:
         """The effects that this log's motion can tell of."""
         aliases = ALIASES.keys() if ALIASED in self.scan.effects else set()

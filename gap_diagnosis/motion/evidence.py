@@ -12,20 +12,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import ndtr
 
 from gap_diagnosis.motion.columns import Columns, Term
+from gap_diagnosis.motion.components import update
 from gap_diagnosis.motion.whitening import Course, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 
 _SCALES: Final = 5
-_ALMOST: Final = 1 - 1e-16
+_STEPS: Final = np.linspace(0.0, 1.0, _SCALES)[:, np.newaxis]
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,9 @@ class Scored:
 def reduce_to(gram: Gram, terms: Sequence[Term]) -> tuple[Floats, Floats]:
     """Return inner products float64[k, k] and float64[k] of the terms' coefficients."""
     weights = [weight for term in terms for weight in term.weights]
+    if all(len(weight) == 1 and weight[0][1] == 1.0 for weight in weights):
+        own = [weight[0][0] for weight in weights]
+        return gram.inner[np.ix_(own, own)], gram.data[own]
     used = sorted({index for weight in weights for index, _ in weight})
     place = {index: row for row, index in enumerate(used)}
     mix = np.zeros((len(used), len(weights)))
@@ -142,24 +147,16 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     if count == 0:
         none = np.zeros((1, 0))
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
-    choices = [
-        [
-            np.array([_scale(prior, term, i, j) for i in range(len(term.weights))])
-            for j in range(_SCALES)
-        ]
-        for term in free
-    ]
-    scales = np.array([np.concatenate(one) for one in product(*choices)])
-    eye = np.eye(count)
-    small = eye + scales[:, :, None] * inner * scales[:, None, :]
-    scaled = scales * data
-    solved = np.linalg.solve(small, scaled[..., None])[..., 0]
-    means = scales * solved
-    covariances = scales[:, :, None] * np.linalg.inv(small) * scales[:, None, :]
-    _, log_det = np.linalg.slogdet(small)
-    log_parts = 0.5 * (scaled * solved).sum(axis=1) - 0.5 * log_det
-    sds = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 1e-300))
-    log_parts = log_parts + _news(free, means, sds, scales)
+    steps = _combinations(len(free))
+    ladders = [_scales(prior, term) for term in free]
+    means, covariances, log_parts = update(
+        inner,
+        data,
+        np.hstack([ladder[steps[:, place]] for place, ladder in enumerate(ladders)]),
+        np.array([tolerance for term in free for tolerance in term.tolerances]),
+        np.array([len(term.tolerances) for term in free]),
+        np.array([term.variant.is_positive for term in free]),
+    )
     total = log_sum(log_parts)
     whole = total - math.log(len(log_parts))
     ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
@@ -169,40 +166,15 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     return Scored(tuple(terms), gained + whole, likelihood, means, covariances, weights)
 
 
-def _scale(prior: Prior, term: Term, coefficient: int, step: int) -> float:
-    known = prior.of(term.variant.effect, term.variant.coefficients[coefficient])
-    low = max(term.tolerances[coefficient], 1e-3 * known.high)
-    return float(low * (known.high / low) ** (step / (_SCALES - 1)))
+@cache
+def _combinations(terms: int) -> NDArray[np.int64]:
+    """Return every choice of a step for each term: int64[_SCALES ** terms, terms]."""
+    return np.array(list(product(range(_SCALES), repeat=terms)), dtype=np.int64)
 
 
-def _news(free: Sequence[Term], means: Floats, sds: Floats, scales: Floats) -> Floats:
-    """Log of how much likelier it has become that each effect is beyond its tolerance."""
-    total = np.zeros(len(means))
-    place = 0
-    for term in free:
-        # Log of the probability that every coefficient is within its tolerance.
-        after, before = np.zeros(len(means)), np.zeros(len(means))
-        one_sided = term.variant.is_positive and len(term.tolerances) == 1
-        if term.variant.is_positive and not one_sided:
-            total += _log_positive(term, means, sds, place)
-        for tolerance in term.tolerances:
-            mean, sd, scale = means[:, place], sds[:, place], scales[:, place]
-            beyond, expected = ndtr((mean - tolerance) / sd), ndtr(-tolerance / scale)
-            if not one_sided:
-                beyond = beyond + ndtr((-tolerance - mean) / sd)
-                expected = 2 * expected
-            after += np.log1p(-np.minimum(beyond, _ALMOST))
-            before += np.log1p(-expected)
-            place += 1
-        total += np.log(np.maximum(-np.expm1(after), 1e-300)) - np.log(-np.expm1(before))
-    return total
-
-
-def _log_positive(term: Term, means: Floats, sds: Floats, place: int) -> Floats:
-    """Log of how much likelier it has become that no coefficient is negative.
-
-    Sizes of one effect go together (a load presses both wheels): the least likely one decides.
-    """
-    own = slice(place, place + len(term.tolerances))
-    positive = ndtr(means[:, own] / sds[:, own]).min(axis=1)
-    return np.asarray(np.log(np.maximum(positive, 1e-300)) + len(term.tolerances) * math.log(2))
+def _scales(prior: Prior, term: Term) -> Floats:
+    """Return the orders of magnitude of a term's coefficients: float64[_SCALES, k]."""
+    names = term.variant.coefficients
+    high = np.array([prior.of(term.variant.effect, name).high for name in names])
+    low = np.maximum(term.tolerances[: len(names)], 1e-3 * high)
+    return np.asarray(low * (high / low) ** _STEPS)

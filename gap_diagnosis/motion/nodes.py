@@ -8,6 +8,7 @@ however far dead reckoning has drifted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numba
@@ -64,6 +65,22 @@ class Nodes:
     has_gyro: bool
     has_reference: bool
     has_heading: bool
+
+    @cached_property
+    def described_at_samples(self) -> tuple[Floats, ...]:
+        """The motion at each sample used, moved along the description from its tick to its time:
+        x, y [m] and heading [rad], float64[s] each."""
+        return self.at_samples(self.sample_t_s)
+
+    def at_samples(self, true_t_s: Floats) -> tuple[Floats, ...]:
+        """Return the same for samples that were taken at other times."""
+        # The noise of a count must not depend on where between two ticks a delay comes to lie.
+        motion, tick = self.motion, self.sample_tick
+        known = (motion.x_m, motion.y_m, motion.heading_rad)
+        return tuple(
+            path[tick] + (np.interp(true_t_s, motion.t_s, described) - described[tick])
+            for path, described in zip(known, self.described, strict=True)
+        )
 
     @property
     def count(self) -> int:
@@ -184,13 +201,11 @@ def _at_end(means: Floats) -> Floats:
 def _compare_reference(
     nodes: Nodes, p: Prediction, d_x: Floats, d_y: Floats, d_heading: Floats, out: Floats
 ) -> None:
-    motion, tick = nodes.motion, nodes.sample_tick
-    true_t_s = nodes.sample_t_s - _at(p.reference_delay_s, tick)
-    # The noise of a count must not depend on where between two ticks a delay comes to lie.
-    moved = [np.interp(true_t_s, motion.t_s, path) - path[tick] for path in nodes.described]
+    tick = nodes.sample_tick
+    delay_s = _at(p.reference_delay_s, tick)
+    is_timely = isinstance(delay_s, float) and delay_s == 0.0
     x_m, y_m, heading = (
-        known[tick] + by
-        for known, by in zip((motion.x_m, motion.y_m, motion.heading_rad), moved, strict=True)
+        nodes.described_at_samples if is_timely else nodes.at_samples(nodes.sample_t_s - delay_s)
     )
     # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
     cosine, sine = np.cos(heading), np.sin(heading)
