@@ -17,10 +17,10 @@ from chiplog.pages.study_words import (
     said_error,
 )
 from precision_study.budget import CAUSES
-from precision_study.study import Outcome, Requirement, Study, cost_table
+from precision_study.study import Outcome, Requirement, Study, cost_table, high_words
 
 BUDGET_HEAD = ("cause", "expected", "at most", "grows with", "what it is")
-SCENARIO_HEAD = ("scenario", "99th percentile", "at the end, RMS", "expected", "at most")
+SCENARIO_HEAD = ("at the end, RMS", "expected", "at most")
 MAX_FRONT_ROWS = 40
 
 
@@ -64,7 +64,7 @@ def study_page(
             "front_rows": [front_row(one, requirement, study) for one in best[:MAX_FRONT_ROWS]],
             "front_left": max(len(best) - MAX_FRONT_ROWS, 0),
             "budget_head": BUDGET_HEAD,
-            "scenario_head": SCENARIO_HEAD,
+            "scenario_head": ("scenario", high_words(len(study.seeds)), *SCENARIO_HEAD),
             "cost_error_percent": f"{100 * table.largest_error:.0f}",
             "core": table.core,
             "compiler": table.compiler,

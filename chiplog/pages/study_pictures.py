@@ -26,7 +26,7 @@ from chiplog.pages.drawing import (
 )
 from chiplog.pages.study_words import said_error
 from precision_study.budget import CAUSES
-from precision_study.study import Outcome, Requirement, Study
+from precision_study.study import Outcome, Requirement, Study, high_words
 
 _TINY: Final = 1e-18
 _MAX_VALUES: Final = 12
@@ -66,8 +66,8 @@ def front_picture(
 
     chosen_words = "" if chosen is None else " The orange ring is the cheapest that holds."
     caption = (
-        "Each dot is a configuration: its 99th percentile over seeds on its worst scenario. Blue "
-        f"ones are beaten by none in error, instructions and memory together.{chosen_words}"
+        f"Each dot is a configuration: the {high_words(len(study.seeds))} on its worst scenario. "
+        f"Blue ones are beaten by none in error, instructions and memory together.{chosen_words}"
     )
     return picture("front", "Error against cost", caption, draw, alt=caption)
 

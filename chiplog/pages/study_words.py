@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from chiplog.pages.quantities import angle, count, length
-from precision_study.study import Outcome, Requirement, Study, pareto_front
+from precision_study.study import Outcome, Requirement, Study, high_words, pareto_front
 
 DEFAULT_KIND: Final = "arithmetic position"
 FRONT_HEAD: Final = ("configuration", "error", "proved", "instructions/s", "table", "state")
-_FEW_SEEDS: Final = 100
 
 
 def kind_of(requirement: Requirement | None) -> str:
@@ -91,7 +90,7 @@ def answer(
         if least is not None:
             lines.append(
                 f"Nearest: {least.point.words}, {said_error(least.error(kind), kind)} on "
-                f"{least.worst(kind).scenario}."
+                f"{least.worst(kind).scenario}; {_quantile_words(study)}."
             )
     else:
         best = front(found, requirement)
@@ -110,10 +109,8 @@ def answer(
 
 
 def _quantile_words(study: Study) -> str:
-    seeds = len(study.seeds)
-    if seeds < _FEW_SEEDS:
-        return f"the largest of {seeds} seeds (100 would show the 99th percentile)"
-    return f"the 99th percentile of {seeds} seeds"
+    words = f"the {high_words(len(study.seeds))}"
+    return words if "percentile" in words else f"{words} (100 would show the 99th percentile)"
 
 
 def _proof(chosen: Outcome, requirement: Requirement) -> str:

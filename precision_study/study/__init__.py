@@ -1,6 +1,13 @@
 """Sweeps: which configuration holds what is asked, and which of those is cheapest."""
 
-from precision_study.study.answer import Outcome, cheapest, holds, outcomes, pareto_front
+from precision_study.study.answer import (
+    Outcome,
+    cheapest,
+    high_words,
+    holds,
+    outcomes,
+    pareto_front,
+)
 from precision_study.study.cost import Cost, CostTable, cost_table
 from precision_study.study.engine import Study, cores, run_study
 from precision_study.study.requirement import (
@@ -32,6 +39,7 @@ __all__ = [
     "cheapest",
     "cores",
     "cost_table",
+    "high_words",
     "holds",
     "outcomes",
     "pareto_front",

@@ -17,6 +17,8 @@ from precision_study.study.space import Point
 from precision_study.study.store import Store
 
 LEVEL: Final = 0.99
+_ENOUGH_SEEDS: Final = 100
+"""Fewer have no 99th percentile other than their largest."""
 _ABOUT_EQUAL: Final = 1.01
 
 
@@ -27,8 +29,7 @@ class ScenarioOutcome:
     Attributes:
         scenario: its name.
         runs: how many seeds.
-        high: "kind quantity" to the 99th percentile over seeds of the largest error on the way
-            [m or rad]; of fewer than 100 seeds it is the largest.
+        high: "kind quantity" to what `high_words` says, of the largest error on the way [m or rad].
         final_rms: the same keys, to the root mean square of the error at the end.
         bound: "position" and "heading", to the guaranteed bound of the arithmetic error.
         expected: likewise, to the expected arithmetic error at the end.
@@ -59,7 +60,7 @@ class Outcome:
         return max(self.scenarios, key=lambda one: one.high[what])
 
     def error(self, what: str) -> float:
-        """Return the 99th percentile over seeds on the worst scenario [m or rad]."""
+        """Return the high error over seeds on the worst scenario [m or rad]; see `high_words`."""
         return self.worst(what).high[what]
 
     def bound(self, quantity: str) -> float:
@@ -70,6 +71,13 @@ class Outcome:
     def overflows(self) -> int:
         """How often a word has overflowed in all runs."""
         return sum(one.overflows for one in self.scenarios)
+
+
+def high_words(seeds: int) -> str:
+    """Return what is looked at of the errors of so many seeds."""
+    if seeds < _ENOUGH_SEEDS:
+        return f"largest of {seeds} seed{'s' if seeds > 1 else ''}"
+    return f"99th percentile of {seeds} seeds"
 
 
 def outcomes(study: Study, store: Store) -> list[Outcome]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from hil_harness.robot import Robot
 from precision_study.errors import StudyError
-from precision_study.study.answer import Outcome
+from precision_study.study.answer import Outcome, high_words
 from precision_study.study.space import Point
 
 _KINDS = ("arithmetic position", "arithmetic heading", "total position", "total heading")
@@ -27,9 +27,10 @@ def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
         for scenario in one.scenarios:
             row: dict[str, Any] = {"key": one.point.key, **dict(one.point.values)}
             row |= {"scenario": scenario.scenario, "runs": scenario.runs}
+            row["high"] = high_words(scenario.runs)
             for kind in _KINDS:
                 name, unit = kind.replace(" ", "_"), "m" if "position" in kind else "rad"
-                row[f"p99_largest_{name}_{unit}"] = scenario.high[kind]
+                row[f"high_{name}_{unit}"] = scenario.high[kind]
                 row[f"rms_final_{name}_{unit}"] = scenario.final_rms[kind]
             for quantity, unit in (("position", "m"), ("heading", "rad")):
                 row[f"bound_{quantity}_{unit}"] = scenario.bound[quantity]

@@ -39,6 +39,7 @@ from precision_study.study import (
     cheapest,
     cost_table,
     drives,
+    high_words,
     outcomes,
     pareto_front,
     parse_axis,
@@ -259,7 +260,8 @@ def test_results_in_parquet_are_those_in_csv(tmp_path: Path) -> None:
     read = parquet.read_table(tmp_path / "results.parquet").to_pylist()
     with (tmp_path / "results.csv").open(newline="") as file:
         for ours, theirs in zip(read, csv.DictReader(file), strict=True):
-            key = "p99_largest_arithmetic_position_m"
+            key = "high_arithmetic_position_m"
+            assert ours["high"] == theirs["high"] == "largest of 2 seeds"
             assert ours[key] == float(theirs[key])
 
 
@@ -392,6 +394,17 @@ def test_memory_of_a_whole_study_grows_with_neither_ticks_nor_runs_nor_configura
     assert peak_mb(8, 60.0, 2) < 1.2 * base_mb
     assert peak_mb(32, 20.0, 2) < 2.0 * base_mb  # 64 seeds are driven together
     assert peak_mb(8, 20.0, 6) < 1.2 * base_mb
+
+
+def test_a_99th_percentile_is_claimed_of_100_seeds_and_more_only(found: list[Outcome]) -> None:
+    study = small_study()
+    few = study_page(study, found, None, None, 1.0)
+    assert few.count("99th percentile") == few.count("(100 would show the 99th percentile)") == 1
+    assert few.count("largest of 3 seeds") > 2
+    many = replace(study, seeds=tuple(range(100)))
+    assert "largest of" not in study_page(many, found, None, None, 1.0)
+    assert high_words(99) == "largest of 99 seeds"
+    assert high_words(100) == "99th percentile of 100 seeds"
 
 
 def test_names_on_the_page_are_escaped(found: list[Outcome]) -> None:
