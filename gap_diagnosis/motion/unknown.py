@@ -72,6 +72,11 @@ def _forward(p: Prediction, f: Floats) -> None:
     p.right_m = p.right_m * (1 + f)
 
 
+def _each_wheel(p: Prediction, f: Floats) -> None:
+    p.left_m = p.left_m * (1 + f[0])
+    p.right_m = p.right_m * (1 + f[1])
+
+
 def _turn(p: Prediction, f: Floats) -> None:
     p.yaw_rad = p.yaw_rad + f * 0.5 * (np.abs(p.left_m) + np.abs(p.right_m)) / p.wheelbase_m
 
@@ -119,6 +124,8 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
         Way("reference", _reference_heading, 1e-3, 0.1, needs_reference=True),
     ),
 }
+_OF_EACH_WHEEL: Final = {("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1),)}
+"""What depends on each wheel's own motion, not on the body's."""
 _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "wheel": (
         "speed",
@@ -165,9 +172,10 @@ def alternatives(
             and (nodes.has_gyro or not way.needs_gyro)
         ]
         for variable in _VARIABLES[stage]:
-            functions = basis(smooth, variable)
+            own = _OF_EACH_WHEEL.get((stage, variable))
+            functions = basis(smooth, variable) if own is None else _by_acceleration(smooth)
             placed: list[tuple[int, Way]] = []
-            for way in usable:
+            for way in own or usable:
                 for function in functions:
                     step = math.sqrt(way.low * way.high)
                     prediction = predict(smooth, settings)
@@ -228,6 +236,16 @@ def basis(motion: Motion, variable: str) -> list[Floats]:
     value = _variable(motion, variable)
     least = _LEAST_RANGE.get(variable, 0.0)
     if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
+        return []
+    return _hats(value)
+
+
+def _by_acceleration(motion: Motion) -> list[Floats]:
+    """Return functions of each wheel's speeding up, float64[2, n] each."""
+    rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
+    changes = np.array([motion.left_acceleration_rad_s2, motion.right_acceleration_rad_s2])
+    value = motion.radius_m * changes * np.sign(rates)
+    if np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE["acceleration"]:
         return []
     return _hats(value)
 
