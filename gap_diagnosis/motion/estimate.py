@@ -68,11 +68,11 @@ def estimate_motion(
     gyro_turn = _gyro_turn(recording, dt_s)
     reference = recording.reference
     if reference is None:
-        x_m, y_m = _reckon(forward_m, heading)
+        x_m, y_m = dead_reckoned(forward_m, heading)
     else:
         stamps = reference.t_s - reference_delay_s
         heading = _heading_of(heading, t_s, stamps, reference, forward_m, step_s)
-        x_m, y_m = _reckon(forward_m, heading)
+        x_m, y_m = dead_reckoned(forward_m, heading)
         x_m = x_m + _slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
         y_m = y_m + _slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
     turn_rate = gaussian_filter1d(_slope(heading, t_s), width)
@@ -184,7 +184,7 @@ def smoothed(motion: Motion) -> Motion:
     turning = _denoised(motion.right_step_rad - motion.left_step_rad, tick_s, motion.rad_per_count)
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
-    x_m, y_m = _reckon(0.5 * motion.radius_m * (left + right), motion.heading_rad)
+    x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     geometry = motion.radius_m / motion.wheelbase_m
     turn = _denoised(motion.turn_rate_rad_s * tick_s / geometry, tick_s, motion.rad_per_count)
     return replace(
@@ -217,7 +217,8 @@ def _gyro_turn(recording: Recording, dt_s: Floats) -> Floats | None:
     return np.asarray(np.cumsum(steps) - steps[0])
 
 
-def _reckon(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
+def dead_reckoned(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Return x and y [m], float64[n], of steps forward that end at these headings."""
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
     return np.cumsum(forward_m * np.cos(middle)), np.cumsum(forward_m * np.sin(middle))
 
@@ -251,7 +252,7 @@ def _course_correction(
     Steps between stamps are complex numbers; the angle of a moving sum of measured times conjugate
     reckoned steps is the turn between them, weighted by the way, backwards or forwards.
     """
-    x_m, y_m = _reckon(forward_m, heading)
+    x_m, y_m = dead_reckoned(forward_m, heading)
     reckoned = np.diff(np.interp(stamps, t_s, x_m) + 1j * np.interp(stamps, t_s, y_m))
     measured = np.diff(reference.x_m + 1j * reference.y_m)
     product = measured * np.conj(reckoned)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from gap_diagnosis.motion.estimate import smoothed
+from gap_diagnosis.motion.estimate import dead_reckoned, smoothed
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Reference
 
@@ -43,8 +43,8 @@ class Nodes:
         sample_node: int64[r], which block that is.
         samples: float64[r], how many it has.
         has_gyro, has_reference, has_heading: which channels there are.
-        described: float64[3, n], x, y [m] and heading [rad] as the description has them, to first
-            order about the estimated motion; hardly smoothed: along it delays move.
+        described: float64[3, n], x, y [m] and heading [rad] along which delays move, hardly
+            smoothed: the described wheels' way on the estimated headings, and their own heading.
         gyro_kept: bool[m], blocks whose gyro is used.
     """
 
@@ -181,9 +181,13 @@ def _deviations(motion: Motion, prediction: Prediction) -> tuple[Floats, Floats,
 
 
 def _described(motion: Motion, step_s: float) -> Floats:
-    """Return the description's x, y and heading, float64[3, n], hardly smoothed."""
-    places = np.array([motion.x_m, motion.y_m, motion.heading_rad])
-    places += _deviations(motion, Prediction(motion))
+    """Return x, y and heading by the description's wheels, float64[3, n], hardly smoothed.
+
+    Where the way leads is the estimated heading's: the wheels' own may have drifted by turns.
+    """
+    forward_m = 0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad)
+    heading = motion.heading_rad + _deviations(motion, Prediction(motion))[2]
+    places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading])
     return np.asarray(gaussian_filter1d(places, _SHARP_S / step_s, mode="nearest"))
 
 

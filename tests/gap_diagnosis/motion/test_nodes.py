@@ -103,3 +103,17 @@ def test_a_rooms_scale_stretches_the_way_and_not_the_noise_of_the_reference():
         stretched = residuals(nodes, predict(nodes.motion, [(scale, (1.0,))]))
         changes.append(residuals(nodes, predict(nodes.motion)) - stretched)
     assert np.nanmax(np.abs(changes[1][:2] - changes[0][:2])) < 0.01
+
+
+def test_a_delay_leads_back_along_the_way_however_far_the_wheels_own_heading_has_drifted():
+    bent = replace(RECORDING, right_ticks=1.05 * RECORDING.right_ticks)
+    nodes = nodes_of(bent)
+    drift = nodes.described[2, -1] - nodes.motion.heading_rad[-1]
+    assert abs(drift) > 1.0
+    (late,) = EXPLAINED["reference_time_offset"].variants(nodes.motion)
+    change = residuals(nodes, predict(nodes.motion))
+    change -= residuals(nodes, predict(nodes.motion, [(late, (0.1,))]))
+    for channel, way in enumerate((nodes.sample_x_m, nodes.sample_y_m)):
+        back = np.interp(nodes.sample_t_s - 0.1, nodes.sample_t_s, way) - way
+        means = np.add.reduceat(back, nodes.sample_starts) / nodes.samples
+        np.testing.assert_allclose(change[channel, nodes.sample_node][5:], means[5:], atol=0.004)
