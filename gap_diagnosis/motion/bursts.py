@@ -21,7 +21,7 @@ from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Found
-from gap_diagnosis.motion.whitening import Course, whiten
+from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
 
 _CELL_S: Final = 0.5
@@ -83,7 +83,7 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
         if not grown.any() or grown.sum() > _MOST * log.cells:
             return None
         if found is None:
-            levels = np.minimum(levels, model.level_prior.median)
+            levels = np.minimum(levels, _quiet(model.level_prior.median, best.levels))
             found = log.best(grown, levels)
         levels = log.levels(log.rough(grown, *found), levels)
         found = log.best(grown, levels)
@@ -113,6 +113,12 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
         log_likelihood=likelihood,
         share=log.share(inside, nothing.levels),
     )
+
+
+def _quiet(described: Floats, suiting: Floats) -> Floats:
+    """Return the described levels of the robot, beside those of the reference that suit the log."""
+    is_reference = [level.startswith("reference") for level in LEVELS]
+    return np.where(is_reference, suiting, described)
 
 
 def _beside(model: MotionModel, gram: Gram) -> tuple[tuple[str, ...], float]:

@@ -28,6 +28,7 @@ from gap_diagnosis.recording import Floats
 
 _SCALES: Final = 5
 _STEPS: Final = np.linspace(0.0, 1.0, _SCALES)[:, np.newaxis]
+_NEVER: Final = -1e15
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,10 @@ def gram_of(
 ) -> Gram:
     """Marginalise the nuisances out of inner products float64[1 + c, 1 + c] (data first)."""
     data, inner = whole[0, 1:], whole[1:, 1:]
+    if not np.isfinite(whole).all():
+        # Levels too far apart for the filter's digits: whatever they are, the log's they are not.
+        none, nothing = np.zeros_like(inner), np.zeros_like(data)
+        return Gram(levels, _NEVER, none, nothing, none, nothing)
     index = np.array([column for column, _ in nuisances], dtype=np.int64)
     precision = np.array([sd**-2 for _, sd in nuisances])
     log_nothing = -0.5 * (whole[0, 0] + log_determinant + rows * math.log(math.tau))

@@ -129,3 +129,10 @@ def test_a_load_cannot_make_one_wheel_larger() -> None:
         return found.log_evidence
 
     assert evidence(size, size) - evidence(-size, size) == pytest.approx(-norm.logcdf(-10), abs=1)
+
+
+def test_levels_at_which_the_filter_runs_out_of_digits_explain_nothing() -> None:
+    whole = np.full((3, 3), np.nan)
+    found = gram_of(whole, np.nan, 30, [(0, 1.0)], np.ones(9))
+    assert found.log_nothing < -1e9
+    assert np.isfinite(found.inner).all()
