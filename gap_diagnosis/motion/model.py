@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, scor
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
+from gap_diagnosis.motion.starts import starts
 from gap_diagnosis.motion.whitening import Course, course_of, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -137,6 +138,25 @@ class MotionModel:
         free: Sequence[int] = (),
     ) -> Floats:
         """Return the noise levels that suit these effects best; *free* ones may be anything."""
+        return best_levels(
+            self._of_levels(terms), self.level_prior, start, rounds=rounds, free=free
+        )
+
+    def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
+        """Return levels that suit these effects better than *found*, which a search ended at.
+
+        None where a coarse look at the reference shows none.
+        """
+        evidence = self._of_levels(terms)
+
+        def height(levels: Floats) -> float:
+            return evidence(levels) + self.level_prior.log_density(np.log(levels))
+
+        best = max(starts(self.nodes, self.level_prior), key=height, default=found)
+        return best if height(best) > height(found) else None
+
+    def _of_levels(self, terms: Sequence[Term]) -> Callable[[Floats], float]:
+        """Return the log evidence of terms as a function of the levels, without their density."""
         used = {index for term in terms for weight in term.weights for index, _ in weight}
         used |= {index for index, _ in self.columns.nuisances}
         order = sorted(used)
@@ -153,13 +173,7 @@ class MotionModel:
             )
             for term in terms
         ]
-        return best_levels(
-            lambda levels: self._evidence(values, nuisances, moved, levels, self.course),
-            self.level_prior,
-            start,
-            rounds=rounds,
-            free=free,
-        )
+        return lambda levels: self._evidence(values, nuisances, moved, levels, self.course)
 
     def evidence_at(self, terms: Sequence[Term], levels: Floats) -> float:
         """Return the log evidence of terms at these levels, without the levels' density."""
@@ -321,7 +335,9 @@ class MotionModel:
     @cached_property
     def no_effect_levels(self) -> Floats:
         """Noise levels that suit the description without any effect."""
-        return self.levels_for((), self.level_prior.median)
+        found = self.levels_for((), self.level_prior.median)
+        better = self.better_start((), found)
+        return found if better is None else self.levels_for((), better)
 
 
 def _split(terms: Sequence[Term], values: Floats) -> tuple[tuple[float, ...], ...]:

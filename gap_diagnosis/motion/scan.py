@@ -122,7 +122,12 @@ class Scan:
         model = self.model
         self._add_levels(model.level_prior.median)
         greedy = self._greedy(self._grams[0])
-        self._add_levels(model.levels_for(greedy, model.level_prior.median))
+        levels = model.levels_for(greedy, model.level_prior.median)
+        better = model.better_start(greedy, levels)
+        if better is not None:
+            # What led at levels this wrong was noise.
+            levels = model.levels_for(self._greedy(model.gram(better)), better)
+        self._add_levels(levels)
         progress(0.2)
         self._add_levels(model.levels_for((), self._grams[-1].levels))
         progress(0.3)

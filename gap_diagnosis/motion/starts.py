@@ -1,0 +1,57 @@
+"""Where else the search for noise levels may begin than at the described ones.
+
+A reference that is off by decimetres and wanders (GPS) lies so far from a motion capture room that
+no path downhill leads there: the wander ends up in the contact of the wheels, and effects with it.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.levels import FLOORS, LevelPrior
+from gap_diagnosis.motion.nodes import Nodes
+from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.recording import Floats
+
+_WANDERS: Final = (0.3, 3.0)
+"""Slow noise over white noise,"""
+_MEMORIES_S: Final = (1.0, 15.0)
+"""and how long it lasts."""
+_NORMAL_MAD: Final = 0.6745
+
+
+def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
+    """Return levels float64[9] for a few wanders of the reference about its white noise."""
+    if len(nodes.sample_t_s) < 3:
+        return []
+    ticks = nodes.sample_tick
+    x_m, y_m, heading_rad = (
+        _white(measured - described[ticks])
+        for measured, described in zip(
+            (nodes.sample_x_m, nodes.sample_y_m, nodes.sample_heading_rad),
+            nodes.described,
+            strict=True,
+        )
+    )
+    noises = {"position_m": math.hypot(x_m, y_m) / math.sqrt(2.0)}
+    if nodes.has_heading:
+        noises["heading_rad"] = heading_rad
+    found = []
+    for wander, memory_s in product(_WANDERS, _MEMORIES_S):
+        levels = prior.median.copy()
+        for name, white in noises.items():
+            levels[LEVELS.index(f"reference_{name}")] = white
+            levels[LEVELS.index(f"reference_slow_{name}")] = wander * white
+        levels[LEVELS.index("reference_slow_s")] = memory_s
+        found.append(np.maximum(levels, FLOORS))
+    return found
+
+
+def _white(left: Floats) -> float:
+    """Return the white noise of a series, by its second differences: what is smooth has none."""
+    bends = np.diff(left, 2)
+    return float(np.median(np.abs(bends))) / _NORMAL_MAD / math.sqrt(6.0)
