@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from tempfile import TemporaryFile
 from typing import Final
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.trials.forks import Worker
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD, RESULTS
 
-_THREADS: Final = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
 _LINES: Final = 3
 
 
@@ -86,12 +82,18 @@ def _finished(
     todo: Sequence[Path], results: Path, method: Path | None, jobs: int
 ) -> Iterator[Path]:
     """Yield cases as they are done; on the way out no further one is begun."""
-    with ThreadPoolExecutor(jobs) as pool:
+    with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
+        idle: SimpleQueue[Worker] = SimpleQueue()
+        for _ in range(min(jobs, len(todo))):
+            said = stack.enter_context(TemporaryFile("w+", encoding="utf-8", errors="replace"))
+            worker = Worker(said)
+            stack.callback(worker.close)
+            idle.put(worker)
         waiting: set[Future[Path]] = set()
         places = iter(todo)
         try:
             for case in places:
-                waiting.add(pool.submit(_one, case, results, method))
+                waiting.add(pool.submit(_one, idle, case, results, method))
                 if len(waiting) >= jobs:
                     done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                     yield from (one.result() for one in done)
@@ -102,15 +104,14 @@ def _finished(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one(case: Path, results: Path, method: Path | None) -> Path:
+def _one(idle: SimpleQueue[Worker], case: Path, results: Path, method: Path | None) -> Path:
     out = results / f"{case.name}.json"
-    words = [sys.executable, "-m", "gap_diagnosis.trials.worker", str(case), str(out)]
-    words += [] if method is None else [str(method)]
-    threads = dict.fromkeys(_THREADS, "1")
-    ended = subprocess.run(
-        words, capture_output=True, text=True, env={**os.environ, **threads}, check=False
-    )
+    worker = idle.get()
+    try:
+        code, said = worker.work([case, out, *([] if method is None else [method])])
+    finally:
+        idle.put(worker)
     if not out.exists():
-        last = " | ".join(ended.stderr.strip().splitlines()[-_LINES:]) or "no message"
-        raise DiagnosisError(f"case {case.name}: its process ended with {ended.returncode}: {last}")
+        last = " | ".join(said.strip().splitlines()[-_LINES:]) or "no message"
+        raise DiagnosisError(f"case {case.name}: its process ended with {code}: {last}")
     return out

@@ -2,7 +2,9 @@
 
 `python -m gap_diagnosis.trials.worker CASE OUT [METHOD.py]` reads a case's folder and writes
 OUT.json atomically. Before anything of the case is read, every file of the trial but this case's
-own is closed to the process (an audit hook, which code that runs later cannot take out).
+own is closed to the process (an audit hook, which code that runs later cannot take out). Without
+arguments it forks such a process for each line ``[CASE, OUT, METHOD]`` (JSON) that it reads, and
+answers with its exit code: what all cases need is loaded once.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, cast
+from typing import Any, Final, NoReturn, cast
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.reading import read_recordings
@@ -92,8 +94,42 @@ def _by_method(path: Path, case: Path) -> Any:
     return method(case / LOG, case / ROBOT, case / REFERENCE, without)
 
 
+def serve() -> None:
+    """Work each case that standard input names in a fork, one after the other.
+
+    This process reads nothing of a trial, so a fork knows no more than a process begun anew.
+    """
+    load_wire()
+    for line in sys.stdin:
+        words = [Path(word) for word in json.loads(line)]
+        child = os.fork()
+        if child == 0:
+            _work_and_leave(words)
+        _, status = os.waitpid(child, 0)
+        print(os.waitstatus_to_exitcode(status), flush=True)
+
+
+def _work_and_leave(words: Sequence[Path]) -> NoReturn:
+    """Work one case and end, without the parent's business: its input, its output, its exit."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nowhere, sys.stdin.fileno())
+    os.dup2(nowhere, sys.stdout.fileno())
+    code = 1
+    try:
+        work(*words)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
 def main(arguments: Sequence[str]) -> int:
-    """Run one case: CASE OUT [METHOD.py]."""
+    """Run one case: CASE OUT [METHOD.py]; without arguments those that standard input names."""
+    if not arguments:
+        serve()
+        return 0
     work(Path(arguments[0]), Path(arguments[1]), *map(Path, arguments[2:3]))
     return 0
 

@@ -127,6 +127,24 @@ def test_a_method_cannot_open_answers_key_or_other_cases(trial: Path) -> None:
     assert found["error"] == "LookupError: nothing could be read", found["traceback"]
 
 
+def test_a_fork_sees_no_more_than_a_process_begun_anew(trial: Path) -> None:
+    """It reads no later case from what its parent is told, and has the answers closed to it."""
+    text = f"import sys\nassert sys.stdin.read() == ''\n{NOSY}"
+    ran = run_trial(trial, jobs=1, method=method(trial, "nosy_fork", text))
+    assert ran.done == 2
+    for path in ran.results.iterdir():
+        found = json.loads(path.read_text())
+        assert found["error"] == "LookupError: nothing could be read", found["traceback"]
+
+
+def test_a_case_whose_process_dies_says_so_with_its_last_words(trial: Path) -> None:
+    text = "import os, sys\ndef diagnose(*given):\n"
+    text += "    print('no memory', file=sys.stderr, flush=True)\n    os._exit(3)\n"
+    words = r"case 0001: its process ended with 3: no memory$"
+    with pytest.raises(DiagnosisError, match=words):
+        run_trial(trial, jobs=1, method=method(trial, "dying", text))
+
+
 def test_answers_changed_between_run_and_score_are_refused(trial: Path, tmp_path: Path) -> None:
     content = unseal(trial, trial.with_name("trial.key"))
     commitment = (trial / "seal.json").read_text()
