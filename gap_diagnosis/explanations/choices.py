@@ -121,15 +121,21 @@ def _flat_top(motion: Motion) -> float | None:
     return reach / motion.gyro_sensitivity_lsb_per_rad_s
 
 
+def _has_codes(motion: Motion) -> bool:
+    """Tell codes, between which lost ones are interpolated, from what physical rates would give."""
+    code = motion.gyro_code
+    return code is not None and bool(np.median(np.abs(code - np.rint(code))) == 0)
+
+
 def adc_inl(motion: Motion) -> Iterable[Variant]:
     """Return the converter's bend, where the log has a converter: codes, not physical rates."""
-    if motion.gyro_code is not None:
+    if _has_codes(motion):
         yield Variant("adc_inl", gyro.adc_inl, ("peak",))
 
 
 def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
     """Return every bit at both values, where there are codes."""
-    if motion.gyro_code is None:
+    if not _has_codes(motion):
         return
     for bit in range(int(math.log2(motion.adc_max_code + 1))):
         for value in (0, 1):

@@ -35,6 +35,8 @@ _ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
 _SENSORS: Final[tuple[Role, ...]] = ("accel_x", "accel_y", "temperature", "supply")
 _COMMAND_WORDS: Final = ("cmd", "command", "set", "target", "desired", "request", "ref_speed")
 _REFERENCE_WORDS: Final = ("reference", "mocap", "truth", "ground", "rtk", "gps", "optitrack")
+_SENSOR_WORDS: Final = ("gyro", "imu", "acc", "mag")
+"""An axis of these is no coordinate."""
 
 _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
     "left_count": ("left", "lft", "wl", "l"),
@@ -144,6 +146,12 @@ def _take_given(search: _Search, given: Mapping[str, str]) -> None:
             raise DiagnosisError(f"{role}={path}: no such signal with values: {near}")
         wrap = signal.wrap if search.is_table and signal.wraps else None
         unit = unit_of_signal(signal, True) if search.is_table else None
+        if unit == "" and role in ("left_count", "right_count") and not _is_whole(signal):
+            raise DiagnosisError(
+                f"{role}={path}: its values are no whole counts and its name says no unit: "
+                f"expected the unit in the column's name, as in {path}_m_s, or a map.toml that "
+                "says it"
+            )
         search.guesses[role] = Guess(
             role, signal, unit or None, False, wrap, ("as you said",), is_certain=True
         )
@@ -170,8 +178,12 @@ def _named(signal: FoundSignal, words: tuple[str, ...]) -> bool:
     return any(word in joined for word in words if len(word) > 2)
 
 
+def _is_whole(signal: FoundSignal) -> bool:
+    return bool(np.all(signal.value[:1000] == np.rint(signal.value[:1000])))
+
+
 def _is_odometry(signal: FoundSignal) -> bool:
-    return not _named(signal, _COMMAND_WORDS) and not _named(signal, _REFERENCE_WORDS)
+    return not _named(signal, _COMMAND_WORDS + _REFERENCE_WORDS + _SENSOR_WORDS)
 
 
 def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float, str | None]:
@@ -179,7 +191,7 @@ def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float,
     unit = unit_of_signal(signal, is_table)
     if unit.strip().lower() in COUNT_UNITS:
         if role in RAW_KIND:
-            whole = bool(np.all(signal.value[:1000] == np.rint(signal.value[:1000])))
+            whole = _is_whole(signal)
             return (1.0 if whole else -9.0), "whole numbers" if whole else None
         return (0.0 if is_table else -9.0), None
     known = unit_of(unit)

@@ -40,6 +40,13 @@ RECORDINGS: tuple[Row, ...] = (
         {"table.csv": _TABLE},
     ),
     Row(
+        "speeds of a wheel without their unit",
+        "chiplog map table.csv --is left_count=wheel",
+        "left_count=wheel: its values are no whole counts and its name says no unit: expected the "
+        "unit in the column's name, as in wheel_m_s, or a map.toml that says it",
+        {"table.csv": "t_s,wheel\n" + "".join(f"{k / 100},{k / 8}\n" for k in range(40))},
+    ),
+    Row(
         "a known signal that does not exist",
         "chiplog map table.csv --is left_count=left_tics",
         "left_count=left_tics: no such signal with values: the nearest is left_ticks",

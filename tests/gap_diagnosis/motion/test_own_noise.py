@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from gap_diagnosis.explanations.choices import adc_inl, adc_stuck_bit
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import alternatives
 from gap_diagnosis.motion.whitening import LEVELS
@@ -44,3 +47,12 @@ def test_on_the_spot_no_scale_of_the_reference_is_tried() -> None:
 
     assert "reference_scale" not in effects("spin")
     assert "reference_scale" in effects("calibration")
+
+
+def test_physical_rates_have_no_converter_that_bends_or_sticks() -> None:
+    motion = model("spin").nodes.motion
+    assert motion.gyro_code is not None
+    physical = replace(motion, gyro_code=motion.gyro_code + 0.3)
+    for variants in (adc_inl, adc_stuck_bit):
+        assert list(variants(motion))
+        assert not list(variants(physical))

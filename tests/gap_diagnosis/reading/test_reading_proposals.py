@@ -105,3 +105,17 @@ def test_a_log_of_another_dbc_says_so(tmp_path: Path) -> None:
     log.write_text("(0.000000) can0 7F1#00 R\n" * 20, encoding="ascii")
     with pytest.raises(DiagnosisError, match=r"no frames that chiplog.dbc knows .unknown_id 20."):
         propose_map(log, load_database())
+
+
+def test_speeds_without_a_unit_are_no_counts_and_a_gyros_axis_is_no_coordinate(
+    tmp_path: Path,
+) -> None:
+    columns = {"t_s": TURNING.columns["t_s"], "gyro_x": TURNING.columns["gyro_code"] / 1e6}
+    for side in ("left", "right"):
+        columns[f"wheel_{side}"] = np.gradient(TURNING.columns[f"{side}_ticks"]) / 1000
+        columns[f"{side}_ticks"] = TURNING.columns[f"{side}_ticks"]
+    path = Drive(columns).write(tmp_path / "speeds.csv")
+    with pytest.raises(DiagnosisError, match="no whole counts and its name says no unit"):
+        propose_map(path, None, {"left_count": "wheel_left"})
+    _, guesses, _ = propose_map(path, None)
+    assert "odom_x" not in guesses
