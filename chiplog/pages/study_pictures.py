@@ -29,7 +29,7 @@ from precision_study.budget import CAUSES
 from precision_study.study import Outcome, Requirement, Study, high_words
 
 _TINY: Final = 1e-18
-_MAX_VALUES: Final = 12
+_MAX_LABELS: Final = 12
 
 
 def front_picture(
@@ -60,8 +60,9 @@ def front_picture(
                     ha="right",
                     va="bottom",
                 )
+            _widen(axes)
         panels[0].set_title(f"{kind} error", loc="left")
-        panels[0].legend(loc="upper right", frameon=False, fontsize=10, handletextpad=0.3)
+        panels[0].legend(loc="lower left", frameon=False, fontsize=10, handletextpad=0.3)
         return figure
 
     chosen_words = "" if chosen is None else " The orange ring is the cheapest that holds."
@@ -133,10 +134,12 @@ def choices_picture(
             axes.set_yscale("log")
             _label_errors(axes.yaxis, kind)
             axes.set_xlim(-0.6, len(values) - 0.4)
-            axes.set_xticks(range(len(values)), [_short(value) for value in values])
+            places = range(0, len(values), -(-len(values) // _MAX_LABELS))
+            axes.set_xticks(places, [_short(values[place]) for place in places])
             axes.set_title(name, loc="left")
             if requirement is not None:
                 axes.axhline(requirement.limit, color=ROSE, linewidth=1.2, linestyle="--")
+            _widen(axes)
         return figure
 
     caption = (
@@ -206,7 +209,7 @@ def _swept(study: Study) -> dict[str, list[Any]]:
             known = values.setdefault(name, [])
             if value not in known:
                 known.append(value)
-    return {name: known[:_MAX_VALUES] for name, known in values.items() if len(known) > 1}
+    return {name: known for name, known in values.items() if len(known) > 1}
 
 
 def _label_errors(axis: Axis, kind: str) -> None:
@@ -215,13 +218,19 @@ def _label_errors(axis: Axis, kind: str) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def _widen(axes: Axes) -> None:
+    """Let errors of less than two decades span whole ones: labels stand at decades."""
+    low, high = axes.get_ylim()
+    if high < 100.0 * low:
+        axes.set_ylim(10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high)))
+
+
 def _error_tick(value: float, kind: str) -> str:
-    if kind.endswith("heading"):
-        return f"{value:.0e} rad".replace("e-0", "e-")
-    for unit, factor in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12)):
+    unit = "rad" if kind.endswith("heading") else "m"
+    for prefix, factor in (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9), ("p", 1e-12)):
         if value >= factor * 0.999:
-            return f"{value / factor:g} {unit}"
-    return f"{value:.0e} m"
+            return f"{value / factor:g} {prefix}{unit}"
+    return f"{value:.0e} {unit}"
 
 
 def _label_costs(axis: Axis, costs: Sequence[float]) -> None:

@@ -118,7 +118,7 @@ def _proof(chosen: Outcome, requirement: Requirement) -> str:
     kind = f"arithmetic {requirement.quantity}"
     said = said_error(bound, kind)
     if requirement.kind == "total":
-        return f"Its arithmetic is proved to err by at most {said}."
+        return f"Of it the arithmetic is proved to be at most {said}: no format changes the rest."
     if bound <= requirement.limit:
         return f"Proved: at most {said} on each of these drives, so the limit holds."
     return f"Proved is at most {said}: what was measured holds, a worst case might not."

@@ -250,6 +250,11 @@ def test_the_command_finds_the_cheapest_and_export_c_takes_it(
     assert "http" not in page.replace("http://www.w3.org", "").replace("http-equiv", "")
     assert main([*words, "--meet", "position 1 nm after 4 m"]) == 1
     assert "None of 4 configurations holds" in capsys.readouterr().out
+    # Of what the sensors and the robot add to it, arithmetic is proved to be a small part.
+    assert main([*words, "--meet", "total heading 90 deg after 4 m"]) == 0
+    said = capsys.readouterr().out
+    assert "Cheapest that holds “total heading 90 deg after 4 m”: trig.entries = 64" in said
+    assert "no format changes the rest" in said
 
 
 def test_results_in_parquet_are_those_in_csv(tmp_path: Path) -> None:
