@@ -1,4 +1,4 @@
-"""The largest resident memory of the whole command `chiplog study`, and its time by the clock.
+"""The largest resident memory of the whole command `chiplog study`.
 
     .venv/bin/python benchmarks/study_memory.py [--workers N] [--only ticks|runs|configurations]
 
@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 
 ONE = ("--sweep", "integration=midpoint", "--seeds", "1")
 SWEEPS = (
@@ -39,16 +38,15 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
-def run(words: tuple[str, ...], workers: int) -> tuple[float, float]:
-    """Return the largest resident memory [MB] and the time [s] of one command."""
+def run(words: tuple[str, ...], workers: int) -> float:
+    """Return the largest resident memory of one command [MB]."""
     command = [sys.executable, "-m", "chiplog", "study", "--scenario", "lesson", *words]
     with tempfile.TemporaryDirectory() as folder:
         command += ["--workers", str(workers), "--out", folder]
-        started = time.perf_counter()
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         _, status, usage = os.wait4(process.pid, 0)
     assert status == 0, command
-    return usage.ru_maxrss / 1024, time.perf_counter() - started
+    return float(usage.ru_maxrss) / 1024
 
 
 def main() -> None:
@@ -57,11 +55,10 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", choices=tuple(ROWS), action="append")
     arguments = parser.parse_args()
-    print("| study of the lesson | largest memory | time |\n|---|---:|---:|")
+    print("| study of the lesson | largest memory |\n|---|---:|")
     for kind in arguments.only or ROWS:
         for name, words in ROWS[kind].items():
-            memory_mb, time_s = run(words, arguments.workers)
-            print(f"| {name} | {memory_mb:.0f} MB | {time_s:.0f} s |", flush=True)
+            print(f"| {name} | {run(words, arguments.workers):.0f} MB |", flush=True)
 
 
 if __name__ == "__main__":
