@@ -112,7 +112,7 @@ def diagnose_recordings(
         prior,
         stage_of,
         _unknown(analyses),
-        [three for one in analyses if one.motion is not None for three in one.motion.threes],
+        [some for one in analyses if one.motion is not None for some in one.motion.several],
     )
     progress("how far the gap shrinks", 0.8)
     which, other = candidates(ranking, analyses)

@@ -53,7 +53,7 @@ class Prior:
     """The whole prior.
 
     Attributes:
-        effects: probability of 0, 1, 2, 3, 4 effects.
+        effects: probability of 0, 1, 2 and so on effects.
         unknown: probability that the cause is not in the library.
         parameters: by effect, one prior for all of its coefficients or one by coefficient.
         ranges: by effect, of thresholds, rates and levels.

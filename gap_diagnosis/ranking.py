@@ -22,8 +22,8 @@ _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
-_WORTH_FOURS: Final = 30.0
-_FOURS: Final = 6
+_WORTH_ONE: Final = 30.0
+_LARGER: Final = 6
 _APART: Final = 2
 _BLOCK: Final = {"actuation": "drive", "bus": "bus"}
 """In which block an unlisted cause of a stage shows; all others in the motion."""
@@ -83,13 +83,13 @@ def rank(
     prior: Prior,
     stage_of: Mapping[str, str],
     unknown: Mapping[str, float],
-    threes: Sequence[Effects] = (),
+    several: Sequence[Effects] = (),
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
-    evidence, less that of no effect, of an unlisted cause by stage. *threes* are sets of three
-    effects of one block that are worth a look.
+    evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
+    effects and more of one block that are worth a look.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -106,8 +106,8 @@ def rank(
     }
     for effect in owned:
         evidence, likelihood = singles[effect]
-        weight = math.log(prior.effects[1]) + log_prior[effect]
-        scored[frozenset({effect})] = (evidence, likelihood, weight)
+        single = frozenset({effect})
+        scored[single] = (evidence, likelihood, _log_prior_of(single, prior, log_prior))
     bent = _bent_by_a_mistake(logs)
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
@@ -115,14 +115,12 @@ def rank(
             continue
         exact = first in leaders and second in leaders
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
-        weight = math.log(2 * prior.effects[2]) + log_prior[first] + log_prior[second]
-        scored[pair] = (evidence, likelihood, weight)
+        scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
-    for three in threes:
-        if three <= log_prior.keys():
-            weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in three)
-            scored[three] = (*total_of(logs, three), weight)
-    scored |= _fours(logs, prior, scored, singles, log_prior, threes)
+    for effects in several:
+        if effects <= log_prior.keys():
+            scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+    scored |= _with_one_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
@@ -168,7 +166,7 @@ def _triples(
     for pair in pairs[:_TRIPLED]:
         for effect in apart:
             names = pair | {effect}
-            weight = math.log(6 * prior.effects[3]) + sum(log_prior[name] for name in names)
+            weight = _log_prior_of(names, prior, log_prior)
             if _is_shared(logs, pair, effect):
                 found[names] = (*total_of(logs, names), weight)
                 continue
@@ -186,32 +184,40 @@ def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> b
     )
 
 
-def _fours(
+def _with_one_apart(
     logs: Sequence[Sequence[Block]],
     prior: Prior,
     scored: Mapping[Effects, tuple[float, float, float]],
     singles: Mapping[str, tuple[float, float]],
     log_prior: Mapping[str, float],
-    threes: Sequence[Effects],
+    several: Sequence[Effects],
 ) -> Scores:
-    """Return sets of four: three of the motion with an effect that only other blocks see.
+    """Return several effects of the motion with one that only the drive sees.
 
     On real robots wheels and gyro differ in several ways, and a drive never does as it is told.
     """
     seen = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
     apart = [
-        effect for effect in log_prior if effect not in seen and singles[effect][0] > _WORTH_FOURS
+        effect for effect in log_prior if effect not in seen and singles[effect][0] > _WORTH_ONE
     ]
     apart.sort(key=lambda effect: -singles[effect][0])
-    known = sorted({one for one in threes if one in scored}, key=lambda one: -scored[one][0])
+    known = {one for one in several if one in scored and len(one) + 1 < len(prior.effects)}
     found: Scores = {}
-    for three in known[:_FOURS]:
+    for some in sorted(known, key=lambda one: -scored[one][0])[:_LARGER]:
         for effect in apart[:_APART]:
-            names = three | {effect}
-            weight = math.log(24 * prior.effects[4])
-            weight += sum(log_prior[name] for name in names)
+            names = some | {effect}
+            weight = _log_prior_of(names, prior, log_prior)
             found[names] = (*total_of(logs, names), weight)
     return found
+
+
+def _log_prior_of(effects: Effects, prior: Prior, log_prior: Mapping[str, float]) -> float:
+    """Return the log probability of so many effects, and that they are these in any order."""
+    count = len(effects)
+    return (
+        math.log(math.factorial(count) * prior.effects[count])
+        + math.fsum(log_prior[name] for name in effects)
+    )  # fmt: skip
 
 
 def _bent_by_a_mistake(logs: Sequence[Sequence[Block]]) -> tuple[Effects, Effects]:

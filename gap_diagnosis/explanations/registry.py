@@ -137,15 +137,18 @@ _ALL: Final = (
 
 EXPLAINED: Final[Mapping[str, Explanation]] = {one.effect: one for one in _ALL}
 """Every effect that the motion block can fit, by name."""
+_PLACE: Final = {effect: place for place, effect in enumerate(EXPLAINED)}
 
 
 def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
-    """Return what the recording means with these effects at work, applied in stage order.
+    """Return what the recording means with these effects at work.
 
-    An effect that a user's library explains without a rank of its own acts last.
+    They are applied stage by stage, and in a stage as they are declared here: what is added after
+    a factor is not multiplied by it. An effect that a user's library explains without a rank of
+    its own acts last.
     """
     prediction = Prediction(motion)
-    ordered = sorted(settings, key=lambda one: rank_of(one[0]))
+    ordered = sorted(settings, key=lambda one: (rank_of(one[0]), _declared(one[0])))
     rolled = False
     for variant, coefficients in ordered:
         if not rolled and rank_of(variant) >= 1:
@@ -161,6 +164,10 @@ def rank_of(variant: Variant) -> int:
     """Return when a variant acts: encoder 0, wheel 1, gyro 2, reference 3."""
     known = EXPLAINED.get(variant.effect)
     return variant.stage_rank if known is None else known.stage_rank
+
+
+def _declared(variant: Variant) -> int:
+    return _PLACE.get(variant.effect, len(_PLACE))
 
 
 def explanation_of(effect: Effect) -> Explanation | None:

@@ -26,7 +26,7 @@ from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
 _DRAWS: Final = 4000
-_THREES: Final = 12
+_SEVERAL: Final = 12
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
@@ -75,11 +75,15 @@ class MotionBlock:
         return frozenset(self.scan.effects | aliases | noises | late)
 
     @property
-    def threes(self) -> list[frozenset[str]]:
-        """The best sets of three effects of this log's motion, under every name they go by."""
-        found = [one for one in self.scan.found.values() if len(one.effects) == 3]
-        found.sort(key=lambda one: -one.log_evidence)
-        sets = [one.effects for one in found[:_THREES]]
+    def several(self) -> list[frozenset[str]]:
+        """The best sets of three or more effects of this log's motion, under every name they go by.
+
+        As many of each size.
+        """
+        ranked = sorted(self.scan.found.values(), key=lambda one: -one.log_evidence)
+        sets: list[frozenset[str]] = []
+        for size in range(3, len(self.model.prior.effects)):
+            sets += [one.effects for one in ranked if len(one.effects) == size][:_SEVERAL]
         for alias, name in ALIASES.items():
             sets += [one - {name} | {alias} for one in sets if name in one]
         return sets

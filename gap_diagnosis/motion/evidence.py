@@ -27,6 +27,8 @@ from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 
 _SCALES: Final = 5
+_ALL_SCALES: Final = 3
+"""Of so many terms every choice of scales is weighed."""
 _STEPS: Final = np.linspace(0.0, 1.0, _SCALES)[:, np.newaxis]
 _NEVER: Final = -1e15
 
@@ -152,8 +154,10 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     if count == 0:
         none = np.zeros((1, 0))
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
-    steps = _combinations(len(free))
+    ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
+    best: Floats = np.linalg.solve(ridge, data).astype(np.float64)
     ladders = [_scales(prior, term) for term in free]
+    steps = _combinations(len(free)) if len(free) <= _ALL_SCALES else _nearest(ladders, best)
     means, covariances, log_parts = update(
         inner,
         data,
@@ -163,9 +167,7 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
         np.array([term.variant.is_positive for term in free]),
     )
     total = log_sum(log_parts)
-    whole = total - math.log(len(log_parts))
-    ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
-    best = np.linalg.solve(ridge, data)
+    whole = total - len(free) * math.log(_SCALES)
     likelihood = gained + float(data @ best - 0.5 * best @ inner @ best)
     weights = np.exp(log_parts - total)
     return Scored(tuple(terms), gained + whole, likelihood, means, covariances, weights)
@@ -175,6 +177,21 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
 def _combinations(terms: int) -> NDArray[np.int64]:
     """Return every choice of a step for each term: int64[_SCALES ** terms, terms]."""
     return np.array(list(product(range(_SCALES), repeat=terms)), dtype=np.int64)
+
+
+def _nearest(ladders: Sequence[Floats], sizes: Floats) -> NDArray[np.int64]:
+    """Return the choices of each term's two steps next to its size: int64[2 ** terms, terms].
+
+    Of many terms all choices are too many; those far from the sizes have no weight.
+    """
+    near = []
+    place = 0
+    for ladder in ladders:
+        own = np.abs(sizes[place : place + ladder.shape[1]])
+        place += ladder.shape[1]
+        away = np.abs(np.log(ladder / np.maximum(own, ladder[0])).max(axis=1))
+        near.append(sorted(np.argsort(away, kind="stable")[:2]))
+    return np.array(list(product(*near)), dtype=np.int64)
 
 
 def _scales(prior: Prior, term: Term) -> Floats:

@@ -31,9 +31,11 @@ _WORTH_EDGES: Final = 5.0
 _WINDOWED: Final = 8
 _WORTH_WINDOW: Final = 20.0
 _EXTENDED: Final = 4
-_THIRD_VARIANTS: Final = 3
-_WORTH_THIRD: Final = 10.0
-"""A third effect is sought beside pairs that gain this much on the best single effect [nat]."""
+_MORE_VARIANTS: Final = 3
+_WORTH_MORE: Final = 10.0
+"""One more effect is sought beside sets that gain this much on the best smaller one [nat]."""
+_ALL_PARTS: Final = 3
+"""Every part of sets so large is fitted again; of larger ones those without one effect."""
 _NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again,"""
 _LOOSE: Final = 0.25
@@ -72,7 +74,7 @@ class Scan:
         by_effect: the terms of each effect.
         spans: how far edges can move, by effect.
         found: the best account of every set of at most two effects that was scored, and of the
-            sets of three that were worth it; no effect is the empty set.
+            larger sets that were worth it; no effect is the empty set.
     """
 
     def __init__(
@@ -140,7 +142,7 @@ class Scan:
             tried.add(candidates[0].effects)
             self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels, rounds=6))
             progress(0.3 + 0.05 * len(tried))
-        self._seek_third()
+        self._seek_more()
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
@@ -159,33 +161,52 @@ class Scan:
         """
         nothing = self.found[frozenset()].log_evidence
         least = nothing + _LOOSE * (head.log_evidence - nothing)
+        count = len(head.effects)
+        least_size = 1 if count <= _ALL_PARTS else count - 1
         parts = [
             self.account(frozenset(some))
-            for size in range(1, len(head.effects))
+            for size in range(least_size, count)
             for some in combinations(sorted(head.effects), size)
         ]
         return [one for one in parts if one.refitted is None and one.log_evidence > least]
 
-    def _seek_third(self) -> None:
-        """Offer a third effect beside the best pairs, at their levels and at those it asks for."""
-        for _ in range(2):
-            ranked = self._ranked()
-            single = max(one.log_evidence for one in ranked if len(one.effects) < 2)
-            pairs = [one for one in ranked if len(one.effects) == 2][:_EXTENDED]
-            pairs = [one for one in pairs if one.log_evidence > single + _WORTH_THIRD]
-            for pair in pairs:
-                for place in range(len(self._grams)):
-                    self._extend(pair, place)
-            best = self._ranked()[0]
-            if len(best.effects) < 3:
-                return
-            self._add_levels(self.model.levels_for(best.terms, best.levels, rounds=6))
+    def _seek_more(self) -> None:
+        """Offer one more effect beside the best sets of two, of three and so on, as long as each
+        pays, at their levels and at those that the larger set asks for."""
+        for size in range(2, len(self.model.prior.effects) - 1):
+            for _ in range(2):
+                ranked = self._ranked()
+                less = max(one.log_evidence for one in ranked if len(one.effects) < size)
+                parents = [one for one in ranked if len(one.effects) == size][:_EXTENDED]
+                parents = [one for one in parents if one.log_evidence > less + _WORTH_MORE]
+                for parent in parents:
+                    self._extend(parent)
+                best = self._ranked()[0]
+                if len(best.effects) <= size:
+                    self._exchange(best)
+                    return
+                self._add_levels(self.model.levels_for(best.terms, best.levels, rounds=6))
 
-    def _extend(self, pair: Found, place: int) -> None:
-        for effect, terms in self._kept[place].items():
-            if effect not in pair.effects and effect not in GROSS:
-                choices = [(*pair.terms, term) for term in terms[:_THIRD_VARIANTS]]
-                self._offer(self._compared(place, choices)[0])
+    def _exchange(self, best: Found) -> None:
+        """Put another effect in the place of each of a large set: one may have come too early."""
+        for _ in range(len(best.effects) - 2):
+            for effect in sorted(best.effects):
+                self._extend(self.account(best.effects - {effect}))
+            better = self._ranked()[0]
+            if better.effects == best.effects:
+                return
+            best = better
+
+    def _extend(self, parent: Found) -> None:
+        places = range(len(self._grams))
+        if len(parent.effects) > 2:
+            # Of many levels only those that suit the set matter.
+            places = range(max(len(self._grams) - 2, 0), len(self._grams))
+        for place in places:
+            for effect, terms in self._kept[place].items():
+                if effect not in parent.effects and effect not in GROSS:
+                    choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
+                    self._offer(self._compared(place, choices)[0])
 
     def _off_the_grid(self) -> None:
         """Give leading effects with edges a variant whose edges lie where they fit best."""
@@ -349,7 +370,8 @@ class Scan:
         ranked = [one for one in self._ranked() if one.effects]
         singles = [one for one in ranked if len(one.effects) == 1][: _REFITTED // 2]
         pairs = [one for one in ranked if len(one.effects) == 2][: _REFITTED // 2]
-        pairs += [one for one in ranked if len(one.effects) == 3][: _REFITTED // 4]
+        for size in range(3, len(self.model.prior.effects)):
+            pairs += [one for one in ranked if len(one.effects) == size][: _REFITTED // 4]
         best = self._ranked()[0].log_evidence
         least = best - _NEAR
         # A straight line errs the more, the more there is to explain: singles get a chance.

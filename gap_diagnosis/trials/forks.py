@@ -21,11 +21,10 @@ _THREADS: Final = (
 class Worker:
     """Runs each case in a process of its own: a fork of one that has loaded what all need.
 
-    Where processes cannot fork, each begins anew. *said* is a file for what they complain of;
-    *is_many*: enough diagnoses are to come that machine code is worth loading beforehand.
+    Where processes cannot fork, each begins anew. *said* is a file for what they complain of.
     """
 
-    def __init__(self, said: IO[str], *, is_many: bool) -> None:
+    def __init__(self, said: IO[str]) -> None:
         """Begin to load."""
         self._said = said
         self._words = [sys.executable, "-m", "gap_diagnosis.trials.worker"]
@@ -33,7 +32,7 @@ class Worker:
         self._server: subprocess.Popen[str] | None = None
         if hasattr(os, "fork"):  # not on Windows
             self._server = subprocess.Popen(
-                [*self._words, "load" if is_many else "serve"],
+                self._words,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=said,

@@ -62,9 +62,9 @@ def diagnosed(home: Path, without: frozenset[str] = frozenset()) -> Diagnosed:
     )
     gone = frozenset(catalogue()) - LIBRARY | without
     found = analyse(recording, robot, wire, prior, without=gone)
-    threes = () if found.motion is None else found.motion.threes
+    several = () if found.motion is None else found.motion.several
     return Diagnosed(
-        found, rank([found.blocks], prior, stages_of([found], {}), found.unknown, threes)
+        found, rank([found.blocks], prior, stages_of([found], {}), found.unknown, several)
     )
 
 

@@ -1,0 +1,56 @@
+"""A robot that is described wrong in several ways is told each of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+WRONG = {
+    "gyro_bias": ("bias", 0.01),
+    "gyro_scale": ("scale", 0.02),
+    "radius_mismatch": ("mismatch", 0.006),
+    "reference_time_offset": ("offset", 0.04),
+    "wheelbase_scale": ("scale", 0.02),
+}
+NO_NEWS = 6.0
+"""Below this gain [nat] a sixth effect has not become likelier than none, with the prior."""
+
+
+def test_five_constants_that_are_off_are_five_effects_of_the_right_sizes() -> None:
+    settings = tuple(EffectSetting(effect, (size,)) for effect, size in WRONG.items())
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
+    )
+    found = Scan(MotionModel(log, ROBOT, default_prior())).found
+    told = found[frozenset(WRONG)]
+    assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
+    smaller = (one.log_evidence for one in found.values() if len(one.effects) < len(WRONG))
+    assert max(smaller) < told.log_evidence - 50
+    assert told.refitted is not None
+    likeliest = int(told.refitted.scored.weights.argmax())
+    variances = told.refitted.scored.covariances[likeliest].diagonal()
+    for term, (size,), variance in zip(
+        told.terms, told.refitted.coefficients, variances, strict=True
+    ):
+        assert abs(size - WRONG[term.variant.effect][1]) < 4 * variance**0.5
+
+
+def test_effects_act_in_the_order_of_the_robot_not_in_that_in_which_they_are_named() -> None:
+    """A bias is added behind the gyro's scale: it is not multiplied by it."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 5, duration_s=20.0)
+    model = MotionModel(log, ROBOT, default_prior())
+    by_effect = {one.variant.effect: one.variant for one in model.columns.terms}
+    settings = [(by_effect["gyro_scale"], (0.02,)), (by_effect["gyro_bias"], (0.01,))]
+    there = predict(model.nodes.smooth, settings).gyro_rad_s
+    assert np.array_equal(predict(model.nodes.smooth, settings[::-1]).gyro_rad_s, there)
+    at_rest = np.abs(model.nodes.smooth.turn_rate_rad_s) < 1e-6
+    assert there[at_rest] == pytest.approx(0.01, abs=2e-6)
