@@ -17,21 +17,22 @@ MARK: Final = "/* Written by `chiplog export-c`; do not edit. */\n"
 _SUFFIXES: Final = {"int64_t": "INT64_C({})", "uint32_t": "UINT32_C({})", "int32_t": "INT32_C({})"}
 
 
-def export_files(config: KernelConfig, robot: str) -> dict[str, str]:
+def export_files(config: KernelConfig, robot: str, proved: str | None = None) -> dict[str, str]:
     """Return name and text of each file: the kernel's header and source, and the configuration.
 
     Args:
         config: from `build_config`.
         robot: the robot's name, for a comment.
+        proved: the mission in which x and y stay within their word, likewise; None: unproved.
     """
     return {
-        CONFIG_HEADER: config_header(config, robot),
+        CONFIG_HEADER: config_header(config, robot, proved),
         c99.HEADER: c99.text(c99.HEADER),
         c99.SOURCE: c99.text(c99.SOURCE),
     }
 
 
-def config_header(config: KernelConfig, robot: str) -> str:
+def config_header(config: KernelConfig, robot: str, proved: str | None = None) -> str:
     """Return the header that defines ``chiplog_robot``, to be included by one source file.
 
     The table is that of the kernel in Python: correctly rounded by integer arithmetic.
@@ -49,13 +50,13 @@ def config_header(config: KernelConfig, robot: str) -> str:
     period_us = round(config.constants.tick_period_s * 1e6)
     return (
         f"{MARK}#ifndef CHIPLOG_CONFIG_H\n#define CHIPLOG_CONFIG_H\n\n"
-        f'#include "{c99.HEADER}"\n\n{_about(config, robot)}\n'
+        f'#include "{c99.HEADER}"\n\n{_about(config, robot, proved)}\n'
         f"#define CHIPLOG_TICK_PERIOD_US UINT32_C({period_us})\n\n"
         f"{table}\n\nstatic const chiplog_config chiplog_robot = {{\n{fields}\n}};\n\n#endif\n"
     )
 
 
-def _about(config: KernelConfig, robot: str) -> str:
+def _about(config: KernelConfig, robot: str, proved: str | None) -> str:
     """Return a comment with the robot and the unit of each output."""
     one, known = config.description, config.constants
     printable = "".join(c if c.isprintable() and c not in "*/\\?" else "_" for c in robot)
@@ -64,7 +65,12 @@ def _about(config: KernelConfig, robot: str) -> str:
         f"{known.wheelbase_m:g} m, {known.ticks_per_rev} ticks per turn, tick period "
         f"{known.tick_period_s:g} s, mode {one.mode}, {one.integration}.",
         f"x_m_q, y_m_q: 2^-{one.position.frac_bits} m in {one.position.word_bits} bits "
-        f"({one.position.rounding}, {one.position.overflow}).",
+        f"({one.position.rounding}, {one.position.overflow}). "
+        + (
+            "It is not proved that they stay within them."
+            if proved is None
+            else f"Proved that they stay within them: {proved}."
+        ),
         f"heading_turn_q: 2^-{one.heading.frac_bits} turn ({one.heading.rounding}), wraps at "
         "one turn.",
         f"Speed and turn rate: 2^-{one.velocity.frac_bits} m/s and rad/s in 32 bits.",

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chiplog.commands.options import DbcOption, ForceOption, RobotOption, SignalsOption
 from chiplog.errors import CommandError
+
+if TYPE_CHECKING:
+    from firmware_model import KernelConfig
+    from hil_harness.robot import Robot
 
 
 def command(
@@ -23,29 +27,54 @@ def command(
     """Write the dead-reckoning kernel as C99, with the robot's constants, formats and table.
 
     Writes chiplog_firmware.h, chiplog_firmware.c and chiplog_config.h to a folder. Built with any
-    C99 compiler they give the same integers, bit for bit, as the firmware in `chiplog run`.
+    C99 compiler they give the same integers, bit for bit, as the firmware in `chiplog run`. Mission
+    and tick are those of [design] in robot.toml; a position that does not hold the mission is
+    refused.
     """
+    from chiplog.commands.kernel_config import kernel_config
     from chiplog.terminal import show_line
     from firmware_model.c99_export import export_files
-    from hil_harness.assembly import load_wire
     from hil_harness.errors import HarnessError
-    from hil_harness.nodes.firmware import firmware_config
     from hil_harness.robot import load_robot
 
-    described, wire = load_robot(robot), load_wire(dbc, signals)
-    given = described, wire.signal_map, wire.tick_period_us
-    forced = ""
+    described = load_robot(robot)
+    proved, forced = None, ""
     try:
-        config = firmware_config(*given)
+        config = kernel_config(described, dbc, signals)
+        proved = proved_mission(described, config)
     except HarnessError as error:
         if not force:
             raise
-        config, forced = firmware_config(*given, allow_overflow=True), str(error)
-    texts = export_files(config, described.name)
+        config, forced = kernel_config(described, dbc, signals, force=True), str(error)
+    texts = export_files(config, described.name, proved)
     write_files(out, texts)
     show_line(f"wrote {', '.join(texts)} to {out}")
     if forced:
         show_line(f"by force, although {forced}; the state's overflow_count counts overflows")
+
+
+def proved_mission(robot: Robot, config: KernelConfig) -> str:
+    """Return the mission of [design], in words; raises HarnessError where x and y do not hold it.
+
+    What is held against the word is the bound of `chiplog ranges`.
+    """
+    from firmware_model import FirmwareError
+    from firmware_model.build_scales import exact
+    from firmware_model.reach import require_position_holds
+    from hil_harness.errors import HarnessError
+    from precision_study.ranges import envelope_of
+    from precision_study.ranges.reach import position_reach
+
+    envelope = envelope_of(robot, config)
+    reach = position_reach(config, envelope)
+    way_m = float(envelope.way_ticks * exact(config.constants).half_tick_m)
+    mission = f"{way_m:.4g} m in a mission of {robot.design.mission_s:g} s"
+    try:
+        require_position_holds(config, max(reach.high, -reach.low - 1), mission)
+    except FirmwareError as error:
+        message = f"{error}, or less in [design]"
+        raise HarnessError(f"{robot.where(message)}: {message}") from error
+    return mission
 
 
 def write_files(folder: Path, texts: dict[str, str]) -> None:

@@ -12,16 +12,18 @@ from chiplog.commands.output import STANDARD_OUTPUT, write_json
 if TYPE_CHECKING:
     from firmware_model import KernelConfig
     from precision_study.ranges import Finding
+    from precision_study.ranges.stretches import Stretch
 
 
 def command(
     robot: RobotOption = None,
     mission_s: Annotated[
-        float, typer.Option("--mission-s", help="Length of the mission, s.")
-    ] = 3600.0,
+        float | None,
+        typer.Option("--mission-s", help="Length of the mission, s; default: that of [design]."),
+    ] = None,
     speed_m_s: Annotated[
         float | None,
-        typer.Option("--speed-m-s", help="Fastest wheel, m/s; default: the described one."),
+        typer.Option("--speed-m-s", help="Fastest wheel, m/s; default: that of [design]."),
     ] = None,
     dbc: DbcOption = None,
     signals: SignalsOption = None,
@@ -29,25 +31,24 @@ def command(
 ) -> None:
     """Derive the range of every intermediate of the firmware, and say which words can overflow.
 
-    From speed, gyro range and mission length; any acceleration. Where overflow is not impossible,
+    From the speed and acceleration of a wheel, the turn rate and the length of a mission, as
+    [drive] and [design] of robot.toml say, from rest at power-on. Where overflow is not impossible,
     a drive that overflows the word is run through the kernel; where a position's bound is beyond
     its word by less than its slack, that drive may last longer than the mission, as is then said.
     Exit status 1 if a word can overflow.
     """
+    from chiplog.commands.kernel_config import kernel_config
     from chiplog.terminal import show_line, show_table
-    from hil_harness.assembly import load_wire
     from hil_harness.errors import HarnessError
-    from hil_harness.nodes.firmware import firmware_config
     from hil_harness.robot import load_robot
-    from precision_study.ranges import Envelope, find_ranges, to_json
+    from precision_study.ranges import envelope_of, find_ranges, to_json
 
-    described, wire = load_robot(robot), load_wire(dbc, signals)
-    given = described, wire.signal_map, wire.tick_period_us
+    described = load_robot(robot)
     try:
-        config = firmware_config(*given)
+        config = kernel_config(described, dbc, signals)
     except HarnessError:  # a word may be too narrow: which, and when, is what is asked here
-        config = firmware_config(*given, allow_overflow=True)
-    envelope = Envelope.of(config, mission_s=mission_s, speed_m_s=speed_m_s)
+        config = kernel_config(described, dbc, signals, force=True)
+    envelope = envelope_of(described, config, mission_s=mission_s, speed_m_s=speed_m_s)
     findings = find_ranges(config, envelope)
     if json_file is not None:
         write_json(json_file, to_json(config, envelope, findings))
@@ -87,16 +88,22 @@ def shown(finding: Finding, config: KernelConfig) -> str:
     """Return the drive that overflows a word, in words."""
     if finding.drive is None or finding.tick is None:
         return ""
-    parts = []
-    for one in finding.drive:
-        frames = "no frame" if one.frame_every == 0 else "a frame in each"
-        if one.frame_every > 1:
-            frames += f" {one.frame_every}th"
-        gyro = f"gyro code {one.gyro_code}" if one.gyro_validity == 0 else "gyro invalid"
-        each = "each" if one.over_ticks == 1 else f"each {one.over_ticks}"
-        steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in {each}"
-        ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
-        parts.append(f"{ticks} of {steps}, {frames}, {gyro}")
+    parts = "; ".join(map(stretch, finding.drive))
     time_s = finding.tick * config.constants.tick_period_s
     late = ", beyond the mission," if finding.verdict == "overflows later" else ""
-    return f"; overflows after {time_s:g} s{late} of: {'; '.join(parts)}"
+    return f"; overflows after {time_s:g} s{late} of: {parts}"
+
+
+def stretch(one: Stretch) -> str:
+    """Return a stretch of a drive in words."""
+    frames = "no frame" if one.frame_every == 0 else "a frame in each"
+    if one.frame_every > 1:
+        frames += f" {one.frame_every}th"
+    code = f"{one.rest_code} to {one.gyro_code}" if one.ramp_ticks else f"{one.gyro_code}"
+    gyro = f"gyro code {code}" if one.gyro_validity == 0 else "gyro invalid"
+    each = "each" if one.over_ticks == 1 else f"each {one.over_ticks}"
+    steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in {each}"
+    if one.ramp_ticks:
+        steps = f"{one.ramp_ticks} from rest to {steps}"
+    ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
+    return f"{ticks} of {steps}, {frames}, {gyro}"

@@ -9,9 +9,9 @@
  *
  * Fraction bits: a name with `_q` is an integer in units of 2^-n of the unit before it. n follows
  * from the configuration: position P, step S, heading F, turn step K, sine and cosine T, gyro
- * offset O. All widths below are proved by `build_config` for every configuration it makes, but
- * for a mission's length: whether the position stays within its word, `chiplog ranges` tells. One
- * that `chiplog export-c --force` wrote, or that was filled in by hand, is unproved.
+ * offset O. All widths below are proved by `build_config` for every configuration it makes; that x
+ * and y stay within their word, by `chiplog export-c` for the mission that stands in
+ * chiplog_config.h. What `--force` wrote, or what was filled in by hand, is unproved.
  */
 #ifndef CHIPLOG_FIRMWARE_H
 #define CHIPLOG_FIRMWARE_H

@@ -1,88 +1,32 @@
 """Drives that go where a word is longest: on at top speed, turning on the spot, after a gap.
 
-Each is made so that the word asked about is the only one that it can overflow: straight on with
-the gyro invalid nothing turns in any mode, turning on the spot nothing moves, and without encoder
-frames the gyro alone turns.
+A robot can make them: from rest it gains speed no faster than the envelope says. Each is made so
+that the word asked about is the only one that it can overflow: straight on with the gyro invalid
+nothing turns in any mode, turning on the spot nothing moves, and without encoder frames the gyro
+alone turns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from firmware_model import FRESH, INVALID, STALE, KernelConfig
+from firmware_model import FRESH, INVALID, KernelConfig
+from firmware_model.build_scales import exact
 from firmware_model.config import MODE_WHEEL
-from firmware_model.integers import shift_round
-from precision_study.ranges.bounds import Intermediate
+from firmware_model.integers import FLOOR, TOWARD_ZERO, shift_round
 from precision_study.ranges.envelope import Envelope, learning_ticks
-from precision_study.ranges.reach import largest, longest_step, rhythms
+from precision_study.ranges.intermediate import Intermediate
+from precision_study.ranges.reach import extremes, position_reach
+from precision_study.ranges.stretches import Drive, Stretch, gain
 
-CHUNK_TICKS: Final = 1 << 16
 _PREFIXES: Final = 4096
 _SETTLING: Final = 64
-_TRIED_RHYTHMS: Final = 3
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """So many ticks of a drive: what the counters gain in them, and what arrives.
-
-    Attributes:
-        ticks: how many.
-        left_step, right_step: gain of each counter in each `over_ticks` of them [encoder ticks]; on
-            the way there the left one is rounded up and the right one down, so that an odd count
-            of both goes to left and right in turn.
-        frame_every: in each so manieth tick an encoder frame arrives, else none; 0: never.
-        gyro_code: the gyro's code [LSB].
-        gyro_validity: FRESH or INVALID.
-    """
-
-    ticks: int
-    left_step: int
-    right_step: int
-    frame_every: int
-    gyro_code: int
-    gyro_validity: int
-    over_ticks: int = 1
-
-
-Drive = tuple[Stretch, ...]
-"""From power-on, with counters at zero; before the first stretch comes one tick, the baseline."""
-
-
-def drive_chunks(drive: Sequence[Stretch]) -> Iterator[NDArray[np.int64]]:
-    """Yield the kernel's inputs int64[n, 5], at most CHUNK_TICKS at a time, however long it is."""
-    yield np.array([[0, 0, FRESH, drive[0].gyro_code, drive[0].gyro_validity]], dtype=np.int64)
-    left = right = 0
-    for one in drive:
-        for start in range(0, one.ticks, CHUNK_TICKS):
-            steps = np.arange(start + 1, min(start + CHUNK_TICKS, one.ticks) + 1, dtype=np.int64)
-            part = np.empty((steps.size, 5), dtype=np.int64)
-            part[:, 0] = left - (-one.left_step * steps) // one.over_ticks
-            part[:, 1] = right + (one.right_step * steps) // one.over_ticks
-            part[:, 2] = STALE
-            if one.frame_every > 0:
-                part[steps % one.frame_every == 0, 2] = FRESH
-            part[:, 3], part[:, 4] = one.gyro_code, one.gyro_validity
-            yield part
-        left -= (-one.left_step * one.ticks) // one.over_ticks
-        right += (one.right_step * one.ticks) // one.over_ticks
-
-
-def until(drive: Drive, ticks: int) -> Drive:
-    """Return the first so many ticks of a drive, the baseline not counted."""
-    kept: list[Stretch] = []
-    for one in drive:
-        kept.append(replace(one, ticks=min(one.ticks, ticks)))
-        ticks -= one.ticks
-        if ticks <= 0:
-            break
-    return tuple(kept)
 
 
 def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Iterator[Drive]:
@@ -98,10 +42,9 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
             yield from _gyro(config, envelope, _SETTLING)
     elif value.word == "velocity":
         settle = min(envelope.mission_ticks, _SETTLING << config.velocity_filter_log2)
-        speed = envelope.step_ticks
-        for sign in (1, -1):
-            yield (_by_wheels(config, settle, sign * speed, sign * speed),)
-            yield (_by_wheels(config, settle, -sign * speed, sign * speed),)
+        for forward in (True, False):
+            for sign in (1, -1):
+                yield _up_to_speed(config, envelope, settle, sign, 1, forward=forward)
         if config.mode != MODE_WHEEL:
             yield from _gyro(config, envelope, settle)
 
@@ -112,35 +55,68 @@ def _zero_code(config: KernelConfig) -> int:
 
 
 def _by_wheels(
-    config: KernelConfig, ticks: int, left_step: int, right_step: int, every: int = 1
+    config: KernelConfig, ticks: int, left: int, right: int, every: int = 1, over: int = 1
 ) -> Stretch:
     """Return a stretch in which the gyro is invalid: every mode takes the turn of the wheels."""
-    return Stretch(ticks, left_step, right_step, every, _zero_code(config), INVALID)
+    return Stretch(ticks, left, right, every, _zero_code(config), INVALID, over)
+
+
+def _up_to_speed(
+    config: KernelConfig,
+    envelope: Envelope,
+    ticks: int,
+    sign: int,
+    every: int,
+    *,
+    forward: bool = True,
+    rate: Fraction | None = None,
+) -> Drive:
+    """Return a drive from rest that keeps the fastest rate, or another, for so many ticks."""
+    if rate is None:
+        rate = envelope.rate if forward else min(envelope.rate, envelope.turn_rate / 2)
+    right, over = sign * rate.numerator, rate.denominator
+    left = right if forward else -right
+    ramp = envelope.ramp_to(rate)
+    on = _by_wheels(config, ticks, left, right, every, over)
+    return (replace(on, ticks=ramp, ramp_ticks=ramp, rest_code=on.gyro_code), on) if ramp else (on,)
 
 
 def _far(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
-    """Yield straight drives of the whole mission, in the rhythms that carry farthest.
+    """Yield straight drives of the whole mission, of the frames that carry farthest.
 
     An odd count turns by one and back: with a gyro that sees no turn, less of that is believed.
     """
-    ticks, zero = envelope.mission_ticks, _zero_code(config)
-    for rhythm in rhythms(config, envelope)[:_TRIED_RHYTHMS]:
-        for count in longest_step(config, envelope, rhythm.every).counts:
-            each = Fraction(count, 2 * rhythm.every)
-            gain, over = each.numerator, each.denominator
-            drive = Stretch(ticks, gain, gain, rhythm.every, zero, INVALID, over)
-            yield (drive,)
-            if count % 2 == 1 and config.mode != MODE_WHEEL:
-                yield (replace(drive, gyro_validity=FRESH),)
+    kinds = [(1, envelope.rate)]
+    for one in position_reach(config, envelope).frames:
+        rate = min(Fraction(one.counts, 2 * one.every), envelope.rate)
+        kinds += [(one.every, rate), (one.every, envelope.rate)]
+        slower = Fraction(math.floor(envelope.rate * one.every), one.every)
+        if slower > 0:
+            kinds.append((one.every, slower))
+    for every, rate in dict.fromkeys(kinds):
+        for sign in (1, -1):
+            ramp = envelope.ramp_to(rate)
+            ticks = envelope.mission_ticks - ramp
+            drive = _up_to_speed(config, envelope, ticks, sign, every, rate=rate)
+            drive = _within_way(envelope, drive)
+            yield drive
+            if config.mode != MODE_WHEEL:
+                yield tuple(replace(one, gyro_validity=FRESH) for one in drive)
+
+
+def _within_way(envelope: Envelope, drive: Drive) -> Drive:
+    """Return a drive that ends where the mission's way does."""
+    *ramp, on = drive
+    left = envelope.way_ticks - sum(abs(step) for one in ramp for step in gain(one))
+    ticks = left * on.over_ticks // (2 * abs(on.right_step))
+    return (*ramp, replace(on, ticks=max(min(on.ticks, ticks), 0)))
 
 
 def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Iterator[Drive]:
     """Yield drives at top speed, straight on or on the spot, then with frames as seldom as needed.
 
-    A prefix at the slowest speed leaves the remainder that the last bit wants.
+    Before it the wheels creep, a count a tick: that leaves the remainder that the last bit wants.
     """
-    fastest = envelope.step_ticks
-    left = 1 if forward else -1
     if forward:
         constant, shift, high = config.half_tick_m_q, config.step_shift, config.step_high_q
         rounding, carry = config.step_rounding, config.step_carry
@@ -148,19 +124,35 @@ def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Itera
         constant, shift, high = config.tick_turn_q, config.wheel_turn_shift, config.turn_high_q
         rounding, carry = config.turn_rounding, config.turn_carry
 
+    def counts(every: int) -> int:
+        return 2 * envelope.wheel_ticks(every) if forward else envelope.turn_ticks(every)
+
     def overflows(every: int) -> bool:
-        return largest(2 * fastest * every * constant, shift, rounding, carry) > high
+        least, most = extremes(counts(every) * constant, shift, rounding, carry)
+        return most > high or least < -high - 1
 
     every = _least(overflows, envelope.gap_ticks)
     for gap in dict.fromkeys((every, min(every + 1, envelope.gap_ticks))):
+        right = -(-counts(gap) // 2)
+        left = counts(gap) - right if forward else right - counts(gap)
         for sign in (1, -1):
-            product = sign * 2 * fastest * gap * constant
-            slow = sign * 2 * constant
-            for step in (slow, -slow):
-                before = _prefix(product, step, shift, rounding, high) if carry else 0
-                prefix = 1 if step * sign > 0 else -1
-                drive = [_by_wheels(config, before, prefix * sign * left, prefix * sign)]
-                drive.append(_by_wheels(config, gap, sign * left * fastest, sign * fastest, gap))
+            *ramp, _ = _up_to_speed(config, envelope, 1, sign, 1, forward=forward)
+            ramped = sum(gain(one)[1] + (1 if forward else -1) * gain(one)[0] for one in ramp)
+            for creep in (sign, -sign):
+                before = 0
+                if carry:
+                    before = _prefix(
+                        sign * counts(gap) * constant,
+                        ramped * constant,
+                        2 * creep * constant,
+                        *(shift, rounding, high),
+                    )
+                slow = creep if forward else -creep
+                drive = [
+                    _by_wheels(config, before, slow, creep),
+                    *ramp,
+                    _by_wheels(config, gap, sign * left, sign * right, gap, gap),
+                ]
                 yield tuple(one for one in drive if one.ticks > 0)
 
 
@@ -176,16 +168,26 @@ def _least(holds: Callable[[int], bool], most: int) -> int:
     return low
 
 
-def _prefix(product: int, step: int, shift: int, rounding: int, high: int) -> int:
-    """Return how many values *step* come before one of *product*, so that it leaves its word."""
-    remainder = 0
+def _prefix(last: int, between: int, step: int, shift: int, rounding: int, high: int) -> int:
+    """Return how many values *step* come before *between* and *last*, so that it leaves its word.
+
+    What is carried tells only of their sum.
+    """
     for count in range(_PREFIXES):
-        rounded = shift_round(product + remainder, shift, rounding)
-        if not -high - 1 <= rounded <= high:
+        remainder = _carried(count * step + between, shift, rounding)
+        if not -high - 1 <= shift_round(last + remainder, shift, rounding) <= high:
             return count
-        total = step + remainder
-        remainder = total - (shift_round(total, shift, rounding) << shift)
     return 0
+
+
+def _carried(total: int, shift: int, rounding: int) -> int:
+    """Return the remainder after values of one sign that add up to *total*."""
+    unit = 1 << shift
+    if rounding == FLOOR:
+        return total % unit
+    if rounding == TOWARD_ZERO:
+        return total % unit if total >= 0 else -(-total % unit)
+    return (total + unit // 2) % unit - unit // 2
 
 
 def _gyro(config: KernelConfig, envelope: Envelope, ticks: int) -> Iterator[Drive]:
@@ -193,25 +195,47 @@ def _gyro(config: KernelConfig, envelope: Envelope, ticks: int) -> Iterator[Driv
 
     Without encoder frames neither steps nor turns by the wheels are taken.
     """
-    shift = config.offset_frac_bits
-    zero_q = config.zero_rate_code_q
+    shift, zero_q = config.offset_frac_bits, config.zero_rate_code_q
+    sensitivity = config.sensitivity_turn_q
     for offset_q, code, inner in (
         (envelope.offset_low_q, envelope.code_high, -1),
         (envelope.offset_high_q, envelope.code_low, 1),
     ):
+        rest_code = offset_q >> shift if offset_q != zero_q else _zero_code(config)
         before: Drive = ()
         if offset_q != zero_q:
-            rest = learning_ticks(config)
-            before = (Stretch(rest, 0, 0, 1, offset_q >> shift, FRESH),)
-        product = ((code << shift) - offset_q) * config.sensitivity_turn_q
+            before = (Stretch(learning_ticks(config), 0, 0, 1, rest_code, FRESH),)
+        ramp = _turning_up(config, envelope, rest_code, code)
+        ramped = sum(_rates_q(config, one, offset_q) for one in ramp)
         for near in range(1, 5):
             other = min(max(code + inner * near, envelope.code_low), envelope.code_high)
-            step = ((other << shift) - offset_q) * config.sensitivity_turn_q
             count = 0
             if config.turn_carry:
                 count = _prefix(
-                    product, step, config.gyro_turn_shift, config.turn_rounding, config.turn_high_q
+                    ((code << shift) - offset_q) * sensitivity,
+                    ramped * sensitivity,
+                    ((other << shift) - offset_q) * sensitivity,
+                    *(config.gyro_turn_shift, config.turn_rounding, config.turn_high_q),
                 )
             prefix = Stretch(count, 0, 0, 0, other, FRESH)
             last = Stretch(ticks, 0, 0, 0, code, FRESH)
-            yield tuple(one for one in (*before, prefix, last) if one.ticks > 0)
+            yield tuple(one for one in (*before, *ramp, prefix, last) if one.ticks > 0)
+
+
+def _rates_q(config: KernelConfig, one: Stretch, offset_q: int) -> int:
+    """Return the sum of code − offset over a ramp, what is taken for rest left out."""
+    codes = one.codes(np.arange(1, one.ticks + 1, dtype=np.int64))
+    rates_q = (np.asarray(codes) << config.offset_frac_bits) - offset_q
+    return int(rates_q[np.abs(rates_q) >= config.auto_zero_rate_q].sum())
+
+
+def _turning_up(config: KernelConfig, envelope: Envelope, rest_code: int, code: int) -> Drive:
+    """Return how the gyro's code leaves that of rest: the robot turns as its wheels gain speed."""
+    if envelope.ramp_ticks == 0:
+        return ()
+    scales = exact(config.constants)
+    turn_rate = abs(code - rest_code) * scales.sensitivity_turn / scales.tick_turn
+    ticks = envelope.ramp_to(turn_rate / 2)
+    if ticks == 0:
+        return ()
+    return (Stretch(ticks, 0, 0, 0, code, FRESH, ramp_ticks=ticks, rest_code=rest_code),)

@@ -3,40 +3,76 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Final
 
 from firmware_model import KernelConfig
+from firmware_model.build_scales import PI, exact
+from firmware_model.reach import counts_of
+from hil_harness.robot import LONGEST_MISSION_S, Robot
 from precision_study.errors import StudyError
 
-_LONGEST_MISSION_S = 366 * 86_400.0
+_RATE_STEPS: Final = 10_000
+"""Rates are rounded up to this part of a count per tick: a drive is then told in short numbers."""
 
 
 @dataclass(frozen=True)
 class Envelope:
     """The inputs that are asked about; what lies outside is refused or held by the kernel.
 
-    How fast the robot accelerates enters no intermediate: the kernel takes a step from rest to top
-    speed within a tick, so every acceleration is covered.
+    The robot rests at power-on. A counter that is read at the ends of a stretch gains its way
+    rounded down or up.
 
     Attributes:
-        step_ticks: largest increment of a wheel in one tick [encoder ticks].
+        rate: of the fastest wheel [encoder ticks a tick].
+        ramp_ticks: in which the fastest wheel comes from rest to that, whole ones.
+        turn_rate: fastest right minus left [encoder ticks a tick].
         gap_ticks: longest stretch without encoder frames that is bridged [ticks].
         mission_ticks: length of the mission [ticks].
+        way_ticks: the mission's way, both wheels together [encoder ticks].
         code_low, code_high: smallest and largest code of the gyro that is believed [LSB].
         offset_low_q, offset_high_q: range of the zero-rate offset, as it may be learnt at rest.
     """
 
-    step_ticks: int
+    rate: Fraction
+    ramp_ticks: int
+    turn_rate: Fraction
     gap_ticks: int
     mission_ticks: int
+    way_ticks: int
     code_low: int
     code_high: int
     offset_low_q: int
     offset_high_q: int
 
+    def wheel_ticks(self, ticks: int) -> int:
+        """Return the largest increment of a wheel in so many ticks."""
+        return math.ceil(self.rate * ticks)
+
+    def turn_ticks(self, ticks: int) -> int:
+        """Return the largest right minus left in so many ticks; each may be one off its way."""
+        return min(2 * self.wheel_ticks(ticks), math.ceil(self.turn_rate * ticks) + 1)
+
+    def ramp_to(self, rate: Fraction) -> int:
+        """Return how many ticks a wheel takes from rest to a rate."""
+        return math.floor(self.ramp_ticks * rate / self.rate)
+
+    def twice_as_long(self) -> Envelope:
+        """Return the same robot in a mission of twice as many ticks."""
+        farther = self.way_ticks + 2 * self.wheel_ticks(self.mission_ticks)
+        return replace(self, mission_ticks=2 * self.mission_ticks, way_ticks=farther)
+
     @classmethod
     def of(
-        cls, config: KernelConfig, *, mission_s: float = 3600.0, speed_m_s: float | None = None
+        cls,
+        config: KernelConfig,
+        *,
+        mission_s: float = 3600.0,
+        speed_m_s: float | None = None,
+        acceleration_rad_s2: float | None = None,
+        turn_rate_rad_s: float | None = None,
+        distance_m: float | None = None,
     ) -> Envelope:
         """Return the envelope of the configured robot.
 
@@ -44,12 +80,16 @@ class Envelope:
             config: from `build_config`.
             mission_s: length of the mission [s].
             speed_m_s: fastest ground speed of a wheel [m/s]; None: the described one.
+            acceleration_rad_s2: of a wheel [rad/s²]; None: it is at its rate within a tick.
+            turn_rate_rad_s: fastest turn of the robot [rad/s]; None: whatever its wheels can do
+                and its gyro can tell.
+            distance_m: longest way in a mission [m]; None: at top speed all along.
 
         Raises:
-            StudyError: a mission or a speed that is none.
+            StudyError: a mission, a speed, a rate or a way that is none.
         """
-        known = config.constants
-        if not 0.0 < mission_s <= _LONGEST_MISSION_S:
+        known, scales = config.constants, exact(config.constants)
+        if not 0.0 < mission_s <= LONGEST_MISSION_S:
             raise StudyError(f"mission = {mission_s:g} s: expected more than 0, at most a year")
         fastest_m_s = known.max_wheel_rate_rad_s * known.wheel_radius_m
         speed = fastest_m_s if speed_m_s is None else speed_m_s
@@ -58,21 +98,43 @@ class Envelope:
                 f"speed = {speed:g} m/s: expected more than 0, at most {fastest_m_s:.6g} m/s, "
                 "what drive.max_wheel_rate_rad_s and the radius give"
             )
-        tick_m = 2.0 * math.pi * known.wheel_radius_m / known.ticks_per_rev
-        # At one speed a counter gains its rate rounded down or up.
-        step_ticks = min(math.ceil(speed * known.tick_period_s / tick_m), config.max_step_ticks)
-        mission_ticks = math.ceil(mission_s / known.tick_period_s)
-        low, high = config.gyro_min_code + 1, config.gyro_max_code - 1
+        for name, given, unit in (
+            ("acceleration", acceleration_rad_s2, "rad/s²"),
+            ("turn rate", turn_rate_rad_s, "rad/s"),
+            ("distance", distance_m, "m"),
+        ):
+            if given is not None and not 0.0 < given < math.inf:
+                raise StudyError(f"{name} = {given:g} {unit}: expected a number above 0")
+        tick_s = Fraction(known.tick_period_s)
+        mission_ticks = math.ceil(Fraction(mission_s) / tick_s)
+        rate = Fraction(speed) * tick_s / (2 * scales.half_tick_m)
+        ramp_ticks = 0
+        if acceleration_rad_s2 is not None:
+            per_tick = Fraction(acceleration_rad_s2) * tick_s**2 * known.ticks_per_rev / (2 * PI)
+            rate = min(rate, per_tick * mission_ticks)
+            ramp_ticks = math.floor(rate / per_tick)
+        rate = min(_rounded_up(rate), Fraction(config.max_step_ticks))
+        turn_rate = 2 * rate
+        if turn_rate_rad_s is not None:
+            turn = Fraction(turn_rate_rad_s) * tick_s / (2 * PI * scales.tick_turn)
+            turn_rate = min(turn_rate, _rounded_up(turn))
+        way_ticks = 2 * math.ceil(rate * mission_ticks - rate * min(ramp_ticks, mission_ticks) / 2)
+        if distance_m is not None:
+            way_ticks = min(way_ticks, counts_of(config, distance_m))
+        low, high = _believed_codes(config, turn_rate_rad_s)
         shift = config.offset_frac_bits
         rest, zero = config.rest_max_rate_q, config.zero_rate_code_q
         # An offset is a mean of codes at rest: it lies between the extreme ones of those.
-        low_at_rest = max(-((rest - zero) >> shift), low)
-        high_at_rest = min((zero + rest) >> shift, high)
+        low_at_rest = max(-((rest - zero) >> shift), config.gyro_min_code + 1)
+        high_at_rest = min((zero + rest) >> shift, config.gyro_max_code - 1)
         can_learn = learning_ticks(config) <= mission_ticks and low_at_rest <= high_at_rest
         return cls(
-            step_ticks=step_ticks,
+            rate=rate,
+            ramp_ticks=min(ramp_ticks, mission_ticks),
+            turn_rate=turn_rate,
             gap_ticks=min(config.gap_limit_ticks, mission_ticks),
             mission_ticks=mission_ticks,
+            way_ticks=way_ticks,
             code_low=low,
             code_high=high,
             offset_low_q=min(zero, low_at_rest << shift) if can_learn else zero,
@@ -80,6 +142,47 @@ class Envelope:
         )
 
 
+def envelope_of(
+    robot: Robot,
+    config: KernelConfig,
+    *,
+    mission_s: float | None = None,
+    speed_m_s: float | None = None,
+) -> Envelope:
+    """Return the envelope that robot.toml describes in [drive] and [design], or part of it.
+
+    Raises:
+        StudyError: a mission or a speed that is none.
+    """
+    design = robot.design
+    return Envelope.of(
+        config,
+        mission_s=design.mission_s if mission_s is None else mission_s,
+        speed_m_s=design.speed_m_s if speed_m_s is None else speed_m_s,
+        acceleration_rad_s2=robot.plant.drive.max_wheel_acceleration_rad_s2,
+        turn_rate_rad_s=design.turn_rate_rad_s,
+        distance_m=design.distance_m,
+    )
+
+
 def learning_ticks(config: KernelConfig) -> int:
     """Return how long a rest lasts after which its first estimate is in use [ticks]."""
     return config.still_ticks + 2 * config.settle_ticks + (1 << config.offset_block_log2)
+
+
+def _rounded_up(rate: Fraction) -> Fraction:
+    return Fraction(math.ceil(rate * _RATE_STEPS), _RATE_STEPS)
+
+
+def _believed_codes(config: KernelConfig, turn_rate_rad_s: float | None) -> tuple[int, int]:
+    """Return the smallest and the largest code that the kernel believes and the robot turns by.
+
+    At rest the gyro may read as much beside its nominal zero as a standstill allows.
+    """
+    low, high = config.gyro_min_code + 1, config.gyro_max_code - 1
+    if turn_rate_rad_s is None:
+        return low, high
+    turn = Fraction(turn_rate_rad_s) / exact(config.constants).sensitivity_rad_s
+    span = turn + Fraction(config.rest_max_rate_q, 1 << config.offset_frac_bits)
+    zero = Fraction(config.zero_rate_code_q, 1 << config.offset_frac_bits)
+    return max(low, math.floor(zero - span)), min(high, math.ceil(zero + span))

@@ -12,26 +12,40 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_model import KernelConfig
 from firmware_model.config import TRIG_CORDIC
 from firmware_model.integers import FLOOR, TOWARD_ZERO, WRAP, limit, shift_round
+from firmware_model.reach import rounding_gain
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
 
-_ENUMERATED_GAPS: Final = 1 << 10
-_ENUMERATED_WRAPPED_GAPS: Final = 64
 _ENUMERATED_ROTATIONS: Final = 12
-_ENUMERATED_COUNTS: Final = 2048
+_ENUMERATED_COUNTS: Final = 4096
+_SEARCHES: Final = 60
+_TIGHT: Final = 4
+_NEAR: Final = 1e-9
+"""Far more than a float is off, of the longest move."""
 
 
-def largest(product: int, shift: int, rounding: int, carry: int) -> int:
-    """Return the largest magnitude of ±*product* after rounding *shift* bits away.
+def extremes(product: int, shift: int, rounding: int, carry: int) -> tuple[int, int]:
+    """Return the least and the largest that ±*product* can be after rounding *shift* bits away.
 
     With carry the remainder of the last value is added first, whatever it may be.
     """
     above, below = _remainders(shift, rounding) if carry else (0, 0)
-    high = shift_round(product + above, shift, rounding)
-    return max(high, -shift_round(-product - below, shift, rounding))
+    return (
+        shift_round(-product - below, shift, rounding),
+        shift_round(product + above, shift, rounding),
+    )
+
+
+def largest(product: int, shift: int, rounding: int, carry: int) -> int:
+    """Return the largest magnitude of ±*product* after rounding *shift* bits away."""
+    low, high = extremes(product, shift, rounding, carry)
+    return max(high, -low)
 
 
 def _remainders(shift: int, rounding: int) -> tuple[int, int]:
@@ -42,13 +56,6 @@ def _remainders(shift: int, rounding: int) -> tuple[int, int]:
     if rounding == TOWARD_ZERO:
         return unit - 1, unit - 1
     return unit >> 1, unit >> 1
-
-
-def _gain(shift: int, rounding: int, carry: int) -> Fraction:
-    """Return by how much rounding can lengthen a value on average [units of the result]."""
-    if carry or shift == 0 or rounding == TOWARD_ZERO:
-        return Fraction(0)
-    return Fraction(1) if rounding == FLOOR else Fraction(1, 2)
 
 
 def largest_direction(config: KernelConfig) -> int:
@@ -74,113 +81,161 @@ def largest_direction(config: KernelConfig) -> int:
     return min(largest(longest, CORDIC_GUARD_BITS, config.trig_rounding, 0), one)
 
 
-@dataclass(frozen=True)
-class Rhythm:
-    """Frames that arrive in every so many ticks, and how far such a drive can go on average.
-
-    Attributes:
-        every: of so many ticks one has an encoder frame.
-        per_tick: at most [2^-P m].
-    """
-
-    every: int
-    per_tick: Fraction
-
-
-@lru_cache(maxsize=4)
-def rhythms(config: KernelConfig, envelope: Envelope) -> tuple[Rhythm, ...]:
-    """Return rhythms, the farthest first.
-
-    Where rounding is not carried, frames that come seldom lose or gain less by it. Those beyond
-    the enumerated ones are covered by the last, whose bound holds for all of them.
-    """
-    wraps = _wraps(config, step_bound(config, envelope, envelope.gap_ticks))
-    enumerated = _ENUMERATED_WRAPPED_GAPS if wraps else _ENUMERATED_GAPS
-    found = [
-        Rhythm(every, _per_frame(config, envelope, every) / every)
-        for every in range(1, min(envelope.gap_ticks, enumerated) + 1)
-    ]
-    if envelope.gap_ticks > enumerated:
-        seldom = enumerated + 1
-        step = _gain(config.step_shift, config.step_rounding, config.step_carry) / seldom
-        step = min(step + _step_rate(config, envelope), Fraction(-config.step_low_q, seldom))
-        moved = step * largest_direction(config) / (1 << config.position_shift)
-        gain = _gain(config.position_shift, config.position_rounding, config.position_carry)
-        found.append(Rhythm(envelope.gap_ticks, moved + gain / seldom))
-    return tuple(sorted(found, key=lambda one: one.per_tick, reverse=True))
-
-
-def position_reach(config: KernelConfig, envelope: Envelope) -> int:
-    """Return a bound of x and y at the mission's end [2^-P m]."""
-    total = envelope.mission_ticks * rhythms(config, envelope)[0].per_tick
-    if config.step_carry:  # one unit of the step that a remainder may add
-        total += Fraction(largest_direction(config), 1 << config.position_shift)
-    return math.floor(total) + config.position_carry
-
-
-def _step_rate(config: KernelConfig, envelope: Envelope) -> Fraction:
-    """Return the distance of a tick at top speed, unrounded [2^-S m]."""
-    return Fraction(2 * envelope.step_ticks * config.half_tick_m_q, 1 << config.step_shift)
-
-
 def step_bound(config: KernelConfig, envelope: Envelope, every: int) -> int:
     """Return the longest step after a gap of so many ticks, before its word limits it [2^-S m]."""
-    product = 2 * envelope.step_ticks * every * config.half_tick_m_q
+    product = 2 * envelope.wheel_ticks(every) * config.half_tick_m_q
     return largest(product, config.step_shift, config.step_rounding, config.step_carry)
 
 
 @dataclass(frozen=True)
-class LongestStep:
-    """The longest step in its word.
+class Frame:
+    """A kind of encoder frame.
 
     Attributes:
-        bound: no step is longer [2^-S m].
-        counts: of both wheels together in a frame, with their sign, that come nearest to it.
+        every: ticks since the frame before it, at least.
+        counts: of both wheels together.
+        moved: such a frame moves x or y no farther [2^-P m].
     """
 
-    bound: int
-    counts: tuple[int, ...]
+    every: int
+    counts: int
+    moved: Fraction
 
 
-def longest_step(config: KernelConfig, envelope: Envelope, every: int) -> LongestStep:
-    """Return the longest step in its word of a frame that tells of so many ticks.
+@dataclass(frozen=True)
+class Reach:
+    """How far a mission can go.
 
-    A word that wraps may hold less at top speed than at a lower one.
+    A frame moves x and y by no more than a price for each of its ticks and a price for each of its
+    counts; a mission has so many of both. That is the dual of a linear program: it bounds every
+    mixture of frames, seldom or often, slow or fast, and is met where one kind is best.
+
+    Attributes:
+        low, high: bounds of x and y at the mission's end [2^-P m].
+        frames: the kinds whose price is exact: a drive of one may reach the bound.
     """
-    fastest = 2 * envelope.step_ticks * every
-    bound = step_bound(config, envelope, every)
-    if not _wraps(config, bound):
-        return LongestStep(min(bound, -config.step_low_q), (fastest, -fastest))
-    shift, rounding = config.step_shift, config.step_rounding
 
-    def length(count: int) -> int:
-        step = shift_round(count * config.half_tick_m_q, shift, rounding)
-        return abs(limit(step, config.step_low_q, config.step_high_q, WRAP))
-
-    most = min(fastest, _ENUMERATED_COUNTS)
-    counts = sorted((*range(-most, 0), *range(1, most + 1)), key=length, reverse=True)
-    longest = length(counts[0]) + config.step_carry
-    if fastest > _ENUMERATED_COUNTS:
-        longest = -config.step_low_q
-    even = [count for count in counts if count % 2 == 0]
-    tried = (*counts[:2], *even[:2], fastest, -fastest)
-    return LongestStep(min(longest, -config.step_low_q), tuple(dict.fromkeys(tried)))
+    low: int
+    high: int
+    frames: tuple[Frame, ...]
 
 
-def _wraps(config: KernelConfig, bound: int) -> bool:
-    return bound > config.step_high_q and config.step_overflow == WRAP
+@lru_cache(maxsize=4)
+def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
+    """Return the bounds of x and y at the mission's end."""
+    ticks, counts, per_count = envelope.mission_ticks, envelope.way_ticks, _per_count(config)
+    once = Fraction(0)
+    if config.step_carry:  # one unit of the step that a remainder may add
+        once = Fraction(largest_direction(config), 1 << config.position_shift)
+    if config.step_carry and config.position_carry and _every_step_fits(config, envelope):
+        return Reach(*_limits(config, per_count * counts + once), ())
+    kinds = _kinds(config, envelope)
+    every_kind = (*kinds, *_seldom(config, envelope, len(kinds) + 1))
+    moved = np.array([float(one.moved) for one in every_kind])
+    asked = np.array([float(one.counts) for one in every_kind])
+    every = np.array([float(one.every) for one in every_kind])
+
+    def loads(share: float) -> NDArray[np.float64]:
+        per_tick: NDArray[np.float64] = (moved - share * float(per_count) * asked) / every
+        return per_tick
+
+    def total(share: float) -> float:
+        per_tick = max(float(loads(share).max()), 0.0)
+        return per_tick * ticks + share * float(per_count) * counts
+
+    low, high = 0.0, 1.0
+    for _ in range(_SEARCHES):  # the total is convex in the price
+        first, second = low + (high - low) / 3, high - (high - low) / 3
+        low, high = (low, second) if total(first) <= total(second) else (first, high)
+    share = min((0.0, low, high, 1.0), key=total)
+    # Any price gives a bound; from here on in exact numbers, but for what cannot be the largest.
+    approximate = loads(share)
+    near = np.argsort(-approximate, kind="stable")
+    largest_load = approximate[near[0]]
+    close = near[approximate[near] >= largest_load - _NEAR * moved.max()]
+    per_count *= Fraction(share)
+    exact = [every_kind[i].moved - per_count * every_kind[i].counts for i in close.tolist()]
+    per_tick = max(
+        Fraction(0),
+        *(one / every_kind[i].every for i, one in zip(close.tolist(), exact, strict=True)),
+    )
+    best = tuple(kinds[place] for place in near[:_TIGHT].tolist() if place < len(kinds))
+    return Reach(*_limits(config, per_tick * ticks + per_count * counts + once), best)
 
 
-def _per_frame(config: KernelConfig, envelope: Envelope, every: int) -> Fraction:
-    """Return how far a frame moves x or y on average, when it tells of so many ticks [2^-P m]."""
-    longest = longest_step(config, envelope, every).bound
-    step = Fraction(longest)
-    if config.step_carry:
-        step = min(step, every * _step_rate(config, envelope))
+def _limits(config: KernelConfig, bound: Fraction) -> tuple[int, int]:
+    """Return the least and the largest whole x, given a bound of what has been moved in all."""
+    whole = math.floor(bound)
+    if not config.position_carry:
+        return -whole, whole
+    if config.position_rounding == FLOOR:  # the remainder is what floor left behind
+        return -math.ceil(bound), whole
+    if config.position_rounding == TOWARD_ZERO:
+        return -math.ceil(bound), math.ceil(bound)
+    nearest = math.floor(bound + Fraction(1, 2))
+    return -nearest, nearest
+
+
+def _per_count(config: KernelConfig) -> Fraction:
+    """Return how far a count of one wheel goes, before any rounding [2^-P m]."""
+    product = config.half_tick_m_q * largest_direction(config)
+    return Fraction(product, 1 << (config.step_shift + config.position_shift))
+
+
+def _every_step_fits(config: KernelConfig, envelope: Envelope) -> bool:
+    return step_bound(config, envelope, envelope.gap_ticks) <= config.step_high_q
+
+
+def _kinds(config: KernelConfig, envelope: Envelope) -> list[Frame]:
+    """Return the frames of 1, 2, … counts, each after as few ticks as it takes."""
     direction = largest_direction(config)
-    moved = step * direction / (1 << config.position_shift)
+    most = min(2 * envelope.wheel_ticks(envelope.gap_ticks), _ENUMERATED_COUNTS)
+    fits = _every_step_fits(config, envelope)
+    return [
+        Frame(
+            every=math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1,
+            counts=counts,
+            moved=_moved(config, _longest_step(config, counts, fits), direction),
+        )
+        for counts in range(1, most + 1)
+    ]
+
+
+def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame]:
+    """Return what no frame of so many counts or more surpasses, at any price up to `_per_count`."""
+    if counts > 2 * envelope.wheel_ticks(envelope.gap_ticks):
+        return []
+    every = math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1
+    direction = largest_direction(config)
+    widest = _moved(config, Fraction(-config.step_low_q), direction)
+    if widest < counts * _per_count(config):  # the step's word holds less than that
+        return [Frame(every, counts, widest)]
+    step_gain = rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
+    gain = (step_gain + config.step_carry) * Fraction(direction, 1 << config.position_shift)
+    gain += rounding_gain(config.position_shift, config.position_rounding, config.position_carry)
+    at_most = math.ceil(2 * envelope.rate * every) + 2
+    return [Frame(every, at_most, at_most * _per_count(config) + gain)]
+
+
+def _longest_step(config: KernelConfig, counts: int, every_step_fits: bool) -> Fraction:
+    """Return the longest step of so many counts forward or backward, in its word [2^-S m]."""
+    product, shift = counts * config.half_tick_m_q, config.step_shift
+    low, high = config.step_low_q, config.step_high_q
+    longest = largest(product, shift, config.step_rounding, config.step_carry)
+    if every_step_fits and config.step_carry and config.position_carry:
+        return Fraction(product, 1 << shift)  # what remainders add, they add but once
+    if longest <= high:
+        return Fraction(longest)
+    if config.step_overflow != WRAP:
+        return Fraction(min(longest, -low))
+    steps = (shift_round(sign * product, shift, config.step_rounding) for sign in (1, -1))
+    wrapped = max(abs(limit(step, low, high, WRAP)) for step in steps)
+    return Fraction(min(wrapped + config.step_carry, -low))
+
+
+def _moved(config: KernelConfig, step: Fraction, direction: int) -> Fraction:
+    """Return how far a step goes along an axis at most [2^-P m]."""
     if config.position_carry:
-        return moved
+        return step * direction / (1 << config.position_shift)
     rounding = config.position_rounding
-    at_once = largest(longest * direction, config.position_shift, rounding, 0)
-    return min(Fraction(at_once), moved + _gain(config.position_shift, rounding, 0))
+    return Fraction(largest(math.ceil(step) * direction, config.position_shift, rounding, 0))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from typing import Any, Literal
 
 from firmware_model import Kernel, KernelConfig
 from firmware_model.integers import SATURATE
-from precision_study.ranges.bounds import Intermediate, intermediates
-from precision_study.ranges.drives import Drive, drive_chunks, drives, until
+from precision_study.ranges.bounds import intermediates
+from precision_study.ranges.drives import drives
 from precision_study.ranges.envelope import Envelope
+from precision_study.ranges.intermediate import Intermediate
+from precision_study.ranges.stretches import Drive, drive_chunks, until
 
 Verdict = Literal["impossible", "overflows", "overflows later", "not provoked"]
 _WIDEST = (1 << 63) - 1
@@ -57,7 +60,9 @@ def to_json(config: KernelConfig, envelope: Envelope, findings: Sequence[Finding
                 "frac_bits": value.frac_bits,
                 "word_bits": value.word_bits,
                 "bound": value.bound / 2.0**value.frac_bits,
-                "bound_q": str(value.bound),
+                "low_q": str(value.low),
+                "high_q": str(value.high),
+                "is_signed": value.is_signed,
                 "least_word_bits": value.least_word_bits,
                 "verdict": one.verdict,
                 "tick": one.tick,
@@ -65,14 +70,17 @@ def to_json(config: KernelConfig, envelope: Envelope, findings: Sequence[Finding
             }
         )
     seconds = envelope.mission_ticks * config.constants.tick_period_s
-    asked = asdict(envelope) | {"mission_s": seconds}
-    return {"schema": 1, "envelope": asked, "intermediates": rows}
+    asked = {
+        name: float(value) if isinstance(value, Fraction) else value
+        for name, value in asdict(envelope).items()
+    } | {"mission_s": seconds}
+    return {"schema": 2, "envelope": asked, "intermediates": rows}
 
 
 def _finding(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Finding:
     if value.is_proved:
         return Finding(value, "impossible")
-    longer = replace(envelope, mission_ticks=2 * envelope.mission_ticks)
+    longer = envelope.twice_as_long()
     asked: tuple[tuple[Verdict, Envelope], ...] = (("overflows", envelope),)
     if value.word == "position":  # it grows as long as the robot drives
         asked += (("overflows later", longer),)

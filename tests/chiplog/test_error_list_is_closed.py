@@ -75,6 +75,7 @@ UNLISTED = {
         "sim_plant/batch.py:advance",
         "sim_plant/mechanisms.py:__post_init__",
         "sim_plant/plant.py:step",
+        "precision_study/ranges/envelope.py:of",
     },
     "a diagnosis was made, and its answer printed, before this can be said": {
         "gap_diagnosis/criterion.py:judge",

@@ -210,3 +210,49 @@ def test_formats_that_overflow_are_exported_by_force(chiplog: Chiplog, tmp_path:
 def test_a_run_without_an_overflow_does_not_speak_of_any(chiplog: Chiplog) -> None:
     said = chiplog("run", "--duration-s", "1", "--out", "out")
     assert "overflow" not in said.out
+
+
+NARROW_FOR_A_MISSION = "[firmware.position]\nword_bits = 25\nfrac_bits = 21\n"
+
+
+def test_a_position_that_does_not_hold_the_mission_is_refused_and_the_header_tells_the_truth(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    words = ("export-c", "--robot", "robot.toml", "--out", "c")
+    (tmp_path / "robot.toml").write_text(NARROW_FOR_A_MISSION)
+    refused = chiplog(*words)
+    assert refused.status == 2
+    assert refused.err == (
+        "chiplog: robot.toml:2: firmware.position.word_bits = 25: 5427 m in a mission of 3600 s do "
+        "not fit with 21 fraction bits: expected at least 35 bits, or less in [design]\n"
+    )
+    assert not (tmp_path / "c").exists()
+    header = tmp_path / "c" / CONFIG_HEADER
+    assert "by force, although robot.toml:2" in chiplog(*words, "--force").out
+    assert "It is not proved that they stay within them." in " ".join(header.read_text().split())
+
+    (tmp_path / "robot.toml").write_text(f"{NARROW_FOR_A_MISSION}[design]\ndistance_m = 7.9\n")
+    assert chiplog(*words).status == 0
+    proved = "Proved that they stay within them: 7.9 m in a mission of 3600 s."
+    assert proved in " ".join(header.read_text().replace(" * ", " ").split())
+    ranges = chiplog("ranges", "--robot", "robot.toml")
+    assert (ranges.status, "No word can overflow." in ranges.out) == (0, True)
+
+
+def test_the_tick_that_the_firmware_was_made_for_is_the_headers(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.toml").write_text("[design]\ntick_period_us = 2500\n")
+    words = ("export-c", "--robot", "robot.toml", "--out", "c")
+    assert chiplog(*words).status == 0
+    header = (tmp_path / "c" / CONFIG_HEADER).read_text()
+    assert "#define CHIPLOG_TICK_PERIOD_US UINT32_C(2500)\n" in header
+    kernel = load_robot(tmp_path / "robot.toml").firmware_constants(2500)
+    assert f"tick period {kernel.tick_period_s:g} s" in " ".join(header.split()).replace(" * ", " ")
+    rate = re.search(r"\.tick_rate_hz_q = INT64_C\((\d+)\)", header)
+    assert rate is not None
+    assert int(rate[1]) == 400 << 16
+    (tmp_path / "mine.dbc").write_bytes(load_wire().database.path.read_bytes())
+    refused = chiplog(*words, "--dbc", "mine.dbc")
+    assert refused.status == 2
+    assert "design.tick_period_us = 2500: the tick of mine.dbc is 10000 µs" in refused.err

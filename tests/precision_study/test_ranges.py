@@ -17,6 +17,7 @@ from chiplog.cli import main
 from firmware_model import (
     FRESH,
     STALE,
+    STATE_FIELDS,
     FirmwareConstants,
     FirmwareDescription,
     FirmwareError,
@@ -25,9 +26,15 @@ from firmware_model import (
     StatusBit,
     build_config,
 )
+from firmware_model.c99_layout import c_types
 from precision_study import StudyError
-from precision_study.ranges import Envelope, Finding, find_ranges, intermediates
-from precision_study.ranges.drives import drive_chunks
+from precision_study.ranges import (
+    Envelope,
+    Finding,
+    find_ranges,
+    intermediates,
+)
+from precision_study.ranges.stretches import drive_chunks
 
 ROBOT = FirmwareConstants(
     wheel_radius_m=0.05025,
@@ -60,22 +67,35 @@ def test_the_default_firmware_cannot_overflow_in_an_hour_and_every_row_is_a_proo
     assert all(one.drive is None for one in found)
 
 
-def words(kernel: Kernel) -> dict[str, int]:
-    """Return the magnitude of what the kernel holds of each intermediate that its state shows."""
-    state = kernel.state()
-    held = {
-        "increment of a wheel": [state["left_step_ticks"], state["right_step_ticks"]],
-        "turn of the longest gap": [state["gap_turn_q"]],
-        "x and y": [state["x_m_q"], state["y_m_q"]],
-        "filter of the step": [state["v_filter_q"]],
-        "filter of the turn": [state["w_filter_q"]],
-        "speed": [kernel.v_m_s_q],
-        "turn rate": [kernel.w_rad_s_q],
-        "sum of codes": [state["rest_sum"]],
-        "turning of a block": [state["turn_block_sum"]],
-        "count of ticks": [state["tick"]],
-    }
-    return {name: max(abs(value) for value in values) for name, values in held.items()}
+def held(kernel: Kernel) -> dict[str, int]:
+    """Return what the kernel holds after a tick: its state, and what it puts out."""
+    outputs = {"speed": kernel.v_m_s_q, "turn rate": kernel.w_rad_s_q}
+    return kernel.state() | outputs
+
+
+CHOICES = {
+    *("status", "encoder_decision", "heading_source", "v_is_valid", "w_is_valid"),
+    *("gyro_is_zeroed", "is_initialised", "gap_misses_gyro", "offset_is_valid", "turn_blocks"),
+    *("offset_samples_log2", "rest_next_log2", "pending_samples_log2"),
+}
+"""Fields of the state that are a flag, a choice or the logarithm of a count that has a row."""
+
+
+@pytest.mark.parametrize("method", ["table", "cordic"])
+def test_every_number_of_the_state_has_a_row_with_the_width_that_c_gives_it(method: str) -> None:
+    table = {"mode": "blend", "trig": {"method": method}}
+    config = build_config(FirmwareDescription.from_table(table), ROBOT)
+    rows = intermediates(config, Envelope.of(config))
+    assert sorted(name for one in rows for name in one.holds) == sorted(set(STATE_FIELDS) - CHOICES)
+    types = c_types("chiplog_state")
+    for one in rows:
+        for name in one.holds:
+            if name not in ("x_m_q", "y_m_q"):  # in a word of the user's choice
+                assert (one.field, one.word_bits) == (types[name], int(types[name][-4:-2]))
+    (total,) = (one for one in rows if one.name == "sum of codes at rest")
+    assert (total.word_bits, total.is_signed) == (32, False)
+    names = {one.name for one in rows}
+    assert ("angle that CORDIC has still to turn" in names) == (method == "cordic")
 
 
 ROUNDINGS = st.sampled_from(["floor", "half_up", "half_even", "toward_zero"])
@@ -155,23 +175,28 @@ def test_no_drive_of_the_envelope_leaves_the_ranges(config: KernelConfig, seed: 
     ticks = 200
     envelope = Envelope.of(config, mission_s=ticks * config.constants.tick_period_s)
     rng = np.random.default_rng(seed)
-    held = rng.integers(1, 40, size=ticks)
-    steps = envelope.step_ticks * rng.integers(-1, 2, size=(ticks, 2))
+    spans = rng.integers(1, 40, size=ticks)
+    steps = math.floor(envelope.rate) * rng.integers(-1, 2, size=(ticks, 2))
     code = rng.choice([envelope.code_low, 32768, envelope.code_high], size=ticks)
     silent = rng.choice([0, 0, 1], size=ticks)
-    phases = np.repeat(np.arange(ticks), held)[: ticks - 1]
+    phases = np.repeat(np.arange(ticks), spans)[: ticks - 1]
     counts = np.cumsum(steps[phases], axis=0)
-    kernel, largest = Kernel(config), dict[str, int]()
+    kernel, bounds = Kernel(config), intermediates(config, envelope)
+    low, high = dict[str, int](), dict[str, int]()
     kernel.step(0, 0, FRESH, 32768, FRESH)
     for place, phase in enumerate(phases):
         validity = STALE if silent[phase] and place % 20 else FRESH
         kernel.step(int(counts[place, 0]), int(counts[place, 1]), validity, int(code[phase]), FRESH)
-        for name, value in words(kernel).items():
-            largest[name] = max(largest.get(name, 0), value)
-    bounds = intermediates(config, envelope)
+        for name, value in held(kernel).items():
+            low[name], high[name] = min(low.get(name, 0), value), max(high.get(name, 0), value)
+    words = {
+        "position": (config.position_low_q, config.position_high_q),
+        "velocity": (config.velocity_low_q, config.velocity_high_q),
+    }
     for one in bounds:
-        reached = [value for name, value in largest.items() if one.name.startswith(name)]
-        assert max(reached, default=0) <= min(one.bound, 1 << (one.word_bits - 1)), one.name
+        least, most = words.get(one.word, (one.low, one.high))  # the kernel limits it to its word
+        for name in set(one.holds) or {one.name} & {"speed", "turn rate"}:
+            assert max(one.low, least) <= low[name] <= high[name] <= min(one.high, most), name
     if all(one.is_proved for one in bounds):
         assert StatusBit.OVERFLOW not in kernel.status
 
@@ -257,22 +282,79 @@ def test_where_steps_wrap_an_odd_count_goes_farther_than_any_even_one_and_is_dri
     config = build_config(FirmwareDescription.from_table(table), robot, allow_overflow=True)
     found = finding(config, "x and y", mission_s=1.32)
     assert found.verdict == "overflows"
-    assert found.drive is not None
-    assert found.drive[0].left_step % 2 == 1
     drive = inputs_of(found)
     gains = np.diff(drive[:, :2], axis=0)
-    assert set(gains.sum(axis=1)) == {found.drive[0].left_step}
+    assert set(gains.sum(axis=1)) == {9}
     assert np.ptp(drive[:, 1] - drive[:, 0]) == 1  # the heading turns by one count, and back
 
 
-def test_a_bound_that_is_its_words_limit_is_shown_by_a_drive_a_tick_longer_than_the_mission() -> (
-    None
-):
-    config = forced(position={"word_bits": 14, "frac_bits": 6})
-    within = finding(config, "x and y", mission_s=84.73)
-    assert (within.verdict, within.tick) == ("overflows", 8473)
-    beyond = finding(config, "x and y", mission_s=84.72)
-    assert (beyond.verdict, beyond.tick) == ("overflows later", 8473)
+@pytest.mark.parametrize("acceleration_rad_s2", [None, 60.0])
+@pytest.mark.parametrize("rounding", ["floor", "half_up", "half_even", "toward_zero"])
+def test_a_tick_lies_between_the_proof_and_the_drive(
+    rounding: str, acceleration_rad_s2: float | None
+) -> None:
+    """The longest mission that is proved is a tick or two shorter than a drive that overflows."""
+    config = forced(position={"word_bits": 14, "frac_bits": 6, "rounding": rounding})
+
+    def envelope(ticks: int) -> Envelope:
+        limit = acceleration_rad_s2
+        return Envelope.of(config, mission_s=ticks / 100, acceleration_rad_s2=limit)
+
+    def proves(ticks: int) -> bool:
+        rows = intermediates(config, envelope(ticks))
+        return all(one.is_proved for one in rows if one.word == "position")
+
+    low, high = 8000, 9000
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if proves(middle) else (low, middle)
+    (one,) = (one for one in find_ranges(config, envelope(high)) if one.verdict != "impossible")
+    assert one.tick is not None
+    assert low < one.tick <= high + 1
+
+
+def test_a_drive_that_overflows_is_one_that_the_robot_can_make() -> None:
+    config = forced(
+        mode="wheel",
+        position={"word_bits": 20, "frac_bits": 14},
+        step={"word_bits": 16, "frac_bits": 22},
+        turn_step={"word_bits": 32, "frac_bits": 40},
+    )
+    limits: dict[str, float] = {
+        "speed_m_s": 1.0,
+        "acceleration_rad_s2": 20.0,
+        "turn_rate_rad_s": 0.8,
+    }
+    envelope = Envelope.of(config, mission_s=600.0, **limits)
+    found = [one for one in find_ranges(config, envelope) if one.drive is not None]
+    assert {one.intermediate.word for one in found} >= {"position", "step"}
+    tick_m = math.tau * ROBOT.wheel_radius_m / ROBOT.ticks_per_rev
+    for one in found:
+        assert one.verdict == "overflows"
+        gains_m = np.diff(inputs_of(one)[:, :2], axis=0) * tick_m
+        # Over so many ticks a count more or less is little, and speeds are means over them.
+        span = 20
+        speeds = np.add.reduceat(gains_m, np.arange(0, len(gains_m) - span, span)) / (span * 0.01)
+        count = 2 * tick_m / (span * 0.01)
+        assert np.abs(speeds[:-1]).max(initial=0) <= 1.0 + count
+        turns = np.abs(speeds[:-1, 1] - speeds[:-1, 0]) / ROBOT.wheelbase_m
+        assert turns.max(initial=0) <= 0.8 + 2 * count / ROBOT.wheelbase_m
+        rises = np.abs(np.diff(speeds[:-1], axis=0)).max(initial=0)
+        assert rises <= 20.0 * ROBOT.wheel_radius_m * span * 0.01 * 1.02 + 2 * count
+
+
+def test_a_limit_of_the_robot_proves_a_word_that_any_drive_would_overflow() -> None:
+    config = forced(turn_step={"word_bits": 37, "frac_bits": 44})
+    name = "turn by the gyro"
+    assert finding(config, name).verdict == "overflows"
+    slow = Envelope.of(config, turn_rate_rad_s=1.0)
+    (found,) = (one for one in find_ranges(config, slow) if one.intermediate.name.startswith(name))
+    assert found.verdict == "impossible"
+    position = forced(position={"word_bits": 24, "frac_bits": 14})
+    assert finding(position, "x and y").verdict == "overflows"
+    near = Envelope.of(position, distance_m=500.0)
+    (found,) = (one for one in find_ranges(position, near) if one.intermediate.word == "position")
+    assert found.verdict == "impossible"
 
 
 def test_one_bit_less_than_needed_overflows_and_as_many_as_needed_do_not() -> None:
@@ -303,9 +385,13 @@ def test_a_slower_robot_and_a_shorter_mission_need_no_more_bits() -> None:
     for smaller in (
         Envelope.of(config, mission_s=60.0),
         Envelope.of(config, speed_m_s=0.1),
+        Envelope.of(config, acceleration_rad_s2=1.0),
+        Envelope.of(config, turn_rate_rad_s=0.5),
+        Envelope.of(config, distance_m=10.0),
     ):
-        pairs = zip(whole, intermediates(config, smaller), strict=True)
-        assert all(less.bound <= more.bound for more, less in pairs)
+        pairs = list(zip(whole, intermediates(config, smaller), strict=True))
+        assert all(more.low <= less.low <= less.high <= more.high for more, less in pairs)
+        assert any(less.bound < more.bound for more, less in pairs)
 
 
 @pytest.mark.parametrize("mission_s", [0.0, -1.0, math.nan, math.inf, 1e9])
@@ -328,15 +414,11 @@ def test_the_command_answers_with_its_status_and_the_same_facts_as_data(
     answer = json.loads((tmp_path / "ranges.json").read_text())
     (wrong,) = [one for one in answer["intermediates"] if one["verdict"] != "impossible"]
     assert wrong["field"] == "firmware.position.word_bits"
-    assert wrong["drive"][0]["left_step"] == answer["envelope"]["step_ticks"]
-    assert np.isclose(wrong["tick"] * 0.01, 339, atol=1)
-    assert f"overflows after {wrong['tick'] / 100:g} s of: {wrong['tick']:,} ticks of " in said
-
-
-def test_formats_that_no_kernel_bears_are_refused_with_their_line(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "robot.toml").write_text("[firmware.step]\nfrac_bits = 2\nconstant_frac_bits = 5\n")
-    assert main(["ranges", "--robot", "robot.toml"]) == 2
-    assert "robot.toml:3: firmware.step.constant_frac_bits = 5: " in capsys.readouterr().err
+    ramp, on = wrong["drive"]
+    assert (ramp["ramp_ticks"], ramp["left_step"]) == (
+        answer["envelope"]["ramp_ticks"],
+        on["left_step"],
+    )
+    assert on["left_step"] / on["over_ticks"] == answer["envelope"]["rate"]
+    assert np.isclose(wrong["tick"] * 0.01, 340, atol=1)
+    assert f"overflows after {wrong['tick'] / 100:g} s of: 49 ticks of 49 from rest to" in said

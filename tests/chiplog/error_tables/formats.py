@@ -97,6 +97,13 @@ FORMATS: tuple[Row, ...] = (
         "fraction bits: expected at least 26 bits",
         {"robot.toml": "[firmware.position]\nword_bits = 25\nfrac_bits = 21\n"},
     ),
+    Row(
+        "a position's word too short for the mission",
+        "chiplog export-c --robot robot.toml",
+        "robot.toml:2: firmware.position.word_bits = 25: 5427 m in a mission of 3600 s do not fit "
+        "with 21 fraction bits: expected at least 35 bits, or less in [design]",
+        {"robot.toml": "[firmware.position]\nword_bits = 25\nfrac_bits = 21\n"},
+    ),
     _robot(
         "a firmware made for another tick",
         "[design]\ntick_period_us = 2500\n",
