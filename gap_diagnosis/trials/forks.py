@@ -21,10 +21,11 @@ _THREADS: Final = (
 class Worker:
     """Runs each case in a process of its own: a fork of one that has loaded what all need.
 
-    Where processes cannot fork, each begins anew. *said* is a file for what they complain of.
+    Where processes cannot fork, each begins anew. *said* is a file for what they complain of;
+    *is_many*: enough diagnoses are to come that machine code is worth loading beforehand.
     """
 
-    def __init__(self, said: IO[str]) -> None:
+    def __init__(self, said: IO[str], *, is_many: bool) -> None:
         """Begin to load."""
         self._said = said
         self._words = [sys.executable, "-m", "gap_diagnosis.trials.worker"]
@@ -32,7 +33,7 @@ class Worker:
         self._server: subprocess.Popen[str] | None = None
         if hasattr(os, "fork"):  # not on Windows
             self._server = subprocess.Popen(
-                self._words,
+                [*self._words, "load" if is_many else "serve"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=said,

@@ -17,6 +17,8 @@ from gap_diagnosis.trials.forks import Worker
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD, RESULTS
 
 _LINES: Final = 3
+_MANY: Final = 8
+"""Cases of a worker from which on it pays to load the diagnosis' machine code once for all."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def _finished(
         idle: SimpleQueue[Worker] = SimpleQueue()
         for _ in range(min(jobs, len(todo))):
             said = stack.enter_context(TemporaryFile("w+", encoding="utf-8", errors="replace"))
-            worker = Worker(said)
+            worker = Worker(said, is_many=method is None and len(todo) > _MANY * jobs)
             stack.callback(worker.close)
             idle.put(worker)
         waiting: set[Future[Path]] = set()

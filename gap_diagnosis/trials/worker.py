@@ -2,9 +2,9 @@
 
 `python -m gap_diagnosis.trials.worker CASE OUT [METHOD.py]` reads a case's folder and writes
 OUT.json atomically. Before anything of the case is read, every file of the trial but this case's
-own is closed to the process (an audit hook, which code that runs later cannot take out). Without
-arguments it forks such a process for each line ``[CASE, OUT, METHOD]`` (JSON) that it reads, and
-answers with its exit code: what all cases need is loaded once.
+own is closed to the process (an audit hook, which code that runs later cannot take out). With the
+argument `serve` it forks such a process for each line ``[CASE, OUT, METHOD]`` (JSON) that it reads,
+and answers with its exit code: what all cases need is loaded once.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from typing import Any, Final, NoReturn, cast
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT, TASK
 from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
 
 Method = Callable[..., Any]
 
@@ -94,12 +96,19 @@ def _by_method(path: Path, case: Path) -> Any:
     return method(case / LOG, case / ROBOT, case / REFERENCE, without)
 
 
+def load() -> None:
+    """Load what a diagnosis needs, its machine code too: by that of a drive made up here."""
+    robot, wire = load_robot(None), load_wire()
+    square = scenario("square")
+    drive = synthetic_recording(robot, wire, square, (), 1, reference=ReferenceNoise())
+    diagnose_recordings([drive], robot, wire)
+
+
 def serve() -> None:
     """Work each case that standard input names in a fork, one after the other.
 
     This process reads nothing of a trial, so a fork knows no more than a process begun anew.
     """
-    load_wire()
     for line in sys.stdin:
         words = [Path(word) for word in json.loads(line)]
         child = os.fork()
@@ -126,8 +135,11 @@ def _work_and_leave(words: Sequence[Path]) -> NoReturn:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run one case: CASE OUT [METHOD.py]; without arguments those that standard input names."""
-    if not arguments:
+    """Run one case: CASE OUT [METHOD.py]; or `serve` those that standard input names, or `load`
+    and then serve."""
+    if arguments[0] in {"load", "serve"}:
+        if arguments[0] == "load":
+            load()
         serve()
         return 0
     work(Path(arguments[0]), Path(arguments[1]), *map(Path, arguments[2:3]))
