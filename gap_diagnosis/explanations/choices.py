@@ -121,10 +121,16 @@ def _flat_top(motion: Motion) -> float | None:
     return reach / motion.gyro_sensitivity_lsb_per_rad_s
 
 
+_WHOLE: Final = 0.1
+"""Of means of a few codes more than this share is whole, of physical rates less."""
+
+
 def _has_codes(motion: Motion) -> bool:
-    """Tell codes, between which lost ones are interpolated, from what physical rates would give."""
-    code = motion.gyro_code
-    return code is not None and bool(np.median(np.abs(code - np.rint(code))) == 0)
+    """Tell codes, or means of a few, from what physical rates would give by the description."""
+    if motion.gyro_code is None:
+        return False
+    distinct = np.unique(motion.gyro_code)
+    return bool(np.mean(distinct == np.rint(distinct)) > _WHOLE)
 
 
 def adc_inl(motion: Motion) -> Iterable[Variant]:

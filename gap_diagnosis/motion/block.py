@@ -304,6 +304,8 @@ class MotionBlock:
                         if sd is None
                         else float(value) + sd * rng.standard_normal(_DRAWS)
                     )
+                    if name.endswith("_s"):
+                        samples = np.clip(samples, *self.model.nodes.motion.t_s[[0, -1]])
                     parameters[key] = _estimate(name, samples)
                 else:
                     parameters[key] = self._choice(term, name, found)

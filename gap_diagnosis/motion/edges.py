@@ -45,7 +45,8 @@ def best_edges(
     term = terms[place]
     names = [name for name in EDGES if name in term.variant.fixed]
     t_s = model.nodes.motion.t_s
-    width_s = float(t_s[-1] - t_s[0]) / _GRID_PARTS
+    log_s = float(t_s[0]), float(t_s[-1])
+    width_s = (log_s[1] - log_s[0]) / _GRID_PARTS
     steps = {
         name: width_s if name.endswith("_s") else 0.05 * max(term.variant.fixed[name], 0.5)
         for name in names
@@ -60,24 +61,31 @@ def best_edges(
         before = best
         for name in names:
             for sign in (-1, 1):
-                moved = _moved(term, name, sign * steps[name])
+                moved = _moved(term, name, sign * steps[name], log_s)
                 found = value(moved)
                 if found > best:
                     best, term = found, moved
             steps[name] *= 0.5
         if halving >= _HALVINGS and best < before + _GAIN:
             break
-    spans = {name: _span(value, term, name, steps[name], best) for name in names}
+    spans = {name: _span(value, term, name, steps[name], best, log_s) for name in names}
     return Edged(term, spans)
 
 
-def _span(value: Callable[[Term], float], term: Term, name: str, step: float, best: float) -> float:
+def _span(
+    value: Callable[[Term], float],
+    term: Term,
+    name: str,
+    step: float,
+    best: float,
+    log_s: tuple[float, float],
+) -> float:
     """Return how far an edge moves, on the side where it moves farther, for half a nat."""
     farthest = 0.0
     for sign in (-1, 1):
         reach = step
         for _ in range(_GROWN):
-            moved = _moved(term, name, sign * reach)
+            moved = _moved(term, name, sign * reach, log_s)
             if moved is term:
                 break
             farthest = max(farthest, reach)
@@ -87,10 +95,12 @@ def _span(value: Callable[[Term], float], term: Term, name: str, step: float, be
     return farthest or step
 
 
-def _moved(term: Term, name: str, by: float) -> Term:
-    """Return the term with one edge moved; a window keeps at least half a second."""
+def _moved(term: Term, name: str, by: float, log_s: tuple[float, float]) -> Term:
+    """Return the term with one edge moved; a window keeps half a second and ends in the log."""
     fixed = dict(term.variant.fixed)
     fixed[name] = float(fixed[name]) + by
+    if name in ("start_s", "stop_s") and not log_s[0] <= fixed[name] <= log_s[1]:
+        return term
     if "start_s" in fixed and fixed["stop_s"] - fixed["start_s"] < _SHORTEST_S:
         return term
     if fixed.get("threshold", 0.0) < 0 or fixed.get("limit", 1.0) <= 0:

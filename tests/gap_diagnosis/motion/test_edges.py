@@ -1,0 +1,36 @@
+"""Edges of windows: an effect cannot begin before the log does."""
+
+from __future__ import annotations
+
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.edges import best_edges
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+SLIP = EffectSetting(
+    "one_sided_slip", (("side", "left"), ("ratio", 0.05), ("start_s", 0.0), ("stop_s", 20.0))
+)
+
+
+def test_a_window_that_is_open_towards_the_start_ends_where_the_log_does() -> None:
+    """Before the wheels turn nothing tells when a slip began, and nothing did before the log."""
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), [SLIP], 3, reference=ReferenceNoise()
+    )
+    model = MotionModel(recording, ROBOT, default_prior())
+    t_s = model.nodes.motion.t_s
+    term = next(
+        one
+        for one in model.columns.terms
+        if one.variant.effect == "one_sided_slip"
+        and one.variant.report["side"] == "left"
+        and float(one.variant.fixed["start_s"]) < 3.0
+    )
+    levels = model.level_prior.median
+    edged = best_edges(model, (term,), 0, ((0.05,),), levels)
+    assert t_s[0] <= edged.term.variant.fixed["start_s"] < edged.spans["start_s"] + 3.0
+    assert edged.spans["start_s"] < 5.0
