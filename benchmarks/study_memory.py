@@ -26,7 +26,7 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "runs": {
         f"{seeds:,} drives of 1,000 s": (*ONE[:2], "--seeds", f"{seeds}", "--after", "1000 s")
-        for seeds in (8, 64, 512)
+        for seeds in (8, 64, 512, 1536)
     },
     "configurations": {
         f"{10 ** (count + 1):,} configurations over 4 drives of 100 s": (
