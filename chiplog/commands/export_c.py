@@ -60,17 +60,15 @@ def proved_mission(robot: Robot, config: KernelConfig) -> str:
     """
     from firmware_model import FirmwareError
     from firmware_model.build_scales import exact
-    from firmware_model.reach import require_position_holds
     from hil_harness.errors import HarnessError
     from precision_study.ranges import envelope_of
-    from precision_study.ranges.reach import position_reach
+    from precision_study.ranges.reach import require_mission_fits
 
     envelope = envelope_of(robot, config)
-    reach = position_reach(config, envelope)
     way_m = float(envelope.way_ticks * exact(config.constants).half_tick_m)
     mission = f"{way_m:.4g} m in a mission of {robot.design.mission_s:g} s"
     try:
-        require_position_holds(config, max(reach.high, -reach.low - 1), mission)
+        require_mission_fits(config, envelope, mission)
     except FirmwareError as error:
         message = f"{error}, or less in [design]"
         raise HarnessError(f"{robot.where(message)}: {message}") from error

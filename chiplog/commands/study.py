@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,7 @@ from chiplog.commands.output import STANDARD_OUTPUT, write_json
 from chiplog.errors import CommandError
 
 if TYPE_CHECKING:
+    from hil_harness.assembly import Wire
     from hil_harness.scenarios import Scenario
     from precision_study.study import Course, Outcome, Requirement, Study
 
@@ -205,10 +207,12 @@ def _study(
     for name in known:
         if known.count(name) > 1:
             raise CommandError(f"--scenario {name}: stands twice: expected each name once")
+    distance_m, mission_s = _mission(scenarios, course, wire)
     refuse_unfit(
         points,
         described,
-        distance_m=_farthest_m(scenarios, course, wire.tick_period_us),
+        distance_m=max(distance_m, 1e-3),  # turning on the spot goes nowhere
+        mission_s=mission_s,
         table_bytes=table_bytes,
         force=force,
     )
@@ -223,18 +227,25 @@ def _study(
     )
 
 
-def _farthest_m(scenarios: Sequence[Scenario], course: Course, period_us: int) -> float:
-    """Return how far a robot gets from its start at most."""
+def _mission(scenarios: Sequence[Scenario], course: Course, wire: Wire) -> tuple[float, float]:
+    """Return how far a drive goes at most [m], and how long it takes [s]."""
     import numpy as np
 
+    from precision_study.study.drives import course_ticks, lap_commands
+
+    period_us = wire.tick_period_us
     if course.distance_m is not None:
-        return course.distance_m
+        ticks = [
+            course_ticks(one, lap_commands(one, wire, period_us), course, period_us)
+            for one in scenarios
+        ]
+        return course.distance_m, max(ticks) * period_us / 1e6
     assert course.duration_s is not None  # a course is one or the other
     speeds = (
         float(np.abs(one.commands(max(one.tick_count(period_us), 1), period_us)[:, 0]).max())
         for one in scenarios
     )
-    return max(speeds) * course.duration_s
+    return max(speeds) * course.duration_s, course.duration_s
 
 
 def _write_chosen(out: Path, study: Study, chosen: Outcome, said: Sequence[str]) -> list[str]:
@@ -242,20 +253,25 @@ def _write_chosen(out: Path, study: Study, chosen: Outcome, said: Sequence[str])
     from can_bus.database import shipped_path
     from precision_study.study.results import dbc_at_tick, robot_toml
 
-    text = robot_toml(study.robot, chosen.point, ["Written by chiplog study.", *said])
+    distance_m, mission_s = _mission(study.scenarios, study.course, study.wire)
+    limits = {"distance_m": max(distance_m, 1e-3), "mission_s": mission_s}
+    design = study.robot.design.model_copy(update=limits)
+    robot = replace(study.robot, design=design)
+    text = robot_toml(robot, chosen.point, ["Written by chiplog study.", *said])
     (out / ROBOT).write_text(text, encoding="utf-8")
-    use = f"chiplog export-c --robot {out / ROBOT}"
+    lines = [f"write it in C: chiplog export-c --robot {out / ROBOT}"]
     old, new = study.wire.tick_period_us, chosen.point.tick_period_us
     if new == old:
-        return [f"write it in C: {use}"]
+        return lines
     scaled = dbc_at_tick(shipped_path().read_text(encoding="utf-8"), old, new)
     if scaled is None:
         return [
-            f"write it in C: {use} --dbc FILE, with cycles for a tick of {new} µs in FILE "
-            "(a DBC holds whole milliseconds: they cannot be scaled from the shipped one)"
+            *lines,
+            f"run it: chiplog run --robot {out / ROBOT} --dbc FILE, with a tick of {new} µs in "
+            "FILE (a DBC holds whole milliseconds: the shipped one cannot be scaled to it)",
         ]
     (out / DBC).write_text(scaled, encoding="utf-8")
-    return [f"write it in C: {use} --dbc {out / DBC}"]
+    return [*lines, f"run it: chiplog run --robot {out / ROBOT} --dbc {out / DBC}"]
 
 
 def _to_json(

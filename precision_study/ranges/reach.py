@@ -15,10 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import KernelConfig
+from firmware_model import KernelConfig, reach
 from firmware_model.config import TRIG_CORDIC
 from firmware_model.integers import FLOOR, TOWARD_ZERO, WRAP, limit, shift_round
-from firmware_model.reach import rounding_gain
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
 
@@ -120,6 +119,18 @@ class Reach:
     frames: tuple[Frame, ...]
 
 
+def require_mission_fits(config: KernelConfig, envelope: Envelope, mission: str) -> None:
+    """Refuse a position that does not hold a mission, which is called so in the message.
+
+    Raises:
+        FirmwareError: field, value and what would be right.
+    """
+    roughly = reach.position_reach(config, envelope.way_ticks, envelope.mission_ticks)
+    if roughly > config.position_high_q:
+        found = position_reach(config, envelope)
+        reach.require_position_holds(config, max(found.high, -found.low - 1), mission)
+
+
 @lru_cache(maxsize=4)
 def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
     """Return the bounds of x and y at the mission's end."""
@@ -210,9 +221,11 @@ def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame
     widest = _moved(config, Fraction(-config.step_low_q), direction)
     if widest < counts * _per_count(config):  # the step's word holds less than that
         return [Frame(every, counts, widest)]
-    step_gain = rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
+    step_gain = reach.rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
     gain = (step_gain + config.step_carry) * Fraction(direction, 1 << config.position_shift)
-    gain += rounding_gain(config.position_shift, config.position_rounding, config.position_carry)
+    gain += reach.rounding_gain(
+        config.position_shift, config.position_rounding, config.position_carry
+    )
     at_most = math.ceil(2 * envelope.rate * every) + 2
     return [Frame(every, at_most, at_most * _per_count(config) + gain)]
 

@@ -87,6 +87,8 @@ def robot_toml(robot: Robot, point: Point, comment: Sequence[str]) -> str:
     for name, table in point.plant.model_dump().items():
         lines += _table(name, table)
     lines += _table("firmware", point.firmware.model_dump())
+    design = robot.design.model_dump() | {"tick_period_us": point.tick_period_us}
+    lines += _table("design", design)
     lines += _table("tolerance", robot.tolerance.model_dump())
     return "\n".join(lines).rstrip("\n") + "\n"
 

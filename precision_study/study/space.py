@@ -15,6 +15,8 @@ from typing import Any, Final
 from firmware_model import FirmwareDescription, FirmwareError, KernelConfig, build_config
 from hil_harness.robot import Robot
 from precision_study.errors import StudyError
+from precision_study.ranges import Envelope
+from precision_study.ranges.reach import require_mission_fits
 from sim_plant import PlantDescription, PlantError
 
 TICK_RATE: Final = "tick_rate_hz"
@@ -207,6 +209,7 @@ def refuse_unfit(
     robot: Robot,
     *,
     distance_m: float,
+    mission_s: float,
     table_bytes: int = MAX_TABLE_BYTES,
     force: bool = False,
 ) -> None:
@@ -215,7 +218,8 @@ def refuse_unfit(
     Args:
         points: the configurations.
         robot: whose they are.
-        distance_m: farthest that a robot gets from its start.
+        distance_m: longest way of a drive.
+        mission_s: longest time that it takes.
         table_bytes: largest table that fits.
         force: let words that overflow pass.
 
@@ -223,14 +227,19 @@ def refuse_unfit(
         StudyError: field, value and what would be right, for the first such configuration.
     """
     for point in points:
-        wrong = _unfit(point, robot, distance_m, table_bytes, force)
+        wrong = _unfit(point, robot, distance_m, mission_s, table_bytes, force)
         if wrong is not None:
             where = f" (with {point.words})" if point.values else ""
             raise StudyError(f"{wrong}{where}")
 
 
 def _unfit(
-    point: Point, robot: Robot, distance_m: float, table_bytes: int, force: bool
+    point: Point,
+    robot: Robot,
+    distance_m: float,
+    mission_s: float,
+    table_bytes: int,
+    force: bool,
 ) -> str | None:
     try:
         config = build(point, robot, force=force)
@@ -244,14 +253,12 @@ def _unfit(
             f"firmware.trig.{field} = {value}: a table of {size} bytes does not fit "
             f"--table-bytes {table_bytes}: expected at most {_fitting(table_bytes)}"
         )
-    farthest_q = math.ceil(math.ldexp(distance_m, config.position_frac_bits)) + 1
-    least = farthest_q.bit_length() + 1
-    word = point.firmware.position.word_bits
-    if least > word and not force:
-        return (
-            f"firmware.position.word_bits = {word}: {distance_m:g} m do not fit with "
-            f"{config.position_frac_bits} fraction bits: expected at least {least} bits"
-        )
+    if not force:
+        try:
+            envelope = Envelope.of(config, mission_s=mission_s, distance_m=distance_m)
+            require_mission_fits(config, envelope, f"{distance_m:g} m")
+        except FirmwareError as error:
+            return str(error)
     return None
 
 

@@ -256,3 +256,23 @@ def test_the_tick_that_the_firmware_was_made_for_is_the_headers(
     refused = chiplog(*words, "--dbc", "mine.dbc")
     assert refused.status == 2
     assert "design.tick_period_us = 2500: the tick of mine.dbc is 10000 µs" in refused.err
+
+
+def test_the_answer_of_a_study_at_another_tick_is_exported_with_that_tick_and_its_mission(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    sweep = ("--sweep", "tick_rate_hz=400", "--sweep", "position.word_bits=26")
+    coarse = ("--sweep", "position.frac_bits=21", "--scenario", "straight", "--seeds", "1")
+    meet = ("--meet", "arithmetic position 5 mm after 5 m")
+    studied = chiplog("study", *sweep, *coarse, *meet, "--out", "s")
+    assert studied.status == 0
+    assert "write it in C: chiplog export-c --robot s/robot.toml\n" in studied.out
+    assert chiplog("export-c", "--robot", "s/robot.toml", "--out", "c").status == 0
+    header = (tmp_path / "c" / CONFIG_HEADER).read_text()
+    assert "#define CHIPLOG_TICK_PERIOD_US UINT32_C(2500)\n" in header
+    assert "Proved that they stay within them: 5 m in a mission of" in " ".join(
+        header.replace(" * ", " ").split()
+    )
+    refused = chiplog("run", "--robot", "s/robot.toml", "--duration-s", "1")
+    assert refused.status == 2
+    assert "design.tick_period_us = 2500: the tick of chiplog.dbc is 10000 µs" in refused.err
