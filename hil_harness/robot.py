@@ -80,7 +80,7 @@ class Design(_Table):
         "fastest ground speed of a wheel [m/s]; left out: what [drive] gives", 1e5, 1.0
     )
     turn_rate_rad_s: float | None = _limit(
-        "fastest turn of the robot [rad/s]; left out: what the wheels give", 1e5, 2.0
+        "fastest turn of the robot [rad/s]; left out: any its wheels and gyro tell", 1e5, 2.0
     )
 
 
