@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.prediction import Motion
@@ -17,6 +18,7 @@ from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
 _RATE_SMOOTHING_S: Final = 0.05
+_STANDS_S: Final = 1.0
 _SLOW_S: Final = 1.0
 _NOISE_COUNTS_PER_S: Final = 25.0
 """A rate below this is hardly more than the noise of counting."""
@@ -180,8 +182,15 @@ def smoothed(motion: Motion) -> Motion:
     compared with (errors in variables), and large amplitudes could cancel that noise.
     """
     tick_s = float(np.median(motion.dt_s[1:]))
-    ahead = _denoised(motion.right_step_rad + motion.left_step_rad, tick_s, motion.rad_per_count)
-    turning = _denoised(motion.right_step_rad - motion.left_step_rad, tick_s, motion.rad_per_count)
+    left, right = (
+        np.where(standing(angle, tick_s, motion.rad_per_count), 0.0, step)
+        for angle, step in (
+            (motion.left_angle_rad, motion.left_step_rad),
+            (motion.right_angle_rad, motion.right_step_rad),
+        )
+    )
+    ahead = _denoised(right + left, tick_s, motion.rad_per_count)
+    turning = _denoised(right - left, tick_s, motion.rad_per_count)
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
@@ -197,6 +206,16 @@ def smoothed(motion: Motion) -> Motion:
         left_angle_rad=np.cumsum(left),
         right_angle_rad=np.cumsum(right),
     )
+
+
+def standing(angle_rad: Floats, tick_s: float, rad_per_count: float) -> NDArray[np.bool_]:
+    """Tell the ticks of a wheel that stands, bool[n]: for a second its count is one of two.
+
+    A wheel that stands on an edge of its encoder counts to and fro.
+    """
+    width = 2 * round(0.5 * _STANDS_S / tick_s) + 1
+    reach = maximum_filter1d(angle_rad, width) - minimum_filter1d(angle_rad, width)
+    return np.asarray(minimum_filter1d(reach, width) < 1.5 * rad_per_count)
 
 
 def _filled(values: Floats, t_s: Floats) -> Floats:

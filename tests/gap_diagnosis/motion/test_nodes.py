@@ -117,3 +117,15 @@ def test_a_delay_leads_back_along_the_way_however_far_the_wheels_own_heading_has
         back = np.interp(nodes.sample_t_s - 0.1, nodes.sample_t_s, way) - way
         means = np.add.reduceat(back, nodes.sample_starts) / nodes.samples
         np.testing.assert_allclose(change[channel, nodes.sample_node][5:], means[5:], atol=0.004)
+
+
+def test_a_wheel_that_counts_to_and_fro_at_rest_does_not_move():
+    """In an hour of it a slip of more than the whole way would take the counts' noise away."""
+    stands_s = 30.0
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("random"), (), 3, reference=EXACT, duration_s=120.0 + stands_s
+    )
+    nodes = nodes_of(log)
+    late = nodes.motion.t_s > log.t_s[-1] - 0.5 * stands_s
+    assert np.count_nonzero(nodes.motion.left_step_rad[late]) > 100
+    assert not nodes.smooth.left_step_rad[late].any()
