@@ -1,9 +1,14 @@
 """Stage encoder: from what was counted back to what the wheels really turned."""
 
+from typing import Final
+
 import numpy as np
 
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
+
+_TURNS: Final = 5
+"""So often an angle is put right by the error at it: of 0.1 rad there remains a millionth."""
 
 
 def ticks_per_rev(p: Prediction, *, scale: float) -> None:
@@ -14,9 +19,15 @@ def ticks_per_rev(p: Prediction, *, scale: float) -> None:
 
 def _true_steps(angle: Floats, step: Floats, sine: float, cosine: float) -> Floats:
     """Undo measured = phi + A sin(phi + phase), with A cos(phase) = sine's coefficient."""
-    before, after = angle - step, angle
-    error = sine * (np.sin(after) - np.sin(before)) + cosine * (np.cos(after) - np.cos(before))
-    return np.asarray(step - error)
+
+    def error(measured: Floats) -> Floats:
+        phi = measured
+        for _ in range(_TURNS):
+            off = sine * np.sin(phi) + cosine * np.cos(phi)
+            phi = measured - off
+        return np.asarray(off)
+
+    return np.asarray(step - error(angle) + error(angle - step))
 
 
 def encoder_eccentricity_left(p: Prediction, *, sine: float, cosine: float) -> None:

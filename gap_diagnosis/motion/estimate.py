@@ -50,16 +50,12 @@ def estimate_motion(
     dt_s = np.diff(t_s, prepend=t_s[0])
     step_s = float(np.median(dt_s[1:]))
     fastest = plant.drive.max_wheel_rate_rad_s * step_s / rad_per_count
-    counts = [
-        np.diff(_filled(ticks, t_s), prepend=np.nan)
-        for ticks in (recording.left_ticks, recording.right_ticks)
-    ]
-    for one in counts:
-        one[0] = 0.0
-    bits, jumps = wraps(counts, fastest)
+    bits, jumps = _jumps((recording.left_ticks, recording.right_ticks), fastest)
     left, right = (
-        np.cumsum(step - jump) * rad_per_count for step, jump in zip(counts, jumps, strict=True)
+        (_filled(ticks - np.cumsum(jump), t_s)) * rad_per_count
+        for ticks, jump in zip((recording.left_ticks, recording.right_ticks), jumps, strict=True)
     )
+    left, right = left - left[0], right - right[0]
     width = max(_RATE_SMOOTHING_S / step_s, 0.5)
     rates = [gaussian_filter1d(_slope(angle, t_s), width) for angle in (left, right)]
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
@@ -156,6 +152,23 @@ def unwrapped(recording: Recording, robot: Robot) -> Recording:
         left_ticks=recording.left_ticks - np.cumsum(motion.left_jump_rad) / motion.rad_per_count,
         right_ticks=recording.right_ticks - np.cumsum(motion.right_jump_rad) / motion.rad_per_count,
     )
+
+
+def _jumps(counters: Sequence[Floats], fastest: float) -> tuple[int, list[Floats]]:
+    """Return the width at which narrow counters wrap, and their jumps in counts, float64[n].
+
+    Between the counts that are known: halfway across a jump there is nothing to go by.
+    """
+    known = [np.flatnonzero(np.isfinite(counts)) for counts in counters]
+    steps = [
+        np.diff(counts[at], prepend=counts[at][:1])
+        for counts, at in zip(counters, known, strict=True)
+    ]
+    bits, found = wraps(steps, fastest)
+    jumps = [np.zeros(len(counts)) for counts in counters]
+    for jump, at, one in zip(jumps, known, found, strict=True):
+        jump[at] = one
+    return bits, jumps
 
 
 def wraps(counts: Sequence[Floats], fastest: float) -> tuple[int, list[Floats]]:
