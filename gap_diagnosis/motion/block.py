@@ -30,7 +30,7 @@ _SEVERAL: Final = 12
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
-_GAINS: Final = 5.0
+_GAINS: Final = 1.0
 """Where a noise and an effect each gain more than this alone [nat], they may gain the same."""
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}

@@ -136,10 +136,14 @@ class MotionModel:
         start: Floats,
         rounds: int = 15,
         free: Sequence[int] = (),
+        course: Course | None = None,
     ) -> Floats:
-        """Return the noise levels that suit these effects best; *free* ones may be anything."""
+        """Return the noise levels that suit these effects best; *free* ones may be anything.
+
+        *course*: with what is left to chance, if these effects leave anything to it.
+        """
         return best_levels(
-            self._of_levels(terms), self.level_prior, start, rounds=rounds, free=free
+            self._of_levels(terms, course), self.level_prior, start, rounds=rounds, free=free
         )
 
     def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
@@ -155,7 +159,9 @@ class MotionModel:
         best = max(starts(self.nodes, self.level_prior), key=height, default=found)
         return best if height(best) > height(found) else None
 
-    def _of_levels(self, terms: Sequence[Term]) -> Callable[[Floats], float]:
+    def _of_levels(
+        self, terms: Sequence[Term], course: Course | None = None
+    ) -> Callable[[Floats], float]:
         """Return the log evidence of terms as a function of the levels, without their density."""
         used = {index for term in terms for weight in term.weights for index, _ in weight}
         used |= {index for index, _ in self.columns.nuisances}
@@ -173,14 +179,14 @@ class MotionModel:
             )
             for term in terms
         ]
-        return lambda levels: self._evidence(values, nuisances, moved, levels, self.course)
+        way = self.course if course is None else course
+        return lambda levels: self._evidence(values, nuisances, moved, levels, way)
 
-    def evidence_at(self, terms: Sequence[Term], levels: Floats) -> float:
+    def evidence_at(
+        self, terms: Sequence[Term], levels: Floats, course: Course | None = None
+    ) -> float:
         """Return the log evidence of terms at these levels, without the levels' density."""
-        gram = self.gram(levels)
-        if not terms:
-            return gram.log_nothing
-        return gram.log_nothing + score(gram, terms, self.prior).log_evidence
+        return self._of_levels(terms, course)(levels)
 
     def _evidence(
         self,
@@ -212,7 +218,7 @@ class MotionModel:
         coefficients = tuple(start)
         for step in range(steps):
             values, nuisances, tangent = self._linearised(terms, coefficients)
-            course = self._scattered(terms, coefficients)
+            course = self.scattered(terms, coefficients)
             if free_levels and step == 1:
                 levels = self._better_levels(values, nuisances, tangent, levels, course)
             white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
@@ -260,12 +266,10 @@ class MotionModel:
         columns += [self.columns.values[..., i + 1] for i, _ in free]
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        course = self._scattered(terms, coefficients)
+        course = self.scattered(terms, coefficients)
         return self._evidence(values, nuisances, (), levels, course)
 
-    def _scattered(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
-    ) -> Course:
+    def scattered(self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]) -> Course:
         """Return the course with what rates and probabilities of these sizes leave to chance."""
         course = self.course
         for term, sizes in zip(terms, coefficients, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +14,7 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Found
-from gap_diagnosis.motion.whitening import LEVELS, whiten
+from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
@@ -24,6 +24,8 @@ _STEP: Final = 0.1
 _BURSTY: Final = 6.0
 """Excess kurtosis beyond which a larger level is no noise but something that comes and goes; the
 mean of a block of samples with Student's five degrees of freedom has half of that."""
+_FACTORS: Final = (4.0, 16.0, 64.0)
+_OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVELS])
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
 
@@ -59,18 +61,22 @@ def fit_noise(
     """Fit a set of effects with the levels of one noise free."""
     places = NOISES[name].places
     described = model.level_prior.median
-    levels = quiet.levels
-    if any(levels[place] > _SUSPECT * described[place] for place in places):
-        levels = model.levels_for(quiet.terms, levels, rounds=10, free=places)
-    is_larger = any(levels[place] > 2 * described[place] for place in places)
-    if not is_larger or _is_bursty(model, quiet.terms, levels, NOISES[name].channels):
-        gain = quiet.log_evidence - nothing.log_evidence
-        likelihood = quiet.log_likelihood - nothing.log_likelihood
-        return Fit(tuple(names), gain + _ABSENT, likelihood)
+    course = model.course
+    if quiet.refitted is not None:
+        course = model.scattered(quiet.terms, quiet.refitted.coefficients)
 
     def value(at: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
         density = model.level_prior.log_density(np.log(at), places)
-        return model.evidence_at(quiet.terms, at) + density
+        return model.evidence_at(quiet.terms, at, course) + density
+
+    levels = _start(quiet.levels, described, places, value)
+    if any(levels[place] > _SUSPECT * described[place] for place in places):
+        levels = model.levels_for(quiet.terms, levels, rounds=10, free=places, course=course)
+    is_larger = any(levels[place] > 2 * described[place] for place in places)
+    if not is_larger or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
+        gain = quiet.log_evidence - nothing.log_evidence
+        likelihood = quiet.log_likelihood - nothing.log_likelihood
+        return Fit(tuple(names), gain + _ABSENT, likelihood)
 
     best = value(levels)
     parameters = {}
@@ -94,15 +100,36 @@ def fit_noise(
     )
 
 
+def _start(
+    levels: Floats, described: Floats, places: Sequence[int], value: Callable[[Floats], float]
+) -> Floats:
+    """Return the levels to start at: those found, or they or the described ones with a large noise.
+
+    Once a smaller noise is taken for another one (a walking bias for rough contact), no path leads
+    from there to it.
+    """
+    starts = [levels]
+    for quiet in (levels, np.where(_OF_REFERENCE, levels, described)):
+        for factor in _FACTORS:
+            one = quiet.copy()
+            one[list(places)] = factor * described[list(places)]
+            starts.append(one)
+    return max(starts, key=value)
+
+
 def _is_bursty(
-    model: MotionModel, terms: Sequence[Term], levels: Floats, channels: Sequence[int]
+    model: MotionModel,
+    terms: Sequence[Term],
+    levels: Floats,
+    course: Course,
+    channels: Sequence[int],
 ) -> bool:
     """Tell whether what is left of these channels is far from normal at its own level."""
     values = model.columns.values
     used = {index + 1 for term in terms for weight in term.weights for index, _ in weight}
     used |= {index + 1 for index, _ in model.columns.nuisances}
     chosen = np.ascontiguousarray(values[..., [0, *sorted(used)]])
-    white, _, _ = whiten(chosen, model.course, levels, model.nodes.ticks)
+    white, _, _ = whiten(chosen, course, levels, model.nodes.ticks)
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0])[0]
     _, channel = np.nonzero(~np.isnan(values[..., 0]).T)
     seen = left[np.isin(channel, channels)]

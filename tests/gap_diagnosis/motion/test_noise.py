@@ -13,6 +13,7 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import fit_noise
 from gap_diagnosis.motion.scan import Found
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -71,3 +72,19 @@ def test_beside_each_effect_that_explains_the_same_a_noise_gains_nothing() -> No
     for same in (frozenset({"gyro_bias"}), frozenset({"adc_inl"})):
         assert block.fit(same).log_evidence > 50
         assert block.fit(same | walk).log_evidence < block.fit(same).log_evidence
+
+
+def test_a_walk_that_was_taken_for_rough_contact_is_found_from_a_larger_level() -> None:
+    walk = EffectSetting("gyro_bias_walk", (("density", 0.00025),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (walk,), 5, reference=ReferenceNoise()
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    levels = model.no_effect_levels.copy()
+    place = LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")
+    levels[place] = model.level_prior.median[place]
+    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
+    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    fit = fit_noise(model, nothing, nothing, "gyro_bias_walk", ("gyro_bias_walk",))
+    assert fit.log_evidence > 20
+    assert fit.parameters["gyro_bias_walk.density"].value == pytest.approx(0.00025, rel=0.5)
