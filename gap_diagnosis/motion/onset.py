@@ -47,6 +47,7 @@ def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
     return replace(
         variant,
         act=_between(variant),
+        exact=None if variant.exact is None else _between(variant.in_detail),
         fixed=window,
         report={**variant.report, **window},
     )

@@ -25,7 +25,14 @@ MOTION = nodes_of(
 ).motion
 ONE_AMPLITUDE = [
     variant
-    for effect in ("radius_scale", "radius_mismatch", "wheelbase_scale", "gyro_scale", "gyro_bias")
+    for effect in (
+        "radius_scale",
+        "radius_mismatch",
+        "wheelbase_scale",
+        "gyro_scale",
+        "gyro_bias",
+        "gyro_lag",
+    )
     for variant in EXPLAINED[effect].variants(MOTION)
 ]
 START_S, STOP_S = 3.0, 6.0
@@ -43,11 +50,13 @@ def arrays(prediction: Prediction) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("variant", ONE_AMPLITUDE, ids=lambda one: one.effect)
 def test_inside_its_window_an_effect_acts_as_ever_and_outside_not_at_all(variant: Variant) -> None:
     inside = (MOTION.t_s >= START_S) & (MOTION.t_s < STOP_S)
-    ever = arrays(predict(MOTION, [(variant, (0.01,))]))
     never = arrays(predict(MOTION))
-    found = arrays(predict(MOTION, [(windowed(variant, START_S, STOP_S), (0.01,))]))
-    for name, values in found.items():
-        np.testing.assert_array_equal(values, np.where(inside, ever[name], never[name]))
+    in_window = windowed(variant, START_S, STOP_S)
+    for whole, part in ((variant, in_window), (variant.in_detail, in_window.in_detail)):
+        ever = arrays(predict(MOTION, [(whole, (0.01,))]))
+        found = arrays(predict(MOTION, [(part, (0.01,))]))
+        for name, values in found.items():
+            np.testing.assert_array_equal(values, np.where(inside, ever[name], never[name]))
 
 
 def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
