@@ -218,7 +218,6 @@ class _Log:
     def share(self, inside: Mask, levels: Floats) -> float:
         """Return how much of the energy that no effect leaves over lies in the cells *inside*."""
         energy = self._left((), self._model.course, levels) ** 2
-        energy = self._left((), self._model.course, levels) ** 2
         return float(energy[inside[self._cell[self._row_node]]].sum() / energy.sum())
 
     def _left(self, terms: Sequence[Term], course: Course, levels: Floats) -> Floats:
@@ -234,13 +233,20 @@ class _Log:
         return np.asarray(data - columns @ np.linalg.lstsq(damped, padded, rcond=None)[0])
 
     def _energy(self, left: Floats) -> Floats:
-        """Return of each cell the largest energy of a channel beside that channel's usual one."""
+        """Return of each cell the largest energy of a channel beside that channel's usual one.
+
+        The largest value of a cell is left out: one reading far off (a count that flips as a wheel
+        begins to move) is no burst.
+        """
         cell = self._cell[self._row_node]
         largest = np.zeros(self.cells)
         for channel in np.unique(self._row_channel):
             own = self._row_channel == channel
             count = np.bincount(cell[own], minlength=self.cells)
-            energy = np.bincount(cell[own], left[own] ** 2, self.cells) / np.maximum(count, 1)
+            most = np.zeros(self.cells)
+            np.maximum.at(most, cell[own], left[own] ** 2)
+            rest = np.bincount(cell[own], left[own] ** 2, self.cells) - most
+            energy = rest / np.maximum(count - 1, 1)
             usual = float(np.median(energy[count > 0]))
             largest = np.maximum(largest, energy / max(usual, 1e-12))
         return largest

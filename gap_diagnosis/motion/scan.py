@@ -34,6 +34,8 @@ _EXTENDED: Final = 4
 _MORE_VARIANTS: Final = 3
 _WORTH_MORE: Final = 10.0
 """One more effect is sought beside sets that gain this much on the best smaller one [nat]."""
+_BENDING: Final = frozenset({"encoder_dead"})
+"""What leaves so little of the described motion that beside it columns about it say little."""
 _ALL_PARTS: Final = 3
 """Every part of sets so large is fitted again; of larger ones those without one effect."""
 _NEAR: Final = 12.0
@@ -179,6 +181,7 @@ class Scan:
                 less = max(one.log_evidence for one in ranked if len(one.effects) < size)
                 parents = [one for one in ranked if len(one.effects) == size][:_EXTENDED]
                 parents = [one for one in parents if one.log_evidence > less + _WORTH_MORE]
+                parents = [one for one in parents if not one.effects & _BENDING]
                 for parent in parents:
                     self._extend(parent)
                 best = self._ranked()[0]
@@ -204,7 +207,7 @@ class Scan:
             places = range(max(len(self._grams) - 2, 0), len(self._grams))
         for place in places:
             for effect, terms in self._kept[place].items():
-                if effect not in parent.effects and effect not in GROSS:
+                if effect not in parent.effects | _BENDING | GROSS:
                     choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
 
