@@ -35,3 +35,8 @@ def test_a_trace_that_a_name_only_half_explains_has_an_unlisted_cause() -> None:
 def test_codes_that_never_come_are_a_trace_of_the_gyro_and_the_motion_is_none() -> None:
     codes = FakeBlock({"adc_stuck_bit": 40.0}, name="codes")
     assert evidence(FakeBlock({"gyro_bias": 90.0}), codes).keys() == {"gyro"}
+
+
+def test_more_noise_than_described_is_a_trace_of_its_stage() -> None:
+    noisy = FakeBlock({"gyro_noise": 30.0, "reference_noise": 20.0, "gyro_bias": 50.0})
+    assert evidence(noisy) == {"gyro": 24.0, "reference": 14.0}
