@@ -136,7 +136,7 @@ SETTINGS: tuple[Row, ...] = (
         "a setting without its name",
         '"none"',
         "@pytest.mark.chiplog takes keywords only: robot, device, effects, scenario, "
-        "seed, plant, dbc, signals",
+        "seed, force, plant, dbc, signals",
     ),
     _marked(
         "a seed that is no number",
