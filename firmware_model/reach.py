@@ -41,8 +41,9 @@ def position_reach(config: KernelConfig, counts: int, ticks: int) -> int:
     ticks = min(ticks, counts)  # no tick moves it without a count
     step_gain = rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
     steps = Fraction(counts * config.half_tick_m_q, 1 << config.step_shift) + ticks * step_gain
-    # Sine and cosine are held to 1; a remainder that is carried adds a unit once.
-    steps += config.step_carry
+    # Sine and cosine are held to 1. A remainder that is carried is taken off one way and may be
+    # given back another, after a turn: it adds up to a unit in each tick.
+    steps += config.step_carry * ticks
     moved = steps * (1 << config.trig_frac_bits) / (1 << config.position_shift)
     shift, rounding, carry = (
         config.position_shift,

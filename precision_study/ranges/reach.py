@@ -135,11 +135,6 @@ def require_mission_fits(config: KernelConfig, envelope: Envelope, mission: str)
 def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
     """Return the bounds of x and y at the mission's end."""
     ticks, counts, per_count = envelope.mission_ticks, envelope.way_ticks, _per_count(config)
-    once = Fraction(0)
-    if config.step_carry:  # one unit of the step that a remainder may add
-        once = Fraction(largest_direction(config), 1 << config.position_shift)
-    if config.step_carry and config.position_carry and _every_step_fits(config, envelope):
-        return Reach(*_limits(config, per_count * counts + once), ())
     kinds = _kinds(config, envelope)
     every_kind = (*kinds, *_seldom(config, envelope, len(kinds) + 1))
     moved = np.array([float(one.moved) for one in every_kind])
@@ -171,7 +166,7 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
         *(one / every_kind[i].every for i, one in zip(close.tolist(), exact, strict=True)),
     )
     best = tuple(kinds[place] for place in near[:_TIGHT].tolist() if place < len(kinds))
-    return Reach(*_limits(config, per_tick * ticks + per_count * counts + once), best)
+    return Reach(*_limits(config, per_tick * ticks + per_count * counts), best)
 
 
 def _limits(config: KernelConfig, bound: Fraction) -> tuple[int, int]:
@@ -193,20 +188,15 @@ def _per_count(config: KernelConfig) -> Fraction:
     return Fraction(product, 1 << (config.step_shift + config.position_shift))
 
 
-def _every_step_fits(config: KernelConfig, envelope: Envelope) -> bool:
-    return step_bound(config, envelope, envelope.gap_ticks) <= config.step_high_q
-
-
 def _kinds(config: KernelConfig, envelope: Envelope) -> list[Frame]:
     """Return the frames of 1, 2, … counts, each after as few ticks as it takes."""
     direction = largest_direction(config)
     most = min(2 * envelope.wheel_ticks(envelope.gap_ticks), _ENUMERATED_COUNTS)
-    fits = _every_step_fits(config, envelope)
     return [
         Frame(
             every=math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1,
             counts=counts,
-            moved=_moved(config, _longest_step(config, counts, fits), direction),
+            moved=_moved(config, _longest_step(config, counts), direction),
         )
         for counts in range(1, most + 1)
     ]
@@ -230,13 +220,15 @@ def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame
     return [Frame(every, at_most, at_most * _per_count(config) + gain)]
 
 
-def _longest_step(config: KernelConfig, counts: int, every_step_fits: bool) -> Fraction:
-    """Return the longest step of so many counts forward or backward, in its word [2^-S m]."""
+def _longest_step(config: KernelConfig, counts: int) -> Fraction:
+    """Return the longest step of so many counts forward or backward, in its word [2^-S m].
+
+    A remainder that is carried may be taken off one way and given back another, after a turn: each
+    step may have all of it.
+    """
     product, shift = counts * config.half_tick_m_q, config.step_shift
     low, high = config.step_low_q, config.step_high_q
     longest = largest(product, shift, config.step_rounding, config.step_carry)
-    if every_step_fits and config.step_carry and config.position_carry:
-        return Fraction(product, 1 << shift)  # what remainders add, they add but once
     if longest <= high:
         return Fraction(longest)
     if config.step_overflow != WRAP:

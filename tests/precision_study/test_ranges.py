@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from chiplog.cli import main
 from firmware_model import (
     FRESH,
+    INVALID,
     STALE,
     STATE_FIELDS,
     FirmwareConstants,
@@ -341,6 +342,35 @@ def test_a_drive_that_overflows_is_one_that_the_robot_can_make() -> None:
         assert turns.max(initial=0) <= 0.8 + 2 * count / ROBOT.wheelbase_m
         rises = np.abs(np.diff(speeds[:-1], axis=0)).max(initial=0)
         assert rises <= 20.0 * ROBOT.wheel_radius_m * span * 0.01 * 1.02 + 2 * count
+
+
+def test_a_spin_that_gives_remainders_back_the_other_way_round_is_not_called_impossible() -> None:
+    """One count less while it faces forward, one more while it faces back: of 0.22 m by the wheels
+    the carried remainders of a coarse step make over 10 m along x."""
+    config = forced(
+        mode="wheel", position={"word_bits": 14, "frac_bits": 10}, step={"frac_bits": 8}
+    )
+    turn = config.tick_turn_q / 2 ** (
+        config.wheel_turn_shift + config.description.turn_step.frac_bits
+    )
+    rows = [(0, 0, FRESH, 32768, INVALID)]
+    left, right, heading, way, faces = 0, 0, 0.0, 0, 0
+    for tick in range(90_000):
+        counts = min(tick, 100) * 95 // 100
+        faced = round(math.cos(math.tau * heading)) if tick > 100 else 0
+        extra = -faced if faced and faced != faces else 0
+        faces = faced or faces
+        way += abs(extra)
+        left, right = left - counts, right + counts + extra
+        heading += (2 * counts + extra) * turn
+        rows.append((left, right, FRESH, 32768, INVALID))
+    kernel = Kernel(config)
+    kernel.run(np.array(rows, dtype=np.int64))
+    assert kernel.overflow_count > 0
+    envelope = Envelope.of(config, distance_m=1.1 * way * 0.5 * math.tau * 0.05025 / 2048)
+    found = find_ranges(config, envelope)
+    (position,) = (one for one in found if one.intermediate.word == "position")
+    assert position.verdict != "impossible"
 
 
 def test_a_limit_of_the_robot_proves_a_word_that_any_drive_would_overflow() -> None:
