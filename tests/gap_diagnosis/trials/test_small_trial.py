@@ -73,7 +73,7 @@ def plan(each: int) -> list[Planned]:
     return [
         Planned("limit", "single", names, drive=drives.SHORT)
         if names
-        else Planned("limit", "null", drive=drives.FAMILIAR[0])  # drift takes its time
+        else Planned("limit", "null", drive="tour")  # drift takes its time, and turns
         for names in effects
     ]
 
