@@ -21,6 +21,7 @@ from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
+from gap_diagnosis.gap.metrics import clock_skew_of
 from gap_diagnosis.gap.on_recording import Replayed, levels_of, measure, odometry_rms, windows_on
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
@@ -87,19 +88,24 @@ def shrink(
             )
         apart = MotionModel(where, robot, model.prior, keep=sides.fit)
         fitted = _refitted(apart, analysis.motion, own)
-        motion, mask = model.nodes.motion, sides.held_out
+        motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held
         kinds = kinds_of(held, robot)
         fitted = _refitted(model, analysis.motion, own)
         motion = estimate_motion(held, robot)
         mask = np.ones(len(held.t_s), dtype=np.bool_)
+        kept = np.ones(len(analysis.recording.t_s), dtype=np.bool_)
     settings, drawn = _settings(fitted)
     windows = windows_on(motion, mask)
     firmware = None
     if where.odometry_x_m is not None:
         firmware = Replayed(before=replayed_pose(where, robot, wire))
     drive = _driven(analysis, effects, where, robot)
+    clock_skew = 0.0
+    if "clock_skew" in effects:
+        fitted_on = analysis.recording
+        clock_skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept)
     metrics = measure(
         where,
         robot,
@@ -110,6 +116,7 @@ def shrink(
         levels=levels_of(analysis.motion.levels, robot),
         drive=drive,
         firmware=firmware,
+        clock_skew=clock_skew,
     )
     gap = gap_of(metrics, stage, "stretches" if held is None else "log")
     named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None

@@ -7,7 +7,7 @@ never the other way round. In each window only the start pose is estimated, from
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,6 +19,7 @@ from gap_diagnosis.recording import Floats, FrameTimes
 
 Complexes = NDArray[np.complex128]
 
+_LEAST_STAMPS: Final = 20
 _ALIGN_M: Final = 0.5  # without orientation: the way that tells the start heading
 
 
@@ -149,16 +150,39 @@ def stamp_errors(
     times of a clock that is fast by *clock_skew*. Its start is the mean of the window's first
     second; with *free_rate* its rate is the log's own.
     """
-    t_s, counter = frames.t_s, frames.counter
-    number = np.arange(len(t_s), dtype=np.float64)
-    if frames.modulo and (counter >= 0).all():
-        ticks_per_cycle = max(float(np.median(np.diff(np.sort(counter)))), 1.0)
-        number = (counter - counter.min()) / ticks_per_cycle
+    t_s, number = frames.t_s, _beats(frames)
     order = np.argsort(t_s, kind="stable")
     late_s = (t_s - number * frames.cycle_s / (1 + clock_skew))[order]
     if free_rate:
         late_s = late_s - np.polyval(np.polyfit(number[order], late_s, 1), number[order])
     return series_errors(t_s[order], late_s, windows)
+
+
+def clock_skew_of(frames: Mapping[str, FrameTimes], t_s: Floats, kept: NDArray[np.bool_]) -> float:
+    """Return by how much the sender's clock is fast, from the stamps in ticks that are *kept*.
+
+    Args:
+        frames: stamps by message.
+        t_s: float64[n], ends of the ticks.
+        kept: bool[n]; the median over the messages that have enough of them, 0 if none has.
+    """
+    skews = []
+    for one in frames.values():
+        place = np.clip(np.searchsorted(t_s, one.t_s), 0, len(t_s) - 1)
+        seen = kept[place]
+        if one.cycle_s > 0 and np.count_nonzero(seen) >= _LEAST_STAMPS:
+            per_beat_s = float(np.polyfit(_beats(one)[seen], one.t_s[seen], 1)[0])
+            skews.append(one.cycle_s / per_beat_s - 1)
+    return float(np.median(skews)) if skews else 0.0
+
+
+def _beats(frames: FrameTimes) -> Floats:
+    """Return each stamp's number: by the tick counter where it runs, else by order of arrival."""
+    counter = frames.counter
+    if frames.modulo and (counter >= 0).all():
+        ticks_per_cycle = max(float(np.median(np.diff(np.sort(counter)))), 1.0)
+        return np.asarray((counter - counter.min()) / ticks_per_cycle)
+    return np.arange(len(frames.t_s), dtype=np.float64)
 
 
 def known_by_way(points: Complexes, known: int) -> int:

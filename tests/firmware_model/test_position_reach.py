@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_cases import ROBOT
 
 from firmware_model import (
     FRESH,
-    FirmwareConstants,
     FirmwareDescription,
     FirmwareError,
     Kernel,
@@ -20,18 +19,6 @@ from firmware_model import (
 )
 from firmware_model.reach import counts_of, position_reach, require_position_holds
 
-ROBOT = FirmwareConstants(
-    wheel_radius_m=0.05025,
-    wheelbase_m=0.2985,
-    ticks_per_rev=2048,
-    counter_bits=16,
-    tick_period_s=0.01,
-    gyro_sensitivity_rad_s_per_lsb=math.radians(1 / 131),
-    gyro_zero_rate_code=32768,
-    gyro_min_code=18,
-    gyro_max_code=65518,
-    max_wheel_rate_rad_s=30.0,
-)
 ROUNDING = st.sampled_from(["floor", "half_up", "half_even", "toward_zero"])
 FORMAT = st.fixed_dictionaries({"rounding": ROUNDING, "carry_remainder": st.booleans()})
 

@@ -11,7 +11,14 @@ from gap_cases import moved, wavy_path, way_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gap_diagnosis.gap.metrics import Path, WindowErrors, path_errors, series_errors, stamp_errors
+from gap_diagnosis.gap.metrics import (
+    Path,
+    WindowErrors,
+    clock_skew_of,
+    path_errors,
+    series_errors,
+    stamp_errors,
+)
 from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S, Window, windows_of
 from gap_diagnosis.recording import FrameTimes
 
@@ -141,6 +148,10 @@ def test_a_clock_that_runs_fast_is_late_by_its_skew() -> None:
     assert plain.end[0, 0] == pytest.approx(-skew * 9.5, rel=5e-3)
     explained = stamp_errors(frames, [Window(0.0, 10.0, 1.0)], clock_skew=skew)
     assert explained.rms == pytest.approx(0, abs=1e-9)
+    ends = np.arange(0.01, 45.0, 0.01)
+    kept = ends > 20.0
+    assert clock_skew_of({"IMU": frames}, ends, kept) == pytest.approx(skew, rel=1e-6)
+    assert clock_skew_of({"IMU": frames}, ends, ends < 0) == 0.0
 
 
 def test_errors_are_compared_in_the_windows_that_all_have() -> None:
