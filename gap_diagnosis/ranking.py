@@ -17,6 +17,10 @@ from gap_diagnosis.setup_mistakes import LEAST_GAIN
 THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
 
+_BY_CHANCE: Final = 6.63
+"""Twice the log-likelihood that an effect gains which is not there, in 99 of 100 cases (chi-square
+with one degree of freedom)."""
+
 _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
 """Effects that do better than this alone [nat] are fitted in pairs in every block."""
@@ -67,15 +71,21 @@ class Ranking:
         return next(one for one in self.sets if one.effects == effects)
 
     def group(self, effects: Effects) -> list[Ranked]:
-        """Return the other sets of at most as many effects that are not told apart from this."""
+        """Return the other sets of at most as many effects that are not told apart from this.
+
+        Where one effect of a pair may as well be missing, the other one stands for itself with any
+        third that gains no more than chance gives: those name no further cause.
+        """
         own = self.of(effects)
-        return [
+        near = [
             one
             for one in self.sets
             if one.effects != effects
             and len(one.effects) <= len(effects)
             and 2 * (own.log_likelihood - one.log_likelihood) < THRESHOLD
         ]
+        named = [one for one in (own, *near) if one.effects]
+        return [one for one in near if not any(_adds_nothing(one, less) for less in named)]
 
 
 def rank(
@@ -174,6 +184,12 @@ def _triples(
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
     return found
+
+
+def _adds_nothing(one: Ranked, less: Ranked) -> bool:
+    """Tell whether a set is *less* with effects that gain what chance gives."""
+    gain = 2 * (one.log_likelihood - less.log_likelihood)
+    return less.effects < one.effects and gain < _BY_CHANCE
 
 
 def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> bool:

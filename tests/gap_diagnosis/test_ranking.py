@@ -90,6 +90,19 @@ def test_a_group_has_no_set_of_more_effects() -> None:
     assert ranking.group(frozenset({"wheelbase_scale"})) == []
 
 
+def test_a_group_has_no_passengers() -> None:
+    """Where a pair's second effect may as well be missing, any third in its place says no more."""
+    gains = {"radius_scale": 500.0, "gyro_bias": 8.0, "drive_gain": 6.0, "missed_ticks": 0.0}
+    likelihood = {"radius_scale": 500.0, "gyro_bias": 9.0, "drive_gain": 7.0, "missed_ticks": 1.0}
+    group = ranked(FakeBlock(gains, likelihood=likelihood)).group(
+        frozenset({"radius_scale", "gyro_bias"})
+    )
+    assert {one.effects for one in group} == {
+        frozenset({"radius_scale"}),
+        frozenset({"radius_scale", "drive_gain"}),
+    }
+
+
 def test_an_effect_hardly_seen_is_grouped_with_no_gap() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 8.0}))
     assert [one.effects for one in ranking.group(frozenset({"gyro_bias"}))] == [frozenset()]
