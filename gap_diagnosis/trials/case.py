@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final, Literal, TypeAlias
 
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
@@ -34,6 +34,7 @@ class Case:
         noise: of the reference.
         steps: of the plant in a tick.
         secret: 32 hexadecimal digits.
+        like: by effect that no library has, those that nobody could tell from it.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Case:
     noise: ReferenceLevels
     steps: int
     secret: str
+    like: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def true_effects(self) -> frozenset[str]:
@@ -68,7 +70,7 @@ class Case:
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Case:
         """Return the case of a sealed file."""
-        values = {field.name: content[field.name] for field in fields(cls)}
+        values = {one.name: content[one.name] for one in fields(cls) if one.name in content}
         values["noise"] = ReferenceLevels(**values["noise"])
         values["without"] = tuple(values["without"])
         return cls(**values)

@@ -103,6 +103,11 @@ class Judged:
         return not self.is_null and (self.over_limit is None or self.over_limit >= LIMIT)
 
     @property
+    def is_lost(self) -> bool:
+        """Its cause is clear to see, and the library has no name for it."""
+        return self.truth == UNKNOWN and self.is_clear
+
+    @property
     def top1(self) -> bool:
         """which[0] is the truth or its twin."""
         return self.verdict != "error" and canonical(self.verdict.split("+")) == self.truth

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.trials import drives, reference_noise
@@ -33,8 +35,10 @@ from gap_diagnosis.trials.plan import Counts, Planned, planned
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.seal import seal
 from gap_diagnosis.trials.secret import Secret
+from gap_diagnosis.trials.sizes import UNLISTED
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effect_runs import EffectRun, run_with_effects
+from hil_harness.effects import catalogue
 from hil_harness.effects.model import EffectSetting
 from hil_harness.robot import Robot, load_robot
 from hil_harness.scenarios.scenario import Scenario
@@ -137,14 +141,39 @@ class _Maker:
             case = self._at_limit(case, draw)
             if not all(is_credible(name, values) for name, values in case.effects.items()):
                 return case, None
-        return case, self._run(case)
+        runs = self._runs(case)
+        if any(_is_same(runs[0], other) for other in runs[1:]):
+            return case, None
+        return self._with_unlisted(case, runs), runs[0]
+
+    def _with_unlisted(self, case: Case, runs: Sequence[EffectRun]) -> Case:
+        """Return the case with what anyone could know of its effects that no library has.
+
+        How far they are over their limits is twice what the log likelihood of no effect loses by
+        them, with the same noise; not of what only commands show. What wins it back is like them.
+        """
+        known = catalogue()
+        over, like = dict(case.over_limit), {}
+        for name, without in zip(case.effects, runs[1:], strict=True):
+            if name in UNLISTED and known[name].stage != "actuation":
+                here, there = self._oracle(runs[0], case), self._oracle(without, case)
+                lost = 2 * max(there.log_nothing - here.log_nothing, 0.0)
+                over[name] = math.sqrt(lost / THRESHOLD)
+                like[name] = [
+                    other
+                    for other, fit in here.fits().items()
+                    if 2 * (there.log_nothing - fit) < THRESHOLD
+                ]
+        return replace(case, over_limit=over, like=like)
+
+    def _oracle(self, run: EffectRun, case: Case) -> Oracle:
+        self.write(run, case)
+        return Oracle(self._read(), self._robot, case)
 
     def _at_limit(self, case: Case, draw: np.random.Generator) -> Case:
         """Return the case with its sizes spread about the detection limit."""
         quiet = replace(case, effects={}, without=())
-        run = self._runs(quiet, [()])[0]
-        self.write(run, quiet)
-        oracle = Oracle(self._read(), self._robot, quiet)
+        oracle = self._oracle(self._simulated(quiet, [()])[0], quiet)
         low, high = self._counts.factor
         if case.kind in ("withheld", "decoy"):
             low, high = 2.0, max(high, 2.0)
@@ -167,16 +196,14 @@ class _Maker:
         )
         return recording
 
-    def _run(self, case: Case) -> EffectRun | None:
+    def _runs(self, case: Case) -> list[EffectRun]:
+        """Return the case's run, then those in which one of its effects each is missing."""
         everything = case.settings
         worlds = [everything]
         worlds += [tuple(s for s in everything if s.effect != name) for name in case.effects]
-        runs = self._runs(case, worlds)
-        if any(_is_same(runs[0], other) for other in runs[1:]):
-            return None
-        return runs[0]
+        return self._simulated(case, worlds)
 
-    def _runs(self, case: Case, worlds: list[tuple[EffectSetting, ...]]) -> list[EffectRun]:
+    def _simulated(self, case: Case, worlds: list[tuple[EffectSetting, ...]]) -> list[EffectRun]:
         seed = self._secret.seed("plant")
         return run_with_effects(
             self._scenario,

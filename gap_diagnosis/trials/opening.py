@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.trials.case import Case
 from gap_diagnosis.trials.judge import Judged, judge
@@ -15,6 +16,7 @@ from gap_diagnosis.trials.layout import CASES, LOG, OWN_METHOD, REFERENCE, RESUL
 from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.run import results_of
 from gap_diagnosis.trials.seal import unseal
+from gap_diagnosis.trials.sizes import UNLISTED
 from gap_diagnosis.trials.truth import Answer, canonical
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.robot import load_robot
@@ -109,8 +111,28 @@ def known_of(home: Path, case: Case, wire: Wire) -> Known:
         [home / LOG], robot=robot, wire=wire, references=[home / REFERENCE]
     )
     oracle = Oracle(recording, robot, case)
-    over = [oracle.over_limit(name, values) for name, values in case.effects.items()]
+    over = [_over_limit(oracle, case, name) for name in case.effects]
     known = [one for one in over if one is not None]
+    imitators = {
+        canonical(case.true_effects - {name} | {other})
+        for name, others in case.like.items()
+        for other in others
+    }
     return Known(
-        oracle.group(case.effects), min(known) if known else None, oracle.bounds(case.effects)
+        oracle.group(case.effects) | imitators,
+        min(known) if known else None,
+        oracle.bounds(case.effects),
     )
+
+
+def _over_limit(oracle: Oracle, case: Case, effect: str) -> float | None:
+    """Return an effect's magnitude over its detection limit.
+
+    A noise never reaches one: its level is free in every hypothesis. What the library has no name
+    for was measured when the case was made.
+    """
+    if effect in NOISES:
+        return 0.0
+    if effect in UNLISTED and effect in case.over_limit:
+        return case.over_limit[effect]
+    return oracle.over_limit(effect, case.effects[effect])

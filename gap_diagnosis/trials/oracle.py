@@ -16,7 +16,9 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
@@ -43,14 +45,28 @@ _BEST: Final = 40
 
 
 class Oracle:
-    """What the motion of one log can tell, at its true noise levels."""
+    """What the motion of one log can tell, at its true noise levels.
+
+    Attributes:
+        log_nothing: log likelihood of the log if nothing is at work.
+    """
 
     def __init__(self, recording: Recording, robot: Robot, case: Case) -> None:
         """Prepare; costs about a second."""
         model = MotionModel(recording, robot, default_prior())
         self._robot, self._recording = robot, recording
-        self._sight: Sight = sight_of(model.columns, model.gram(_levels(model, case)), model.prior)
+        self._gram, self._prior = model.gram(_levels(model, case)), model.prior
+        self.log_nothing = self._gram.log_nothing
+        self._sight: Sight = sight_of(model.columns, self._gram, model.prior)
         self._place = {key: row for row, key in enumerate(self._sight.keys)}
+
+    def fits(self) -> dict[str, float]:
+        """Return the log likelihood of the log if one effect is at work, by effect."""
+        return {
+            effect: self.log_nothing
+            + max(score(self._gram, (term,), self._prior).log_likelihood for term in terms)
+            for effect, terms in self._sight.terms.items()
+        }
 
     def over_limit(self, effect: str, values: Values) -> float | None:
         """Return an effect's magnitude over its detection limit; None where it has no magnitude."""
@@ -75,7 +91,8 @@ class Oracle:
         news = {name: values for name, values in effects.items() if is_news(name, values)}
         own = canonical(news)
         twins = frozenset(canonical(one) for one in _twins_here(news))
-        return self._imitators(news, own) | twins
+        quiet = {name: values for name, values in news.items() if name not in NOISES}
+        return self._imitators(news, own) | twins | {canonical(quiet)}
 
     def _imitators(self, news: Mapping[str, Values], own: Answer) -> frozenset[Answer]:
         """Return the truth and what the motion cannot tell from it."""

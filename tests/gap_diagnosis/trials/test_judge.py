@@ -88,6 +88,14 @@ def test_a_braggart_is_counted_as_confident_and_wrong() -> None:
     assert not seen(hidden, answer({"gyro_scale": 0.6, "unknown": 0.4})).confident_wrong
 
 
+def test_a_hidden_cause_that_hardly_shows_is_not_held_against_anyone() -> None:
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    told = answer({"no_gap": 0.9, "unknown": 0.1})
+    found = scores(Opened((seen(hidden, told, 1.9), *SEER), 0))["parts"]["all"]
+    assert found["confident_wrong"]["count"] == 1
+    assert found["unknown_auroc"]["value"] == 1.0
+
+
 def test_what_the_library_can_imitate_is_counted_apart() -> None:
     hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
     group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
