@@ -126,12 +126,13 @@ def lowered(clock: Clock, messages: Iterable[tuple[Ints, Ints, Floats]]) -> Cloc
             here = segment == number
             order = np.argsort(tick[here], kind="stable")
             at_s = clock.tick_s * tick[here][order]
-            edge_s = _lower_edge(late_s[here][order], float(at_s[-1] - at_s[0]))
+            edge_s = lower_edge(late_s[here][order], float(at_s[-1] - at_s[0]))
             earliest[number] = min(earliest[number], edge_s)
     return replace(clock, start_s=clock.start_s + np.where(np.isfinite(earliest), earliest, 0.0))
 
 
-def _lower_edge(late_s: Floats, span_s: float) -> float:
+def lower_edge(late_s: Floats, span_s: float) -> float:
+    """Return where the earliest of stamps lie that are late by *late_s* over *span_s*."""
     parts = np.array_split(late_s, min(max(round(span_s / _WANDERS_S), 1), len(late_s)))
     return float(np.median([np.quantile(one, _EARLIEST, method="lower") for one in parts]))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.rows import Rows, hold, rows_of_ticks
+from gap_diagnosis.reading.stamp_jitter import sampled_at
 from gap_diagnosis.reading.table_clock import TableClock, table_clock
 from gap_diagnosis.reading.table_file import read_columns, read_header
 from gap_diagnosis.reading.wheels import (
@@ -135,7 +136,10 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
+    left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
     t_s = table.t_s
+    if table.map.get("ecu_time") is None and not _is_speed(table):
+        t_s = sampled_at(t_s, rows.tick, (left_ticks, right_ticks), clock.period_s)
     gyro = _gyro(table)
     heading = _quantity(table, "odom_heading")
     recording = Recording(
@@ -144,8 +148,8 @@ def read_table_recording(
         t_s=t_s,
         stamp_s=stamps,
         tick=rows.tick,
-        left_ticks=_wheel(table, "left_count"),
-        right_ticks=_wheel(table, "right_count"),
+        left_ticks=left_ticks,
+        right_ticks=right_ticks,
         gyro_code=None if gyro is None else gyro[0],
         gyro_rate_rad_s=None if gyro is None else gyro[1],
         temperature_k=_slow(table, "temperature"),
@@ -166,7 +170,7 @@ def _wheel(table: _Table, role: Role) -> Floats:
     mapped = table.map.columns[role]
     reading, tick = table.last(role), table.rows.tick
     scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
-    if mapped.quantity in ("speed", "turn rate"):
+    if _is_speed(table):
         return integrated_speed(reading, table.t_s, scale=scale)
     return running_count(
         reading,
@@ -175,6 +179,11 @@ def _wheel(table: _Table, role: Role) -> Floats:
         scale=scale,
         fastest_per_tick=fastest_ticks(table.plant, table.clock.period_s),
     )
+
+
+def _is_speed(table: _Table) -> bool:
+    """Tell wheels that say how fast they are, not how far they have come."""
+    return table.map.columns["left_count"].quantity in ("speed", "turn rate")
 
 
 def _wrap(mapped: MappedColumn, reading: Floats, table: _Table) -> float | None:

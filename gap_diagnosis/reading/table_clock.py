@@ -48,8 +48,8 @@ def table_clock(
     """Return the clock of a table.
 
     With an ECU clock the log's time is the line through its stamps against it, and rows are ordered
-    by it. Without one a row is taken to be sampled when it says: jitter of stamps and uneven
-    sampling cannot be told apart. The tick is the median distance of rows.
+    by it. Without one a row is taken to be sampled when it says (what the counts tell of that:
+    `stamp_jitter`). The tick is the median distance of rows.
 
     Raises DiagnosisError for a clock with missing values, or one that stands still.
     """

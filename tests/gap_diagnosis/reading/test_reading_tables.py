@@ -7,6 +7,7 @@ import pytest
 from drives import ROBOT, TICK_S, Drive, drive
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
@@ -79,14 +80,41 @@ def test_an_ecu_clock_takes_the_jitter_out_of_the_stamps(
     assert np.ptp(drifted) < 1e-5 + 8 * found.clock_skew_sd * 15
 
 
+def counted_at(true_s: NDArray[np.float64], stamp_s: NDArray[np.float64]) -> Drive:
+    """Return wheels that were read at true times in curves of changing speed, and stamped."""
+    left = 4000 * true_s + 3000 * np.sin(true_s)
+    right = 5000 * true_s - 3000 * np.cos(0.7 * true_s)
+    columns = {"t_s": np.round(stamp_s, 6), "left_ticks": np.floor(left)}
+    return Drive(columns | {"right_ticks": np.floor(right)})
+
+
 def test_without_an_ecu_clock_rows_are_sampled_when_they_say(tmp_path: Path) -> None:
-    table = drive(300)
-    uneven = 100 + np.cumsum(np.random.default_rng(0).uniform(0.1, 0.2, 300))
-    table.columns["t_s"] = np.round(uneven, 6)
+    uneven_s = 100 + np.cumsum(np.random.default_rng(0).uniform(0.1, 0.2, 300))
+    table = counted_at(uneven_s, uneven_s)
     found = read(table, tmp_path)
-    assert np.array_equal(found.t_s[np.isfinite(found.left_ticks)], table.columns["t_s"])
+    there = np.isfinite(found.left_ticks)
+    assert found.t_s[there] == pytest.approx(uneven_s, abs=2e-4)
     assert np.isnan(found.clock_skew)
     assert_same_wheels(found, table)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_stamp_that_jitters_while_the_counts_go_evenly_is_put_right(
+    share: float, tmp_path: Path
+) -> None:
+    random = np.random.default_rng(1)
+    uneven_s = 0.002 * np.sqrt(share) * random.standard_normal(3000)
+    true_s = 1.7e9 + np.arange(3000) / 30 + uneven_s
+    late_s = 0.002 * np.sqrt(1 - share) * random.standard_normal(3000)
+    late_s[1000:1010] += np.linspace(0.3, 0.05, 10)  # the host was busy
+    table = counted_at(true_s, true_s + late_s)
+    table.columns["left_ticks"][500] = np.nan
+    found = read(table, tmp_path)
+    off_s = found.t_s[found.stamp_s == found.stamp_s]
+    off_s -= true_s
+    off_s -= np.median(off_s)
+    best_s = 0.002 * np.sqrt(share * (1 - share))
+    assert np.std(off_s[[*range(960), *range(1050, 3000)]]) < best_s + 4e-4
 
 
 def test_a_map_reads_angles_distances_speeds_and_other_units(tmp_path: Path) -> None:
