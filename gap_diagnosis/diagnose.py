@@ -19,6 +19,7 @@ from gap_diagnosis.pictures import Report
 from gap_diagnosis.priors import Prior, default_prior, with_library
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
 from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
@@ -58,7 +59,7 @@ def diagnose(
         (held,) = read_recordings(
             [holdout], robot=described, references=given, dbc=dbc, signals=signals
         )
-    wire = _wire(dbc, signals, recordings)
+    wire = _wire(dbc, signals, logs, recordings)
     inputs = input_files(
         logs, robot, dbc, signals, references, holdout, holdout_reference, effect_library
     )
@@ -149,10 +150,13 @@ def diagnose_recordings(
     return Report(diagnosis, found.pictures)
 
 
-def _wire(dbc: Path | None, signals: Path | None, recordings: Sequence[Recording]) -> Wire:
+def _wire(
+    dbc: Path | None, signals: Path | None, logs: Sequence[Path], recordings: Sequence[Recording]
+) -> Wire:
     """Return the wire; a map of table columns says nothing about frames."""
-    if any(one.frames for one in recordings):
-        return load_wire(dbc, signals)
+    for log, recording in zip(logs, recordings, strict=True):
+        if recording.frames:
+            return wire_of_log(Path(log), dbc, signals)
     return load_wire(dbc) if dbc is not None and signals is None else load_wire()
 
 

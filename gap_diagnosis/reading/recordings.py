@@ -10,12 +10,13 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import read_reference, refuse_no_overlap
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
 from gap_diagnosis.recording import Recording
-from hil_harness.assembly import Wire, load_wire
+from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
 SHORTEST_S: Final = 2.0
@@ -74,7 +75,7 @@ def read_recording(
     if is_table(path):
         recording, own = read_table_recording(path, robot, signals)
     else:
-        recording, own = read_log_recording(path, robot, wire or load_wire(dbc, signals))
+        recording, own = read_log_recording(path, robot, wire or wire_of_log(path, dbc, signals))
     _refuse_useless(recording, path)
     if reference is not None:
         measured = read_reference(reference)
