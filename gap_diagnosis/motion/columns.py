@@ -89,8 +89,8 @@ def build_columns(
     """Return the columns of all effects that this log can speak of.
 
     *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
-    set-up too. *without*: effects to leave out. *library*: effects of a
-    user's own that say how they act.
+    set-up too. *without*: effects that are not to be named; what lies within their tolerances stays
+    free. *library*: effects of a user's own that say how they act.
     """
     motion = nodes.motion
     base: list[Floats] = [residuals(nodes, predict(motion))]
@@ -100,7 +100,7 @@ def build_columns(
     own = {name: explanation_of(effect) for name, effect in library.items()}
     known = {**EXPLAINED, **{name: one for name, one in own.items() if one is not None}}
     for effect, explanation in known.items():
-        if effect in without or (effect in GROSS and not gross):
+        if effect in GROSS and (effect in without or not gross):
             continue
         if not nodes.has_reference and effect in NEEDS_REFERENCE:
             continue
@@ -111,6 +111,9 @@ def build_columns(
         if explanation.stage_rank == 2 and not nodes.has_gyro:
             continue
         variants = list(explanation.variants(motion))
+        is_nuisance = len(variants) == 1 and effect not in NEVER_NUISANCE and effect in EXPLAINED
+        if effect in without and not is_nuisance:
+            continue
         if effect == "one_sided_slip":
             terms += _windows(nodes, variants, nominal, base, prior)
             continue
@@ -139,18 +142,36 @@ def build_columns(
                 base.append(change)
                 weight = [(len(base) - 2, 1.0)]
                 limits.append(limit)
-                if len(variants) == 1 and effect not in NEVER_NUISANCE and effect in EXPLAINED:
-                    if variant.little is not None:
-                        little = replace(variant, act=variant.little)
-                        moved = residuals(nodes, predict(nodes.smooth, [(little, steps)]))
-                        base.append((nominal - moved) / step)
+                if is_nuisance:
+                    near = _near(nodes, variant, steps, limit, nominal)
+                    if np.nanmax(np.abs(near - change), initial=0.0) * limit > _BENT:
+                        base.append(near)
                         weight.append((len(base) - 2, 0.0))  # this effect's too: never beside it
                     nuisances.append((len(base) - 2, 0.5 * limit))
                 weights.append(tuple(weight))
-            if len(weights) == max(1, len(variant.coefficients)):
+            if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(terms), tuple(nuisances))
+
+
+def _near(
+    nodes: Nodes, variant: Variant, steps: list[float], limit: float, nominal: Floats
+) -> Floats:
+    """Return what a unit of an effect within its tolerance changes.
+
+    Over a step of the usual size a delay bends: along that chord a good reference would not find
+    what is within tolerance explained.
+    """
+    acts = variant if variant.little is None else replace(variant, act=variant.little)
+    size = max(steps)
+    if variant.little is None:
+        steps, size = [limit * (one > 0) for one in steps], limit
+    ahead = residuals(nodes, predict(nodes.smooth, [(acts, steps)]))
+    if variant.is_positive:
+        return np.asarray((nominal - ahead) / size)
+    behind = residuals(nodes, predict(nodes.smooth, [(acts, [-one for one in steps])]))
+    return np.asarray((behind - ahead) / (2 * size))
 
 
 def with_variant(
@@ -189,6 +210,9 @@ _LEAST_REACH_M: Final = 0.2
 """On the spot, what scales with the place is the reference's own noise."""
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""
+_BENT: Final = 5e-6
+"""So far [m, rad] a chord may lie off an effect within its tolerance: a reference that measures to
+0.1 mm does not notice."""
 
 
 def _says_something(change: Floats) -> bool:

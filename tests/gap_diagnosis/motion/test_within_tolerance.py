@@ -1,0 +1,56 @@
+"""What lies within the description's tolerance is free in every answer, whoever may be named."""
+
+import numpy as np
+
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.assembly import load_wire
+from hil_harness.effects import parse_effect
+from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
+
+ROBOT = load_robot()
+PRECISE = ReferenceNoise(2e-4, 2e-4, 1e-4, 1e-4)
+
+
+def drive_with(effect: str) -> Recording:
+    return synthetic_recording(
+        ROBOT,
+        load_wire(),
+        scenario("calibration"),
+        (parse_effect(effect),),
+        seed=5,
+        reference=PRECISE,
+        contact_noise_m_per_sqrt_m=3e-4,
+    )
+
+
+def gain_of(effect: str, model: MotionModel) -> float:
+    """Return by how many nats a fitted effect explains a drive better than no effect does."""
+    levels = model.levels_for((), model.level_prior.median)
+    term = next(one for one in model.columns.terms if one.variant.effect == effect)
+    fitted = model.refit((term,), levels, free_levels=False)
+    return fitted.log_evidence - (
+        model.gram(levels).log_nothing + model.level_prior.log_density(np.log(levels))
+    )
+
+
+def test_a_stamp_late_by_its_tolerance_is_no_news_to_a_precise_reference() -> None:
+    """Where the speed changes, a delay bends the way: what is small is compared at its own size.
+
+    Three nats are odds of 20, against prior odds of 1 in 60."""
+    tolerance_s = ROBOT.tolerance.time_offset_s
+    recording = drive_with(f"reference_time_offset.offset={tolerance_s}")
+    assert gain_of("reference_time_offset", MotionModel(recording, ROBOT, default_prior())) < 3.0
+
+
+def test_a_wheel_within_tolerance_is_no_news_though_it_may_not_be_named() -> None:
+    """Else the next best name, here the reference's scale, would take it over."""
+    recording = drive_with(f"radius_scale.scale={0.9 * ROBOT.tolerance.radius_scale}")
+    model = MotionModel(
+        recording, ROBOT, default_prior(), without=frozenset({"radius_scale", "ticks_per_rev"})
+    )
+    assert all(one.variant.effect != "radius_scale" for one in model.columns.terms)
+    assert gain_of("reference_scale", model) < 3.0
