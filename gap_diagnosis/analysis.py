@@ -102,7 +102,7 @@ def analyse(
     if codes is not None:
         blocks.append(codes)
     progress("odometry against replay", 0.65)
-    firmware = firmware_block(as_received, robot, wire)
+    firmware = firmware_block(as_received, robot, wire, without)
     if firmware is not None:
         blocks.append(
             firmware

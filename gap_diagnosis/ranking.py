@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -29,7 +29,7 @@ _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
 _LARGER: Final = 6
 _APART: Final = 2
-_BLOCK: Final = {"actuation": "drive", "bus": "bus"}
+_BLOCK: Final = {"actuation": "drive", "bus": "bus", "firmware": "firmware"}
 """In which block an unlisted cause of a stage shows; all others in the motion."""
 
 
@@ -94,12 +94,14 @@ def rank(
     stage_of: Mapping[str, str],
     unknown: Mapping[str, float],
     several: Sequence[Effects] = (),
+    alone: Collection[str] = ("firmware",),
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look.
+    effects and more of one block that are worth a look. *alone* are stages in which an unlisted
+    cause is no more than that a program is another's: it explains nothing beside listed effects.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -135,7 +137,7 @@ def rank(
     logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
         stage: evidence
-        + _elsewhere(logs, scored, _BLOCK.get(stage, "motion"), stage)
+        + (0.0 if stage in alone else _elsewhere(logs, scored, _BLOCK.get(stage, "motion")))
         + math.log(prior.unknown / max(len(unknown), 1))
         for stage, evidence in unknown.items()
     }
@@ -258,11 +260,8 @@ def _elsewhere(
     logs: Sequence[Sequence[Block]],
     scored: Mapping[Effects, tuple[float, float, float]],
     own: str,
-    stage: str,
 ) -> float:
     """Return what listed effects add in the blocks that an unlisted cause does not touch."""
-    if stage == "firmware":
-        return 0.0
     touched = {e for blocks in logs for b in blocks if b.name == own for e in b.effects}
     others = [
         one[0] + one[2]

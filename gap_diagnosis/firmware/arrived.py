@@ -50,12 +50,8 @@ def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Arrive
     """Return the inputs as the ECU had them; None where no frame was late, or nobody can tell."""
     wheels = wire.signal_map.get("left_count")
     gyro = wire.signal_map.get("gyro")
-    if wheels is None or inputs.at_row[-1] != recording.tick[-1]:
-        return None
-    specs = {wheels.message.name: wheels.message}
-    if gyro is not None:
-        specs[gyro.message.name] = gyro.message
-    if any(not _is_known(spec, recording, wire) for spec in specs.values()):
+    specs = _sensors(inputs, recording, wire)
+    if wheels is None or not specs:
         return None
     late = _delays_us(recording, list(specs))
     if max(float(one.max()) for one in late.values()) <= _NOT_LATE_US:
@@ -82,6 +78,35 @@ def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Arrive
         gyro_validity=gyro_validity,
     )
     return Arrived(known, places, repeats)
+
+
+def came_in_time(inputs: ReplayInputs, recording: Recording, wire: Wire) -> bool:
+    """Tell whether every sensor frame of the log came, in its own tick, and was used in it."""
+    specs = _sensors(inputs, recording, wire)
+    if not specs or not np.all(inputs.encoder_validity == FRESH):
+        return False
+    if len(specs) > 1 and not np.all(inputs.gyro_validity == FRESH):
+        return False
+    own = np.arange(inputs.ticks)
+    return all(
+        np.array_equal(
+            accepted_frames(
+                specs[name], _arrivals(name, delay_us, recording, wire, inputs.ticks), wire,
+                inputs.ticks,
+            )[1],
+            own,
+        )
+        for name, delay_us in _delays_us(recording, list(specs)).items()
+    )  # fmt: skip
+
+
+def _sensors(inputs: ReplayInputs, recording: Recording, wire: Wire) -> dict[str, MessageSpec]:
+    """Return the messages of wheels and gyro by name; none where nobody can tell when they came."""
+    mapped = [wire.signal_map.get("left_count"), wire.signal_map.get("gyro")]
+    if mapped[0] is None or inputs.at_row[-1] != recording.tick[-1]:
+        return {}
+    specs = {one.message.name: one.message for one in mapped if one is not None}
+    return specs if all(_is_known(one, recording, wire) for one in specs.values()) else {}
 
 
 def _is_known(spec: MessageSpec, recording: Recording, wire: Wire) -> bool:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.firmware.arrived import as_arrived
+from gap_diagnosis.firmware.arrived import as_arrived, came_in_time
 from gap_diagnosis.firmware.candidates import EFFECTS
 from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_score
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
@@ -37,11 +37,12 @@ class FirmwareBlock:
 
     name = "firmware"
 
-    def __init__(self, bench: Workbench) -> None:
+    def __init__(self, bench: Workbench, without: frozenset[str] = frozenset()) -> None:
         """Prepare one log's block; use `firmware_block`."""
         # Without a blend its weight means nothing.
         blends = bench.config.description.mode == "blend"
-        self.effects = frozenset(EFFECTS) - (frozenset() if blends else {"blend_weight"})
+        none = frozenset() if blends else frozenset({"blend_weight"})
+        self.effects = frozenset(EFFECTS) - none - without
         self._bench = bench
         self._singles = Singles(bench)
         self._pairs = Pairs(self._singles, self.effects)
@@ -51,6 +52,11 @@ class FirmwareBlock:
     def knows_arrivals(self) -> bool:
         """Whether replays were handed what had come by each tick, as the ECU was."""
         return self._bench.knows_arrivals
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the log has all that went into the program: a kernel that ran must give it."""
+        return self._bench.windows.is_exact
 
     @property
     def is_equal(self) -> bool:
@@ -79,7 +85,8 @@ class FirmwareBlock:
             other = misfit(bench.windows, pose)
             if size_of(other, bench.windows) < size_of(off, bench.windows):
                 off = other
-        return describe(bench.windows, off, bench.t_s, self._singles.other - none)
+        unlisted = max(self._singles.other, self._singles.changed(self.effects))
+        return describe(bench.windows, off, bench.t_s, unlisted - none)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         singles = self._singles
@@ -99,8 +106,12 @@ class FirmwareBlock:
         )
 
 
-def firmware_block(recording: Recording, robot: Robot, wire: Wire) -> FirmwareBlock | None:
+def firmware_block(
+    recording: Recording, robot: Robot, wire: Wire, without: frozenset[str] = frozenset()
+) -> FirmwareBlock | None:
     """Return the firmware's block of a log; None without odometry or without wheel counts.
+
+    *without* are effects that are not to be tried.
 
     Raises HarnessError for a description that no kernel can be built from.
     """
@@ -111,6 +122,7 @@ def firmware_block(recording: Recording, robot: Robot, wire: Wire) -> FirmwareBl
     windows = cut_windows(odometry, recording.t_s)
     if windows.count == 0:
         return None
+    windows = replace(windows, has_all_inputs=came_in_time(inputs, recording, wire))
     lag = best_lag(float_steps(inputs), windows, inputs.at_row)
     places = np.clip(inputs.at_row - lag, 0, inputs.ticks - 1)
 
@@ -126,14 +138,14 @@ def firmware_block(recording: Recording, robot: Robot, wire: Wire) -> FirmwareBl
 
     plain = bench(inputs, places, lag)
     if plain.is_equal(plain.described):
-        return FirmwareBlock(plain)
+        return FirmwareBlock(plain, without)
     others = []
     arrived = as_arrived(inputs, recording, wire)
     if arrived is not None:
         known = bench(arrived.inputs, arrived.places, 0)
         others.append(replace(known, repeats=arrived.repeats, knows_arrivals=True))
     others += [bench(inputs.with_gyro_late(late), places, lag) for late in _GYRO_LATE]
-    return FirmwareBlock(_in_step(plain, others))
+    return FirmwareBlock(_in_step(plain, others), without)
 
 
 def _in_step(plain: Workbench, others: Sequence[Workbench]) -> Workbench:

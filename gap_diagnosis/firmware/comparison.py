@@ -12,6 +12,11 @@ A program that is named must fit nearly all windows in one of the first three wa
 that it gives whole, to the last digit, is proof. The catch-all, "some other arithmetic", has at
 least one component (forward, left, turn) that is wild throughout, but may take out a smooth
 function of the motion first.
+
+Where the log has all that the ECU had in each tick, there is no excuse: a kernel that ran gives the
+record to its digits in every window, or it is not the one that ran (`exact_score`). The catch-all
+is then the same kernel with a change that nobody listed: any part of the windows is off by anything
+(`changed_score`).
 """
 
 from __future__ import annotations
@@ -22,6 +27,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
 from gap_diagnosis.firmware.inputs import Odometry
 from gap_diagnosis.recording import Floats, Ints
@@ -44,6 +50,12 @@ _WEIGHT_EXACT: Final = 0.34
 _WEIGHT_PRACTICAL: Final = 0.34
 _WEIGHT_WILD: Final = 0.02
 _DECADES: Final = 30.0  # e-folds over which a wild misfit is spread
+_FREEDOM: Final = (
+    4.0  # of Student's density about a digit: no edge, and no room for more than a few
+)
+LOG_NO_EXCUSE: Final = math.log(1e-6)
+"""So rarely a kernel that ran on known inputs gives another record, for a reason of no interest."""
+_SHARES: Final = (np.arange(40) + 0.5) / 40.0
 
 COMPONENTS: Final = 3
 
@@ -61,6 +73,7 @@ class Windows:
         pose: float64[r, 3], the record.
         from_power_on: the replay begins with the ECU. Else the remainders that it carried into the
             log are unknown, and the last digits prove nothing.
+        has_all_inputs: the log has, for each tick, what the ECU had in it.
     """
 
     rows: Ints
@@ -71,6 +84,12 @@ class Windows:
     quantum: Floats
     pose: Floats
     from_power_on: bool = True
+    has_all_inputs: bool = False
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether a kernel that ran must give the record."""
+        return self.from_power_on and self.has_all_inputs
 
     @property
     def count(self) -> int:
@@ -90,6 +109,7 @@ class Windows:
             self.quantum,
             self.pose[:end],
             self.from_power_on,
+            self.has_all_inputs,
         )
 
 
@@ -157,6 +177,42 @@ def score(windows: Windows, replayed: Floats) -> float:
     """Return the log likelihood of a named program's replay."""
     whole = _WHOLE_NATS if windows.from_power_on and is_equal(windows, replayed) else 0.0
     return float(np.sum(component_scores(windows, replayed))) + whole
+
+
+def exact_score(windows: Windows, replayed: Floats) -> float:
+    """Return the log likelihood of a kernel that ran on inputs which are all known."""
+    whole = _WHOLE_NATS if is_equal(windows, replayed) else 0.0
+    same = float(np.sum(_to_digits(windows, replayed)[1]))
+    missed = LOG_NO_EXCUSE + changed_score(windows, replayed)
+    return float(np.logaddexp(same, missed)) + whole
+
+
+def changed_score(windows: Windows, replayed: Floats) -> float:
+    """Return the log likelihood of the replayed kernel with a change that nobody listed.
+
+    Of each component any share of the windows is as replayed, and the others are off by anything:
+    all shares are as likely, and all sizes from a digit on, in logarithm.
+    """
+    off, same = _to_digits(windows, replayed)
+    size = np.maximum(np.abs(off), windows.quantum) / windows.floor
+    changed = -math.log(2.0 * _DECADES) - np.log(size)
+    shares = _SHARES[:, None, None]
+    logs = np.sum(np.logaddexp(np.log(shares) + same, np.log1p(-shares) + changed), axis=1)
+    return float(np.sum(np.logaddexp.reduce(logs, axis=0) - math.log(len(_SHARES))))
+
+
+def _to_digits(windows: Windows, replayed: Floats) -> tuple[Floats, Floats]:
+    """Return the misfits, and their log density where they are digits: float64[w, 3] each."""
+    off = misfit(windows, replayed)
+    off = np.where(np.isfinite(off), off, 1e30)
+    digits = _EXACT_QUANTA * windows.quantum
+    few = student_t.logpdf(off / digits, _FREEDOM) + np.log(windows.floor / digits)
+    none = np.where(
+        equal_windows(windows, replayed),
+        np.log(windows.floor / (2.0 * digits)) + _EQUAL_NATS,
+        -np.inf,
+    )
+    return off, np.asarray(np.logaddexp(few, none) - math.log(2.0))
 
 
 def component_scores(windows: Windows, replayed: Floats) -> Floats:

@@ -18,11 +18,15 @@ _ALIKE_NATS: Final = 2.0
 
 @dataclass(frozen=True)
 class Scored:
-    """A candidate with its logarithms of prior (with that of its program) and likelihood."""
+    """A candidate with its logarithms of prior (with that of its program) and likelihood.
+
+    `log_changed` is the likelihood of its program with a further change that nobody listed.
+    """
 
     candidate: Candidate
     log_prior: float
     log_likelihood: float
+    log_changed: float = -math.inf
 
     @property
     def total(self) -> float:

@@ -8,7 +8,7 @@ is known. An effect alters the first three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
@@ -33,7 +33,7 @@ from gap_diagnosis.firmware.foreign import FOREIGN, Foreign, foreign_replay
 from gap_diagnosis.firmware.leftover import flexible, size_of
 from gap_diagnosis.firmware.offsets import offset_programs
 from gap_diagnosis.firmware.replay import Program
-from gap_diagnosis.firmware.scored import Scored
+from gap_diagnosis.firmware.scored import Scored, log_sum
 from gap_diagnosis.firmware.timed import (
     auto_zero_candidates,
     calibration_candidates,
@@ -70,6 +70,7 @@ class Singles:
         """Prepare; nothing is replayed yet."""
         self.bench = bench
         self._known: dict[str, list[Scored]] = {}
+        self._kernels: dict[str, list[Scored]] = {}
 
     @cached_property
     def is_equal(self) -> bool:
@@ -79,8 +80,19 @@ class Singles:
     @cached_property
     def other(self) -> float:
         """Prior times likelihood of some other arithmetic, in logarithm: blind to all effects."""
+        if self.bench.windows.is_exact:
+            return -math.inf
         poses = [self.bench.described] + ([] if self.is_equal else self.best_poses)
         return P_OTHER + max(self._wild_score(pose) for pose in poses)
+
+    def changed(self, effects: Collection[str]) -> float:
+        """The same of a kernel with a change that nobody listed: near the described one in a part
+        of the windows, or near one with a listed effect."""
+        if self.is_equal:
+            return -math.inf
+        near = [self._without_effect, *map(self._kernel, sorted(effects))]
+        known = [one.log_prior + one.log_changed for several in near for one in several]
+        return log_sum(known) - math.log(len(near))
 
     def _wild_score(self, pose: Floats) -> float:
         """Return the log likelihood of arithmetic that is another's in one component at least."""
@@ -96,19 +108,29 @@ class Singles:
     @cached_property
     def no_effect(self) -> list[Scored]:
         """What the programs without an effect say; some other arithmetic is not among them."""
-        bench = self.bench
+        bench, nothing = self.bench, Candidate({}, {}, 0.0, {})
+        if self.is_equal:
+            return self._without_effect
+        share = _P_FOREIGN - math.log(len(FOREIGN))
+        return self._without_effect + [
+            Scored(nothing, share, bench.foreign_score(self._foreign_pose(program)))
+            for program in FOREIGN
+        ]
+
+    @cached_property
+    def _without_effect(self) -> list[Scored]:
+        """What the kernels without an effect say."""
         nothing = Candidate({}, {}, 0.0, {})
-        found = [Scored(nothing, P_DESCRIBED, bench.score(bench.described))]
+        found = [self._scored(nothing, P_DESCRIBED, self.bench.described)]
         if self.is_equal:
             return found
-        found += [
-            Scored(nothing, _P_OFFSET, bench.score(bench.poses(program)))
-            for program in self._offsets
-        ]
-        share = _P_FOREIGN - math.log(len(FOREIGN))
         return found + [
-            Scored(nothing, share, bench.score(self._foreign_pose(program))) for program in FOREIGN
+            self._scored(nothing, _P_OFFSET, self.bench.poses(program)) for program in self._offsets
         ]
+
+    def _scored(self, one: Candidate, log_prior: float, pose: Floats) -> Scored:
+        bench = self.bench
+        return Scored(one, log_prior, bench.score(pose), bench.changed_score(pose))
 
     @cached_property
     def _offsets(self) -> list[Program]:
@@ -149,11 +171,16 @@ class Singles:
     def single(self, effect: str) -> list[Scored]:
         """Return the scored candidates of one effect, under every kind of program."""
         if effect not in self._known:
-            found = self._kernel_scores(effect)
+            found = self._kernel(effect)
             if not self.is_equal:
-                found += self._foreign_scores(effect)
+                found = found + self._foreign_scores(effect)
             self._known[effect] = found
         return self._known[effect]
+
+    def _kernel(self, effect: str) -> list[Scored]:
+        if effect not in self._kernels:
+            self._kernels[effect] = self._kernel_scores(effect)
+        return self._kernels[effect]
 
     def _kernel_scores(self, effect: str) -> list[Scored]:
         bench = self.bench
@@ -184,16 +211,16 @@ class Singles:
             kept = [at for at in order[:_KEPT_AFTER_SCREEN] if scores[at] >= worst]
             pairs = [pairs[at] for at in sorted(kept)]
         found = [
-            Scored(one, P_DESCRIBED + one.log_prior, bench.score(bench.poses(program)))
+            self._scored(one, P_DESCRIBED + one.log_prior, bench.poses(program))
             for one, program in pairs
         ]
         if self._offset is None:
             return found
         return found + [
-            Scored(
+            self._scored(
                 one,
                 _P_OFFSET + one.log_prior,
-                bench.score(bench.poses(replace(program, offset_lsb=self._offset))),
+                bench.poses(replace(program, offset_lsb=self._offset)),
             )
             for one, program in pairs
             if program.offset_lsb is None
@@ -278,17 +305,17 @@ class Singles:
                     program, bench.steps, bench.windows, bench.places, scaled=str(constant)
                 )
                 one = parameter.at(scale, 3e-5)
-                found.append(Scored(one, share + one.log_prior, bench.score(pose)))
+                found.append(Scored(one, share + one.log_prior, bench.foreign_score(pose)))
             others = listed(effect, bench.config) if effect == "stale_heading" else []
             if effect == "auto_zero":
                 others = auto_zero_candidates(bench)
-            alone = bench.score(self._foreign_pose(program))
+            alone = bench.foreign_score(self._foreign_pose(program))
             silent = self._silent_candidate(effect)
             if silent is not None:
                 found.append(Scored(silent, share + _P_SILENT, alone))
             for one in others:
                 pose = self._foreign_pose(program, changes=one.changes)
-                found.append(Scored(one, share + one.log_prior, bench.score(pose)))
+                found.append(Scored(one, share + one.log_prior, bench.foreign_score(pose)))
         return found
 
     def _silent_candidate(self, effect: str) -> Candidate | None:

@@ -70,6 +70,7 @@ def exact_auto_zero(bench: Workbench) -> list[Candidate]:
     """
     tried = np.geomspace(*_THRESHOLDS_RAD_S, _THRESHOLD_POINTS)
     for _ in range(_CLOSINGS):
+        at_most = len(tried) - 1
         held = [_held_rows(bench, float(one)) for one in tried]
         at = int(np.argmax(held))
         if held[at] == len(bench.windows.rows):
@@ -87,10 +88,13 @@ def exact_auto_zero(bench: Workbench) -> list[Candidate]:
                     {"auto_zero.threshold": width},
                 )
             ]
-        # Several thresholds may hold equally long: the right one lies among them or beside them.
+        # All that hold equally long fail at the same turn, on one side of the right one: it lies
+        # just below the first of them or just above the last.
         best = np.flatnonzero(np.array(held) == held[at])
-        low, high = tried[max(best[0] - 1, 0)], tried[min(best[-1] + 1, len(tried) - 1)]
-        tried = np.linspace(low, high, _THRESHOLD_POINTS)
+        first, last = best[0], best[-1]
+        below = np.linspace(tried[max(first - 1, 0)], tried[first], _THRESHOLD_POINTS // 2)
+        above = np.linspace(tried[last], tried[min(last + 1, at_most)], _THRESHOLD_POINTS // 2)
+        tried = np.concatenate([below, above])
     return []
 
 

@@ -13,7 +13,14 @@ from scipy.optimize import minimize_scalar
 
 from firmware_model import KernelConfig
 from gap_diagnosis.firmware.candidates import altered_config
-from gap_diagnosis.firmware.comparison import Windows, is_equal, misfit, score
+from gap_diagnosis.firmware.comparison import (
+    Windows,
+    changed_score,
+    exact_score,
+    is_equal,
+    misfit,
+    score,
+)
 from gap_diagnosis.firmware.foreign import Steps, recorded_path
 from gap_diagnosis.firmware.inputs import ReplayInputs
 from gap_diagnosis.firmware.replay import Program, Start, replay
@@ -93,7 +100,18 @@ class Workbench:
         return np.asarray(np.abs(np.diff(heading, prepend=heading[0])) > 0.0)
 
     def score(self, pose: Floats) -> float:
-        """Return the log likelihood of a named program's pose."""
+        """Return the log likelihood of a kernel's pose."""
+        return (exact_score if self.windows.is_exact else score)(self.windows, pose)
+
+    def changed_score(self, pose: Floats) -> float:
+        """Return the same of that kernel with a change that nobody listed.
+
+        Only where the log has all that the ECU had: elsewhere no window says what should have been.
+        """
+        return changed_score(self.windows, pose) if self.windows.is_exact else -math.inf
+
+    def foreign_score(self, pose: Floats) -> float:
+        """Return the log likelihood of a float program's pose: it need not give the digits."""
         return score(self.windows, pose)
 
     @property

@@ -148,15 +148,6 @@ def test_a_constant_is_known_to_the_values_that_give_the_same_bits_and_no_finer(
     assert 23 <= np.count_nonzero(inside) <= 39
 
 
-def test_zeroed_turns_are_found_with_their_threshold() -> None:
-    runs = plant_runs(LONG_TICKS)
-    block = block_of(recording_of(runs, kernel_pose(runs, auto_zero_rad_s=0.01)))
-    found = evidences(block)
-    assert max(found, key=lambda name: found[name]) == "auto_zero"
-    threshold = block.fit(frozenset({"auto_zero"})).parameters["auto_zero.threshold"]
-    assert threshold.value == pytest.approx(0.01, rel=0.01)
-
-
 @pytest.mark.parametrize("start_s", [3.0, 8.0])
 def test_a_calibration_in_motion_is_found_with_its_window(start_s: float) -> None:
     runs = plant_runs(TICKS)

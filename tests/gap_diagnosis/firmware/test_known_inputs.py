@@ -1,0 +1,56 @@
+"""Where a log has all that the ECU had, a program that ran gives the odometry to the bit."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+from simulated import kernel_pose, plant_runs, recording_of, robot, wire
+
+from gap_diagnosis.firmware import firmware_block
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios.named import square
+
+CLEAR_NATS = 8.0
+PROOF_NATS = 500.0
+TICKS = 2000
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("auto_zero", {"threshold": 0.008}),
+        ("coarse_trig_table", {"entries": 16, "interpolated": 0}),
+    ],
+)
+def test_a_program_without_a_name_is_not_told_by_one_that_comes_near(
+    effect: str, values: dict[str, Any]
+) -> None:
+    setting = EffectSetting(effect, tuple(values.items()))
+    recording = synthetic_recording(robot(), wire(), square(), [setting], 4, duration_s=20.0)
+    whole = firmware_block(recording, robot(), wire())
+    lacking = firmware_block(recording, robot(), wire(), frozenset({effect}))
+    assert whole is not None
+    assert lacking is not None
+    own = whole.fit(frozenset({effect})).log_evidence
+    named = max(lacking.fit(frozenset({one})).log_evidence for one in lacking.effects)
+    left = lacking.leftover().log_evidence
+    assert own > left + PROOF_NATS
+    assert left > max(named, 0.0) + CLEAR_NATS
+
+
+@pytest.mark.parametrize(("seed", "rate_rad_s"), [(1, 0.03), (2, 0.004)])
+def test_a_threshold_is_found_whose_neighbours_all_fail_at_the_same_turn(
+    seed: int, rate_rad_s: float
+) -> None:
+    blending = robot().firmware.model_copy(update={"mode": "blend"})
+    one = dataclasses.replace(robot(), firmware=blending)
+    runs = plant_runs(TICKS, seed)
+    pose = kernel_pose(runs, one, auto_zero_rad_s=rate_rad_s)
+    block = firmware_block(recording_of(runs, pose), one, wire())
+    assert block is not None
+    fit = block.fit(frozenset({"auto_zero"}))
+    assert fit.log_evidence > PROOF_NATS
+    threshold = fit.parameters["auto_zero.threshold"].samples
+    assert threshold is not None
+    assert threshold.min() < rate_rad_s < threshold.max()
