@@ -121,6 +121,7 @@ class Channel:
                 self.at(self.now_ns + delay_ns, _push_of(controller, one))
             else:
                 controller.queue.push(one)
+        self.faults.let_go()
 
     def inject(self, fault: BusFault, seed: int) -> ActiveFault:
         """Switch a fault on."""

@@ -77,6 +77,8 @@ class BusFault:
             raise CanBusError(f"{what}: delay_s = {self.delay_s}: expected more than 0")
         if kind == "babbling" and not 0.0 <= self.delay_s < float("inf"):
             raise CanBusError(f"{what}: delay_s = {self.delay_s}: expected 0 or more")
+        if self.receivers is not None and kind not in ("loss", "corruption"):
+            raise CanBusError(f"{what}: receivers: it strikes a frame before anyone receives it")
         if kind == "corruption" and not self.bits:
             raise CanBusError(f"{what} needs bits: places on the wire, 0 is the start of frame")
         if any(not 0 <= place < _LONGEST_PLACE for place in self.bits):
@@ -181,6 +183,14 @@ class FaultPlan:
         places = self._places(active.fault.kind)
         if places is not None and active in places and not active.held:
             places.remove(active)
+        self._look_again()
+
+    def let_go(self) -> None:
+        """Forget the faults that were switched off and have now released what they held."""
+        self.queueing = [one for one in self.queueing if one.is_on or one.held]
+        self._look_again()
+
+    def _look_again(self) -> None:
         self.is_empty = not (self.queueing or self.corruption or self.loss or self.silence)
 
     def is_silent(self, node: str, now_ns: int) -> bool:

@@ -110,6 +110,8 @@ def test_a_frame_that_waits_for_the_next_comes_though_the_fault_was_switched_off
             sender.clear(fault)
         sender.send(frame(number))
     assert numbers(receiver) == [0, 2, 1, 3]
+    # Then nothing is left of it that would hold up the bus.
+    assert sender._channel.faults.is_empty
 
 
 def test_a_babbling_node_starves_all_below_it_and_nobody_above(node: OpenNode) -> None:
@@ -229,6 +231,7 @@ BAD_FAULTS = [
     ({"kind": "silence"}, "bus fault 'silence' needs the name of a node"),
     ({"kind": "babbling", "node": "b"}, "bus fault 'babbling' needs an arbitration_id"),
     ({"kind": "delay"}, "bus fault 'delay': delay_s = 0.0: expected more than 0"),
+    ({"kind": "delay", "delay_s": 0.1, "receivers": ("r",)}, "'delay': receivers: it strikes"),
     ({"kind": "corruption"}, "bus fault 'corruption' needs bits"),
     ({"kind": "corruption", "bits": (-1,)}, r"bits = \(-1,\): expected 0 to 511"),
     ({"kind": "loss", "probability": 1.5}, "probability = 1.5: expected 0 to 1"),

@@ -132,6 +132,11 @@ SIMULATED: tuple[Row, ...] = (
         "fault 1: bus fault 'delay': delay_s = 0.0: expected more than 0",
     ),
     _fault(
+        "a delay for one receiver",
+        '[[fault]]\nkind = "delay"\ndelay_s = 0.1\nreceivers = ["ecu"]\n',
+        "fault 1: bus fault 'delay': receivers: it strikes a frame before anyone receives it",
+    ),
+    _fault(
         "babble with a negative pause",
         '[[fault]]\nkind = "babbling"\nnode = "ecu"\narbitration_id = 1\ndelay_s = -1\n',
         "fault 1: bus fault 'babbling': delay_s = -1: expected 0 or more",
