@@ -78,7 +78,7 @@ def analyse(
     motion, gross = None, False
     blocks: list[Block] = []
     # What a stale producer said again, only the ECU took for news.
-    bus = bus_block(recording, wire) if recording.frames else None
+    bus = bus_block(recording, robot, wire) if recording.frames else None
     as_received, recording = recording, recording if bus is None else bus.without_stale()
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:

@@ -20,9 +20,11 @@ from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
 from hil_harness.odometry_frames import ODOMETRY_ROLES
+from hil_harness.robot import Robot
 from hil_harness.sensor_frames import SENSOR_ROLES
 from hil_harness.signal_roles import Role
 
@@ -48,9 +50,9 @@ class _Option:
     windows: Windows = ()
 
 
-def bus_block(recording: Recording, wire: Wire) -> BusBlock | None:
+def bus_block(recording: Recording, robot: Robot, wire: Wire) -> BusBlock | None:
     """Return the block, or None where the log tells nothing of frames or clock."""
-    block = BusBlock(recording, wire)
+    block = BusBlock(recording, robot, wire)
     return block if block.effects else None
 
 
@@ -63,8 +65,9 @@ class BusBlock:
 
     name = "bus"
 
-    def __init__(self, recording: Recording, wire: Wire) -> None:
+    def __init__(self, recording: Recording, robot: Robot, wire: Wire) -> None:
         self._recording = recording
+        self._robot = robot
         self._wire = wire
         sensors = {
             mapped.message.name
@@ -213,9 +216,9 @@ class BusBlock:
     def _staleness(self) -> dict[str, Staleness]:
         sensors = [one for one in self._messages if one.is_sensor]
         gyro = self._carrier("gyro")
-        return {
-            one.name: staleness(one, self._recording, has_gyro=one.name == gyro) for one in sensors
-        }
+        # To and fro across the edge of a narrow counter no wheel turns.
+        counted = unwrapped(self._recording, self._robot)
+        return {one.name: staleness(one, counted, has_gyro=one.name == gyro) for one in sensors}
 
     def _carrier(self, role: Role) -> str | None:
         mapped = self._wire.signal_map.get(role)

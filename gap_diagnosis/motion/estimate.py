@@ -49,8 +49,7 @@ def estimate_motion(
     rad_per_count = math.tau / plant.encoder.ticks_per_rev
     dt_s = np.diff(t_s, prepend=t_s[0])
     step_s = float(np.median(dt_s[1:]))
-    fastest = plant.drive.max_wheel_rate_rad_s * step_s / rad_per_count
-    bits, jumps = _jumps((recording.left_ticks, recording.right_ticks), fastest)
+    bits, jumps = _jumps(recording, robot)
     left, right = (
         (_filled(ticks - np.cumsum(jump), t_s)) * rad_per_count
         for ticks, jump in zip((recording.left_ticks, recording.right_ticks), jumps, strict=True)
@@ -144,21 +143,25 @@ def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:
 
 def unwrapped(recording: Recording, robot: Robot) -> Recording:
     """Return the recording without the jumps of a counter narrower than described."""
-    motion = estimate_motion(recording, robot)
-    if not motion.wrap_bits:
+    bits, (left, right) = _jumps(recording, robot)
+    if not bits:
         return recording
     return replace(
         recording,
-        left_ticks=recording.left_ticks - np.cumsum(motion.left_jump_rad) / motion.rad_per_count,
-        right_ticks=recording.right_ticks - np.cumsum(motion.right_jump_rad) / motion.rad_per_count,
+        left_ticks=recording.left_ticks - np.cumsum(left),
+        right_ticks=recording.right_ticks - np.cumsum(right),
     )
 
 
-def _jumps(counters: Sequence[Floats], fastest: float) -> tuple[int, list[Floats]]:
+def _jumps(recording: Recording, robot: Robot) -> tuple[int, list[Floats]]:
     """Return the width at which narrow counters wrap, and their jumps in counts, float64[n].
 
     Between the counts that are known: halfway across a jump there is nothing to go by.
     """
+    counters = (recording.left_ticks, recording.right_ticks)
+    turns_per_s = robot.plant.drive.max_wheel_rate_rad_s / math.tau
+    tick_s = float(np.median(np.diff(recording.t_s)))
+    fastest = turns_per_s * robot.plant.encoder.ticks_per_rev * tick_s
     known = [np.flatnonzero(np.isfinite(counts)) for counts in counters]
     steps = [
         np.diff(counts[at], prepend=counts[at][:1])

@@ -63,7 +63,7 @@ class _Likelihoods:
         self._blocks: list[Block] = [
             block
             for block in (
-                bus_block(recording, job.wire) if recording.frames else None,
+                bus_block(recording, job.robot, job.wire) if recording.frames else None,
                 drive_block(recording, robot, frozenset()),
                 codes_block(recording, robot),
                 firmware_block(recording, robot, job.wire),

@@ -13,6 +13,7 @@ from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
+from hil_harness.scenarios.named import calibration
 from hil_harness.scenarios.named import random as random_scenario
 
 WIRE = load_wire()
@@ -26,7 +27,7 @@ def recording(seed: int = 1, **effects: Mapping[str, Any]) -> Recording:
 
 
 def block_of(made: Recording) -> BusBlock:
-    block = bus_block(made, WIRE)
+    block = bus_block(made, ROBOT, WIRE)
     assert block is not None
     return block
 
@@ -51,6 +52,13 @@ def test_an_everyday_bus_speaks_for_no_effect(seed: int) -> None:
     }
     block = block_of(replace(made, frames=frames, clock_skew=3e-5, clock_skew_sd=1e-6))
     assert max(evidence(block, one) for one in block.effects) <= 0.5
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_wheel_that_stands_on_the_edge_of_a_narrow_counter_says_nothing_again(seed: int) -> None:
+    wrap = EffectSetting("encoder_wrap", (("bits", 12),))
+    made = synthetic_recording(ROBOT, WIRE, calibration(), (wrap,), seed, duration_s=20.0)
+    assert evidence(block_of(made), "stale_producer") <= 0.0
 
 
 CASES: list[tuple[str, dict[str, Any]]] = [
@@ -182,7 +190,7 @@ def test_a_table_tells_of_the_clock_alone() -> None:
     block = block_of(made)
     assert block.effects == {"clock_skew"}
     assert evidence(block, "clock_skew") > 20
-    assert bus_block(replace(made, clock_skew_sd=float("nan")), WIRE) is None
+    assert bus_block(replace(made, clock_skew_sd=float("nan")), ROBOT, WIRE) is None
 
 
 def test_a_log_with_fewer_frames_of_a_sensor_than_a_stale_run_is_judged_by_is_read() -> None:
