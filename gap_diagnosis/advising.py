@@ -18,7 +18,7 @@ from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import Advice, Candidate, EffectSet
 from gap_diagnosis.structure import sights_of, twins_on
-from hil_harness.assembly import Wire
+from hil_harness.assembly import Wire, load_wire
 from hil_harness.robot import Robot
 
 _MOST_RIVALS: Final = 8
@@ -74,7 +74,7 @@ def advice_for(
         rivals = _rivals(truth, rivals_named, motions)
         levels = motions[0].levels
         equipment = equipment_of(motions[0].model.recording)
-        plan = Plan(winner.effects, truth, robot, wire, motions[0].model.prior)
+        plan = Plan(winner.effects, truth, robot, _drivable(wire), motions[0].model.prior)
         left, advice = plan.against(rivals, equipment, levels)
         if left and equipment.reference_hz is None:
             assumed = levels.copy()
@@ -87,6 +87,12 @@ def advice_for(
     if hopeless:
         advice.append(_in_vain(winner.effects, hopeless))
     return tuple(advice)
+
+
+def _drivable(wire: Wire) -> Wire:
+    """Return a wire that a simulated loop can use: wheels' speeds can only be read from a log."""
+    is_speed = wire.signal_map["left_count"].quantity in ("speed", "turn rate")
+    return load_wire() if is_speed else wire
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ LONGEST_STALE_S: Final = 0.3
 """What repeats for longer is frozen: that is the sensor's fault, not its sender's."""
 _BY_CHANCE: Final = 0.01
 _SURE_LENGTH: Final = 3
+_NO_CHANGE: Final = 1e-6
 _WANDER_FRAMES: Final = 501
 _EARLIEST: Final = 1e-3
 """One stamp in a thousand may be early by mistake."""
@@ -219,13 +220,18 @@ def _around(values: NDArray[Any]) -> Floats:
     return np.asarray(sums[_CONTEXT : _CONTEXT + len(values)])
 
 
-def staleness(message: Message, recording: Recording, *, has_gyro: bool) -> Staleness:
+def staleness(
+    message: Message, recording: Recording, *, has_gyro: bool, has_speeds: bool
+) -> Staleness:
     """Find the stale runs of a sensor message.
 
     A run counts where the payload changes nearly always around it and the wheels turn before and
-    after; where the counts themselves stood still, they must leap by what they missed. A gyro at
+    after; where the counts themselves stood still, they must leap by what they missed, and where a
+    message has the wheels' speeds, these: a steady wheel says the same speed by itself. A gyro at
     the end of its range says the same for another reason.
     """
+    wheels = [recording.left_ticks, recording.right_ticks]
+    moved = [_speed_steps(counts) for counts in wheels] if has_speeds else wheels
     good = ~message.doubled & ~message.swapped
     tick, changes, stamp = message.tick[good], message.changes[good], message.t_s[good]
     speed = _speed(recording)
@@ -247,7 +253,7 @@ def staleness(message: Message, recording: Recording, *, has_gyro: bool) -> Stal
         turning = np.concatenate((moving[before], moving[after]))
         if np.mean(around[turning]) < _CHANGING if turning.any() else True:
             continue
-        if np.mean(turning) < 0.5 or not _leaps(recording, row[start - 1], row[stop], length):
+        if np.mean(turning) < 0.5 or not _leaps(moved, row[start - 1], row[stop], length):
             continue
         found.append((length, int(start), int(stop)))
     least = _beyond_chance([length for length, _, _ in found], chances)
@@ -288,13 +294,22 @@ def _speed(recording: Recording) -> Floats:
     return np.where(smooth >= 2.0, smooth, 0.0)
 
 
-def _leaps(recording: Recording, last: int, fresh: int, length: int) -> bool:
-    """Tell whether the counts went on during rows last to fresh, standing still or not."""
+def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool:
+    """Tell whether the wheels went on during rows last to fresh, standing still or not."""
     moved = 0.0
     usual = 0.0
-    for wheel in (recording.left_ticks, recording.right_ticks):
+    for wheel in wheels:
         usual += float(np.abs(wheel[last] - wheel[max(last - 4, 0)])) / 4
         moved += float(np.abs(wheel[fresh] - wheel[last]))
-    # A slow wheel shows the same count twice by itself.
+    # A slow wheel shows the same count twice by itself, a steady one the same speed.
     least = 2.0 if length >= _SURE_LENGTH else 8.0
     return bool(usual >= least and moved > 0.6 * usual * (length + 1))
+
+
+def _speed_steps(counts: Floats) -> Floats:
+    """Return speeds that were added up to counts, in steps of their signal."""
+    speed = np.diff(counts, append=counts[-1:])
+    changes = np.abs(np.diff(speed))
+    seen = changes[changes > _NO_CHANGE]
+    # Each count is the mean of two speeds.
+    return speed / (2.0 * float(seen.min())) if len(seen) else speed

@@ -152,12 +152,6 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     motion = nodes.motion
     out = np.full((CHANNELS, nodes.count), np.nan)
     d_x, d_y, d_heading = _deviations(motion, prediction)
-    delay = np.asarray(prediction.encoder_delay_s)
-    if np.any(delay != 0.0):
-        velocity_x, velocity_y = _velocity(motion)
-        d_x = d_x + delay * velocity_x
-        d_y = d_y + delay * velocity_y
-        d_heading = d_heading + delay * _at_end(motion.turn_rate_rad_s)
     if motion.gyro_turn_rad is not None:
         extra = np.cumsum((prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s)
         turned = motion.heading_rad - motion.heading_rad[0]
@@ -191,12 +185,6 @@ def _described(motion: Motion, step_s: float) -> Floats:
     return np.asarray(gaussian_filter1d(places, _SHARP_S / step_s, mode="nearest"))
 
 
-def _velocity(motion: Motion) -> tuple[Floats, Floats]:
-    cosine, sine = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
-    speed_m_s = _at_end(motion.speed_m_s)
-    return speed_m_s * cosine, speed_m_s * sine
-
-
 def _at_end(means: Floats) -> Floats:
     """Return what means over ticks are at the ticks' ends."""
     return np.asarray(0.5 * (means + np.append(means[1:], means[-1])))
@@ -206,7 +194,8 @@ def _compare_reference(
     nodes: Nodes, p: Prediction, d_x: Floats, d_y: Floats, d_heading: Floats, out: Floats
 ) -> None:
     tick = nodes.sample_tick
-    delay_s = _at(p.reference_delay_s, tick)
+    # Counts that are stamped late see a reference that is early by as much.
+    delay_s = _at(p.reference_delay_s - p.encoder_delay_s, tick)
     is_timely = isinstance(delay_s, float) and delay_s == 0.0
     x_m, y_m, heading = (
         nodes.described_at_samples if is_timely else nodes.at_samples(nodes.sample_t_s - delay_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -20,8 +21,10 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.result_parts import Advice, Candidate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.assembly import Wire
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import load_scenario
+from hil_harness.signal_map import REQUIRED
 
 LESSON_SPEED_M_S = 0.6
 
@@ -35,13 +38,21 @@ def lesson_with_slip() -> Analysis:
     return analysis_of(drive("lesson", EffectSetting("lateral_slip", (("compliance", 0.05),))))
 
 
-def advice(winner: Candidate, analysis: Analysis) -> tuple[Advice, ...]:
-    return advice_for(winner, ROBOT, WIRE, [analysis])
+def advice(winner: Candidate, analysis: Analysis, wire: Wire = WIRE) -> tuple[Advice, ...]:
+    return advice_for(winner, ROBOT, wire, [analysis])
+
+
+def with_speeds(wire: Wire) -> Wire:
+    """Return a bus whose wheels say how fast they turn: a log has them, a simulated loop not."""
+    signals = dict(wire.signal_map.signals)
+    for role in REQUIRED:
+        signals[role] = replace(signals[role], kind="physical", quantity="speed")
+    return replace(wire, signal_map=replace(wire.signal_map, signals=signals))
 
 
 def test_slip_is_told_from_a_lever_arm_by_a_drive_at_another_speed_or_on_the_spot():
     winner = named(("lateral_slip",), ("reference_lever_arm",))
-    (only,) = advice(winner, lesson_with_slip())
+    (only,) = advice(winner, lesson_with_slip(), with_speeds(WIRE))
     assert only.separates == (("lateral_slip",), ("reference_lever_arm",))
     assert only.expected_gain > 0.9
     assert only.scenario_file is not None

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from gap_diagnosis.bus import BusBlock, bus_block
+from gap_diagnosis.reading import read_recording
+from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.assembly import load_wire
@@ -191,6 +194,47 @@ def test_a_table_tells_of_the_clock_alone() -> None:
     assert block.effects == {"clock_skew"}
     assert evidence(block, "clock_skew") > 20
     assert bus_block(replace(made, clock_skew_sd=float("nan")), ROBOT, WIRE) is None
+
+
+SPEEDS = """VERSION ""
+BU_: A B
+BO_ 288 WHEELS: 4 A
+ SG_ left : 0|16@1+ (0.01,0) [0|300] "km/h" B
+ SG_ right : 16|16@1+ (0.01,0) [0|300] "km/h" B
+"""
+
+
+def speeds_evidence(folder: Path, held: int, seed: int) -> float:
+    """Return what speaks for a stale producer where speeds go up and down, with *held* cycles."""
+    random = np.random.default_rng(seed)
+    time_s = np.arange(6000) * 0.02
+    # From hard braking to hardly a digit in a second.
+    speed = 6000 + 300 * np.sin(time_s / 2) ** 3
+    codes = np.rint(speed[:, None] + random.normal(0, 0.3, (6000, 2))).astype(np.uint16)
+    if held:
+        for start in random.choice(np.arange(100, 5900, 50), 20, replace=False):
+            codes[start : start + held] = codes[start - 1]
+    (folder / "car.dbc").write_text(SPEEDS)
+    (folder / "map.toml").write_text(
+        '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\n'
+    )
+    log = folder / "car.log"
+    log.write_text(
+        "".join(
+            f"({at:.6f}) can0 120#{row.tobytes().hex()}\n"
+            for at, row in zip(time_s, codes, strict=True)
+        )
+    )
+    wire = wire_of_log(log, folder / "car.dbc", folder / "map.toml")
+    block = bus_block(read_recording(log, robot=ROBOT, wire=wire), wire)
+    assert block is not None
+    return evidence(block, "stale_producer")
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_steady_wheel_says_the_same_speed_by_itself(seed: int, tmp_path: Path) -> None:
+    assert speeds_evidence(tmp_path, 0, seed) <= 0.0
+    assert speeds_evidence(tmp_path, 6, seed) > 4
 
 
 def test_a_log_with_fewer_frames_of_a_sensor_than_a_stale_run_is_judged_by_is_read() -> None:

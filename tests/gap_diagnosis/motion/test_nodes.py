@@ -129,3 +129,31 @@ def test_a_wheel_that_counts_to_and_fro_at_rest_does_not_move():
     late = nodes.motion.t_s > log.t_s[-1] - 0.5 * stands_s
     assert np.count_nonzero(nodes.motion.left_step_rad[late]) > 100
     assert not nodes.smooth.left_step_rad[late].any()
+
+
+def test_counts_that_are_late_are_early_for_gyro_and_reference_alike():
+    late_s = 3 * RECORDING.tick_period_s
+    counts = {
+        name: np.concatenate([np.repeat(values[:1], 3), values[:-3]])
+        for name, values in (
+            ("left_ticks", RECORDING.left_ticks),
+            ("right_ticks", RECORDING.right_ticks),
+        )
+    }
+    nodes = nodes_of(replace(RECORDING, frames={}, **counts))
+    (variant,) = (
+        one
+        for one in EXPLAINED["frame_latency"].variants(nodes.motion)
+        if one.report["frame"] == "ENCODER"
+    )
+    before = residuals(nodes, predict(nodes.motion))
+    after = residuals(nodes, predict(nodes.motion, [(variant, (late_s,))]))
+    for channel in range(4):
+        assert np.nanstd(after[channel]) < 0.1 * np.nanstd(before[channel])
+
+
+def test_counts_and_reference_late_by_the_same_are_not_late_for_each_other():
+    prediction = Prediction(NODES.motion)
+    prediction.encoder_delay_s = prediction.reference_delay_s = 0.02
+    together, described = residuals(NODES, prediction), residuals(NODES, Prediction(NODES.motion))
+    assert together[:3, NODES.sample_node] == pytest.approx(described[:3, NODES.sample_node], abs=0)
