@@ -15,6 +15,7 @@ from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
+from gap_diagnosis.lost_tracking import Lost, with_tracking
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.estimate import unwrapped
@@ -43,6 +44,7 @@ class Analysis:
         alternatives: what an unlisted cause in the motion could depend on, best first.
         unknown: log evidence of an unlisted cause by stage, less that of no effect.
         outliers: number of reference samples left out.
+        lost: where the reference lost the robot, mended in the recording.
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
     """
@@ -55,6 +57,7 @@ class Analysis:
     outliers: int = 0
     burst: Burst | None = None
     traces: Mapping[str, Fit] = field(default_factory=dict)
+    lost: Lost = field(default_factory=Lost)
 
     @property
     def firmware(self) -> FirmwareBlock | None:
@@ -77,6 +80,7 @@ def analyse(
     *library* a user's own."""
     motion, gross = None, False
     blocks: list[Block] = []
+    recording, lost = with_tracking(recording, robot)
     # What a stale producer said again, only the ECU took for news.
     bus = bus_block(recording, robot, wire) if recording.frames else None
     as_received, recording = recording, recording if bus is None else bus.without_stale()
@@ -122,6 +126,7 @@ def analyse(
         outliers,
         burst,
         seen,
+        lost,
     )
 
 

@@ -15,6 +15,7 @@ from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
 from gap_diagnosis.how_far import Shrink, shrink
+from gap_diagnosis.lost_tracking import with_tracking
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.priors import Prior, default_prior, with_library
 from gap_diagnosis.ranking import Ranking, rank
@@ -92,6 +93,7 @@ def diagnose_recordings(
     *library* adds a user's own."""
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
+    held = None if held is None else with_tracking(held, robot)[0]
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal
@@ -125,8 +126,27 @@ def notes_on(
                 f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
                 "off their neighbours and were left out."
             )
+        notes += _on_lost_tracking(analysis)
         notes += _on_burst(analysis) if is_unknown else []
     return (*notes, *more)
+
+
+def _on_lost_tracking(analysis: Analysis) -> list[str]:
+    """Say where the reference lost the robot, and what was done about it."""
+    name, lost = analysis.recording.name, analysis.lost
+    notes = []
+    if lost.frozen:
+        notes.append(
+            f"{name}: {lost.frozen} samples of the reference repeat an older pose while the wheels "
+            "drive on, and were left out."
+        )
+    for leap in lost.leaps:
+        notes.append(
+            f"{name}: the reference leaps by {1e3 * math.hypot(leap.x_m, leap.y_m):.0f} mm and "
+            f"{math.degrees(leap.heading_rad):.1f} degrees at {leap.t_s:.2f} s; what follows was "
+            "put back."
+        )
+    return notes
 
 
 def _on_burst(analysis: Analysis) -> list[str]:

@@ -1,0 +1,171 @@
+"""Where a reference lost the robot: poses that stand still while it drives, and leaps.
+
+A motion capture that loses its markers often repeats the last pose; one that finds other markers,
+or a receiver that fixes another integer, goes on somewhere else. Neither says anything of the
+robot: frozen poses are left out, what follows a leap is put back by its size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from gap_diagnosis.motion.estimate import dead_reckoned, estimate_motion
+from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, Recording, Reference
+from hil_harness.robot import Robot
+
+_FROZEN: Final = 5
+"""So many equal poses in a row are no chance, if the robot drove on by its wheels,"""
+_DRIVEN_M: Final = 0.03
+_DRIVEN_STEPS: Final = 3.0
+"""so far and by so many of the steps in which the reference counts,"""
+_AT_REST: Final = 0.5
+"""and if fewer than this share of the poses at rest repeat: a reference without noise may show a
+robot whose wheels spin."""
+_AROUND: Final = 5
+"""Samples on each side of a leap whose median says where it led."""
+_FAR: Final = 15.0
+"""In robust standard deviations."""
+_FASTEST_M_S: Final = 3.0
+"""No floor throws a robot so fast between two samples."""
+_MOST: Final = 20
+"""With more leaps than this, that is how the reference measures."""
+
+
+@dataclass(frozen=True)
+class Leap:
+    """A leap of the reference: the time of the first sample after it, and how far it leads."""
+
+    t_s: float
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+@dataclass(frozen=True)
+class Lost:
+    """What was mended.
+
+    Attributes:
+        frozen: samples left out.
+        leaps: put back.
+    """
+
+    frozen: int = 0
+    leaps: tuple[Leap, ...] = ()
+
+
+def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
+    """Return the recording without frozen poses and leaps of its reference, and what they were."""
+    reference = recording.reference
+    if reference is None or len(reference.t_s) < 4 * _AROUND:
+        return recording, Lost()
+    delay_s = coarse_delay_s(recording, robot)
+    motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
+    frozen = _frozen(reference, motion, delay_s)
+    kept = _only(reference, ~frozen) if frozen.any() else reference
+    leaps = _leaps(kept, motion, delay_s)
+    if not frozen.any() and not leaps:
+        return recording, Lost()
+    for leap in leaps:
+        kept = _put_back(kept, leap)
+    return replace(recording, reference=kept), Lost(int(frozen.sum()), tuple(leaps))
+
+
+def _frozen(reference: Reference, motion: Motion, delay_s: float) -> NDArray[np.bool_]:
+    """Tell of each sample, bool[s], whether it repeats an older pose though the robot drove on."""
+    same = (np.diff(reference.x_m) == 0) & (np.diff(reference.y_m) == 0)
+    if reference.heading_rad is not None:
+        same &= np.diff(reference.heading_rad) == 0
+    repeats = np.concatenate(([False], same))
+    way_m = np.cumsum(np.abs(_forward_m(motion)))
+    at = np.interp(reference.t_s - delay_s, motion.t_s, way_m)
+    stands = np.concatenate(([False], np.diff(at) == 0))
+    if stands.sum() > _FROZEN and repeats[stands].mean() > _AT_REST:
+        return np.zeros(len(repeats), dtype=np.bool_)
+    steps_m = np.abs(np.concatenate((np.diff(reference.x_m), np.diff(reference.y_m))))
+    least_m = float(np.min(steps_m, where=steps_m > 0, initial=np.inf))
+    far_m = max(_DRIVEN_M, _DRIVEN_STEPS * least_m)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], repeats.astype(np.int8), [0]))))
+    found = np.zeros(len(repeats), dtype=np.bool_)
+    for first, stop in edges.reshape(-1, 2):
+        if stop - first >= _FROZEN and at[stop - 1] - at[first - 1] > far_m:
+            found[first:stop] = True
+    return found
+
+
+def _leaps(reference: Reference, motion: Motion, delay_s: float) -> list[Leap]:
+    """Return the leaps: steps off dead reckoning that nothing on wheels could make."""
+    stamps = reference.t_s - delay_s
+    way = dead_reckoned(_forward_m(motion), motion.heading_rad)
+    x_m, y_m = (
+        measured - np.interp(stamps, motion.t_s, path)
+        for measured, path in zip((reference.x_m, reference.y_m), way, strict=True)
+    )
+    step = np.hypot(_step(x_m), _step(y_m))
+    sudden = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0]))
+    elapsed_s = np.diff(reference.t_s, prepend=reference.t_s[0] - 1.0)
+    noise = 1.4826 * float(np.median(step))
+    top = sudden == maximum_filter1d(sudden, 2 * _AROUND + 1)
+    is_leap = top & (step > _FAR * noise) & (sudden > 0.5 * step)
+    places = np.flatnonzero(is_leap & (step > _FASTEST_M_S * elapsed_s))
+    if len(places) > _MOST:
+        return []
+    turn = _turned(reference, motion, stamps)
+    return [
+        Leap(
+            float(reference.t_s[k]),
+            float(_step(x_m)[k]),
+            float(_step(y_m)[k]),
+            0.0 if turn is None else float(turn[k]),
+        )
+        for k in places
+    ]
+
+
+def _turned(reference: Reference, motion: Motion, stamps: Floats) -> Floats | None:
+    """Return how far the heading steps off the gyro's turn, or off the estimate without one."""
+    if reference.heading_rad is None:
+        return None
+    turned = motion.heading_rad if motion.gyro_turn_rad is None else motion.gyro_turn_rad
+    return _step(reference.heading_rad - np.interp(stamps, motion.t_s, turned))
+
+
+def _step(values: Floats) -> Floats:
+    """Return, float64[s], the median of the samples from each one on less that of those before."""
+    padded = np.pad(values, _AROUND, mode="edge")
+    windows = np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=-1)
+    return np.asarray(windows[_AROUND : _AROUND + len(values)] - windows[: len(values)])
+
+
+def _put_back(reference: Reference, leap: Leap) -> Reference:
+    after = reference.t_s >= leap.t_s
+    heading = reference.heading_rad
+    return replace(
+        reference,
+        x_m=reference.x_m - leap.x_m * after,
+        y_m=reference.y_m - leap.y_m * after,
+        heading_rad=None if heading is None else heading - leap.heading_rad * after,
+    )
+
+
+def _only(reference: Reference, kept: NDArray[np.bool_]) -> Reference:
+    heading = reference.heading_rad
+    return replace(
+        reference,
+        t_s=reference.t_s[kept],
+        x_m=reference.x_m[kept],
+        y_m=reference.y_m[kept],
+        heading_rad=None if heading is None else heading[kept],
+    )
+
+
+def _forward_m(motion: Motion) -> Floats:
+    """Return the described wheels' way in each tick, float64[n]."""
+    return np.asarray(0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad))

@@ -1,0 +1,77 @@
+"""Where a reference lost the robot is left out or put back, said, and no news of the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_outliers import drive, reference, with_x
+
+from gap_diagnosis.lost_tracking import Lost, with_tracking
+from gap_diagnosis.recording import Recording, Reference
+from hil_harness.robot import load_robot
+
+ROBOT = load_robot()
+FROZEN = slice(1000, 1200)
+
+
+def frozen() -> Reference:
+    """Return a reference that repeats its last pose for two seconds of a figure of eight."""
+    held = {}
+    for name in ("x_m", "y_m", "heading_rad"):
+        values = getattr(reference(), name).copy()
+        values[FROZEN] = values[FROZEN.start - 1]
+        held[name] = values
+    return replace(reference(), **held)
+
+
+def with_reference(changed: Reference) -> Recording:
+    return replace(drive(), reference=changed)
+
+
+def test_a_reference_that_holds_tracking_is_left_as_it_is() -> None:
+    same, lost = with_tracking(drive(), ROBOT)
+    assert lost == Lost()
+    assert same is drive()
+
+
+def test_poses_that_repeat_while_the_wheels_drive_are_left_out() -> None:
+    cleaned, lost = with_tracking(with_reference(frozen()), ROBOT)
+    assert cleaned.reference is not None
+    assert lost.frozen == FROZEN.stop - FROZEN.start
+    np.testing.assert_array_equal(
+        cleaned.reference.t_s, np.delete(reference().t_s, np.arange(FROZEN.start, FROZEN.stop))
+    )
+
+
+def test_a_reference_without_noise_may_show_wheels_that_spin() -> None:
+    """At rest it repeats itself too: that its pose stands still is no loss of tracking."""
+    still = frozen()
+    stands = slice(0, 120)
+    for name in ("x_m", "y_m", "heading_rad"):
+        values = getattr(still, name)
+        values[stands] = values[0]
+    resting = drive().left_ticks.copy(), drive().right_ticks.copy()
+    for ticks in resting:
+        ticks[stands] = ticks[stands.stop]
+    recording = replace(with_reference(still), left_ticks=resting[0], right_ticks=resting[1])
+    assert with_tracking(recording, ROBOT)[1].frozen == 0
+
+
+@pytest.mark.parametrize("leap_m", [0.05, -0.3, 5.0])
+def test_a_leap_is_put_back(leap_m: float) -> None:
+    x_m = reference().x_m.copy()
+    x_m[700:] += leap_m
+    cleaned, lost = with_tracking(with_x(x_m), ROBOT)
+    assert cleaned.reference is not None
+    (leap,) = lost.leaps
+    assert leap.t_s == reference().t_s[700]
+    np.testing.assert_allclose(cleaned.reference.x_m, reference().x_m, atol=2e-3)
+
+
+def test_what_wheels_could_do_is_no_leap() -> None:
+    """Ten centimetres within a tenth of a second: a slip, a kick, not another marker."""
+    x_m = reference().x_m.copy()
+    x_m[700:] += 0.1 * np.clip(np.arange(len(x_m) - 700) / 10.0, 0.0, 1.0)
+    assert with_tracking(with_x(x_m), ROBOT)[1] == Lost()
