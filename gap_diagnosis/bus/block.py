@@ -217,24 +217,20 @@ class BusBlock:
     def _staleness(self) -> dict[str, Staleness]:
         sensors = [one for one in self._messages if one.is_sensor]
         gyro = self._carrier("gyro")
-<<<<<<< ours
-        # To and fro across the edge of a narrow counter no wheel turns.
-        counted = unwrapped(self._recording, self._robot)
-        return {one.name: staleness(one, counted, has_gyro=one.name == gyro) for one in sensors}
-=======
         speeds = {
             mapped.message.name
             for role in REQUIRED
             if (mapped := self._wire.signal_map.get(role)) is not None
             and mapped.quantity in ("speed", "turn rate")
         }
+        # To and fro across the edge of a narrow counter no wheel turns.
+        counted = unwrapped(self._recording, self._robot)
         return {
             one.name: staleness(
-                one, self._recording, has_gyro=one.name == gyro, has_speeds=one.name in speeds
+                one, counted, has_gyro=one.name == gyro, has_speeds=one.name in speeds
             )
             for one in sensors
         }
->>>>>>> theirs
 
     def _carrier(self, role: Role) -> str | None:
         mapped = self._wire.signal_map.get(role)
