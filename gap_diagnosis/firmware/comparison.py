@@ -14,7 +14,7 @@ least one component (forward, left, turn) that is wild throughout, but may take 
 function of the motion first.
 
 Where the log has all that the ECU had in each tick, there is no excuse: a kernel that ran gives the
-record to its digits in every window, or it is not the one that ran (`exact_score`). The catch-all
+record to its last digit, or it is not the one that ran (`exact_score`). The catch-all
 is then the same kernel with a change that nobody listed: any part of the windows is off by anything
 (`changed_score`).
 """
@@ -180,11 +180,13 @@ def score(windows: Windows, replayed: Floats) -> float:
 
 
 def exact_score(windows: Windows, replayed: Floats) -> float:
-    """Return the log likelihood of a kernel that ran on inputs which are all known."""
-    whole = _WHOLE_NATS if is_equal(windows, replayed) else 0.0
-    same = float(np.sum(_to_digits(windows, replayed)[1]))
-    missed = LOG_NO_EXCUSE + changed_score(windows, replayed)
-    return float(np.logaddexp(same, missed)) + whole
+    """Return the log likelihood of a kernel that ran on inputs which are all known.
+
+    The record is its output, or else something is wrong that nobody knows.
+    """
+    if not is_equal(windows, replayed):
+        return LOG_NO_EXCUSE + changed_score(windows, replayed)
+    return float(np.sum(_to_digits(windows, replayed)[1])) + _WHOLE_NATS
 
 
 def changed_score(windows: Windows, replayed: Floats) -> float:

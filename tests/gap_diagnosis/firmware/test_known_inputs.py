@@ -21,6 +21,7 @@ TICKS = 2000
     [
         ("auto_zero", {"threshold": 0.008}),
         ("coarse_trig_table", {"entries": 16, "interpolated": 0}),
+        ("firmware_truncation", {"rounding": "toward_zero"}),
     ],
 )
 def test_a_program_without_a_name_is_not_told_by_one_that_comes_near(
