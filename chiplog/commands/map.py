@@ -37,14 +37,20 @@ def command(
     """
     from can_bus import load_database
     from chiplog.terminal import show_line, show_table
-    from gap_diagnosis.reading.map_text import propose_map
+    from gap_diagnosis.errors import DiagnosisError
+    from gap_diagnosis.reading.map_text import propose_map, signals_of
     from gap_diagnosis.reading.table_file import is_table
 
     given = parse_known(known or [])
     if out is not None and out.exists():
         raise CommandError(f"{out} exists: expected a new file, or remove it first")
     database = None if is_table(log) else load_database(dbc)
-    found, guesses, text = propose_map(log, database, given)
+    try:
+        found, guesses, text = propose_map(log, database, given)
+    except DiagnosisError:
+        # What there is to choose from; a log that cannot be read says so again here.
+        show_table(HEAD, [_row(signal, {}) for signal in signals_of(log, database).values()])
+        raise
     roles = {guess.signal.path: guess for guess in guesses.values()}
     show_table(HEAD, [_row(signal, roles) for signal in found.values()])
     if out is not None:

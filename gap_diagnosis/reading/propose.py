@@ -233,10 +233,14 @@ def _choose(
         if role in ("accel_x", "accel_y", "gyro"):
             axis = role[-1] if role != "gyro" else "z"
             axes = {_AXES[word] for word in words if word in _AXES}
-            score += 1.0 if axis in axes else -2.0 if axes else 0.0
+            if axes and axis not in axes:
+                continue
+            score += 1.0 if axes else 0.0
         invert = False
         if turn is not None and hits:
             likeness = _likeness(signal, turn, is_rate=role == "gyro")
+            if role == "odom_heading" and abs(likeness) < _CLEAR:
+                continue  # a steering wheel's angle is no heading
             score += 3.0 * abs(likeness)
             invert = likeness < -_CLEAR
             reasons.append(f"turns with the wheels ({likeness:+.2f})")
@@ -286,11 +290,29 @@ def _choose_wheels(search: _Search) -> None:
     if len(missing) == 2 and len(unnamed) >= 2:
         _sides_by_gyro(search, unnamed)
     elif missing:
+        bare = next((one for one in search.free if _is_bare_wheel(search, one)), None)
+        if bare is not None:
+            key = "column" if search.is_table else "signal"
+            raise DiagnosisError(
+                f"{bare.path} has the name of a wheel, and no unit: expected it in a map.toml, as "
+                f'in {missing[0]} = {{ {key} = "{bare.path}", unit = "km/h" }}'
+            )
         seen = ", ".join(search.found) if len(search.found) < 30 else f"{len(search.found)} signals"
         raise DiagnosisError(
             f"no signal looks like {' or '.join(missing)}: expected a wheel's counts, angle, "
             f"distance or speed among {seen}; --is {missing[0]}=SIGNAL says which"
         )
+
+
+def _is_bare_wheel(search: _Search, signal: FoundSignal) -> bool:
+    """Tell a wheel by its name whose values are no counts and whose unit nobody says."""
+    joined = " ".join(_words_of(signal))
+    return (
+        any(hint in joined for hint in _WHEEL_WORDS)
+        and unit_of_signal(signal, search.is_table).strip().lower() in COUNT_UNITS
+        and not signal.is_constant
+        and not _is_whole(signal)
+    )
 
 
 def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]:

@@ -53,6 +53,7 @@ def test_equal_candidates_end_with_status_two_and_both_names(
     said = chiplog("map", "table.csv", "--out", "map.toml")
     assert said.status == 2
     assert "left_count could be wheel_a as well as wheel_b" in said.err
+    assert "light" in said.out  # what there is to choose from
     assert not (tmp_path / "map.toml").exists()
     known = ("--is", "left_count=wheel_a", "--is", "right_count=wheel_b")
     assert chiplog("map", "table.csv", *known, "--out", "map.toml").status == 0

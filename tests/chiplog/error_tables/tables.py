@@ -232,6 +232,13 @@ TABLES: tuple[Row, ...] = (
         {"table.csv": table("t_s,a", lambda k: f"{k / 100},0")},
     ),
     Row(
+        "a table to look at whose wheels have no unit",
+        "chiplog map table.csv",
+        "WHEEL_FL has the name of a wheel, and no unit: expected it in a map.toml, as in "
+        'left_count = { column = "WHEEL_FL", unit = "km/h" }',
+        {"table.csv": table("t_s,WHEEL_FL,WHEEL_FR", lambda k: f"{k / 100},{k / 7},{k / 9}")},
+    ),
+    Row(
         "two columns that could be one sensor",
         "chiplog map table.csv",
         "gyro could be gyro_z_a_rad_s as well as gyro_z_b_rad_s: nothing in names, units or "

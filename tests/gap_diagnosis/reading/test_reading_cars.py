@@ -87,3 +87,18 @@ def test_front_and_rear_wheels_are_not_chosen_from_by_a_coin(tmp_path: Path) -> 
     names = "time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;wheel_fl_kmh"
     with pytest.raises(DiagnosisError, match=r"wheel_rl_kmh as well as wheel_fl_kmh.*--is"):
         propose_map(car(tmp_path, names), None)
+
+
+def test_wheels_without_a_unit_are_asked_for_it(tmp_path: Path) -> None:
+    names = "time_ms;WHEEL_FL;WHEEL_FR;yaw_deg_s;n"
+    with pytest.raises(DiagnosisError, match=r"WHEEL_FL has the name of a wheel, and no unit"):
+        propose_map(car(tmp_path, names), None)
+
+
+@pytest.mark.parametrize("name", ["STEER_ANGLE_deg", "LAT_ACCEL_m_s2"])
+def test_what_does_not_turn_is_no_heading_and_sideways_is_not_ahead(
+    name: str, tmp_path: Path
+) -> None:
+    names = f"time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;{name}"
+    _, guesses, _ = propose_map(car(tmp_path, names), None)
+    assert not {"odom_heading", "accel_x"} & guesses.keys()
