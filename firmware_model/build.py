@@ -72,6 +72,13 @@ def build_config(
     one, known = description, constants
     max_step_ticks = scales.max_step_ticks(asked)
     half_tick, count_limit = scales.half_tick(asked, max_step_ticks)
+    position_low, position_high = scales.word(one.position.word_bits)
+    position_shift = bounds.position_shift(asked)
+    if not allow_overflow:
+        held = bounds.position_count_limit(
+            asked, half_tick, max_step_ticks, position_shift, position_high
+        )
+        count_limit = min(count_limit, held)
 
     step_low, step_high = scales.word(one.step.word_bits)
     step_bound = min(half_tick.bound(2 * count_limit), -step_low)
@@ -92,8 +99,6 @@ def build_config(
     )
     blend_frac_bits = bounds.blend_frac_bits(asked, one_tick_turn)
 
-    position_low, position_high = scales.word(one.position.word_bits)
-    position_shift = bounds.position_shift(asked, step_bound, position_high)
     table, index_bits = _table(asked)
     v_rate = scales.rounded(asked.exact.tick_rate_hz, bounds.TICK_RATE_FRAC_BITS)
     v_shift = one.step.frac_bits + bounds.TICK_RATE_FRAC_BITS - one.velocity.frac_bits

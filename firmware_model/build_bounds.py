@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from firmware_model.build_scales import Asked
+from firmware_model.build_scales import Asked, Scale
 from firmware_model.errors import FirmwareError
 from firmware_model.integers import INTERMEDIATE_LIMIT
 
@@ -65,8 +65,8 @@ def blend_frac_bits(asked: Asked, one_tick_turn: int) -> int:
     return max(bits, 0)
 
 
-def position_shift(asked: Asked, step_bound: int, position_high: int) -> int:
-    """Return how many bits a step times a cosine is narrowed by; the longest fits the word."""
+def position_shift(asked: Asked) -> int:
+    """Return how many bits a step times a cosine is narrowed by."""
     one = asked.description
     shift = one.step.frac_bits + one.trig.frac_bits - one.position.frac_bits
     if shift < 0:
@@ -80,15 +80,29 @@ def position_shift(asked: Asked, step_bound: int, position_high: int) -> int:
             f"firmware.position.frac_bits = {one.position.frac_bits}: expected at least "
             f"{one.position.frac_bits + shift - 61}, given step.frac_bits and trig.frac_bits"
         )
-    # step · cosine ≤ 2^31 · 2^30; the carried remainder is at most 2^shift ≤ 2^61.
-    reach = (step_bound << one.trig.frac_bits >> shift) + 1
-    if reach > position_high and not asked.allow_overflow:
-        raise FirmwareError(
-            f"firmware.position.word_bits = {one.position.word_bits}: the longest step, "
-            f"{step_bound / (1 << one.step.frac_bits):.4g} m, does not fit: expected at least "
-            f"{reach.bit_length() + 1}, or fewer frac_bits"
-        )
     return shift
+
+
+def position_count_limit(
+    asked: Asked, half_tick: Scale, max_step_ticks: int, shift: int, position_high: int
+) -> int:
+    """Return the largest increment of both wheels whose step the position's word holds.
+
+    A longer gap is not bridged. How far many steps go is for `firmware_model.reach` to say.
+    """
+    # step · cosine ≤ 2^31 · 2^30; the carried remainder is at most 2^shift ≤ 2^61.
+    frac_bits = asked.description.trig.frac_bits
+    limit = half_tick.largest_factor((position_high << shift) - 1 >> frac_bits) // 2
+    if limit < max_step_ticks:
+        one = asked.description
+        step = half_tick.bound(2 * max_step_ticks)
+        least = ((step << frac_bits >> shift) + 1).bit_length() + 1
+        raise FirmwareError(
+            f"firmware.position.word_bits = {one.position.word_bits}: the longest step of a tick, "
+            f"{float(2 * max_step_ticks * asked.exact.half_tick_m):.4g} m, does not fit: expected "
+            f"at least {least}, or fewer frac_bits"
+        )
+    return limit
 
 
 def require_v_fits(asked: Asked, step_bound: int, rate_q: int, shift: int) -> None:

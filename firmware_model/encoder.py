@@ -7,8 +7,9 @@ The rule, complete:
 2. The increment of a wheel is the difference of two counter readings modulo the counter's width,
    as a signed number. A gap is the number of ticks since the last accepted sample (1 as a rule).
 3. The gap limit is the longest gap in which a wheel at its fastest believed speed stays within
-   half the counter's range (and within the step's word). A fresh sample after a longer gap is a
-   loss: the counters are re-based, ENCODER_LOSS and POSITION_DEGRADED stick, nothing moves.
+   half the counter's range (and within the words of step and position). A fresh sample after a
+   longer gap is a loss: the counters are re-based, ENCODER_LOSS and POSITION_DEGRADED stick,
+   nothing moves.
 4. Within the limit, increments of at most max_step_ticks · gap are accepted: the whole distance
    of the gap is applied in this tick. A larger one is refused: ENCODER_JUMP, nothing moves, and
    the gap goes on, so that a single wrong reading costs nothing.

@@ -2,20 +2,66 @@
 
 The one word that grows for as long as the robot drives: the longest step says nothing about it, a
 mission does. The heading wraps at one turn, which is what an angle does.
+
+What carried remainders add. A step s of n counts, each h long, takes a remainder r and leaves r′:
+s = n·h + r − r′. Along an axis, of which frame i sees the share c_i (|c_i| ≤ 1), they add up to
+Σ c_i·(r_{i−1} − r_i) = c_1·r_0 − c_N·r_N + Σ r_i·(c_{i+1} − c_i). The sum on the left stays if the
+same is taken off every r. Those of floor and of rounding to nearest lie within one unit, so within
+half a unit of its middle: together they add at most ½·(2 + Σ|c_{i+1} − c_i|) units. A frame without
+counts changes no remainder and is not looked at. From one of the others to the next, c changes by
+the angle between them at most, and by what rounding of angle and sine adds. So remainders add half
+a unit for each radian that the robot turns, to and fro, where that is less than one for each frame.
+
+Rounding toward zero keeps no remainder against its step: |s| ≤ |n|·h + |r| − |r′|, so that steps
+add up to no more than |n|·h. A step that leaves its word is cut after its remainder was taken, and
+what is cut may be given back: then a unit for each frame is what is known.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from firmware_model.build_scales import exact
-from firmware_model.config import KernelConfig
+from firmware_model.build_scales import PI, exact
+from firmware_model.config import MODE_WHEEL, TRIG_CORDIC, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.integers import FLOOR, TOWARD_ZERO
+from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 
 _WIDEST: Final = 64
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a drive asks of the kernel at most.
+
+    Attributes:
+        ticks: how long it lasts.
+        counts: Σ|left + right| of the increments [encoder ticks].
+        frame_counts: largest |left + right| of a frame, after a gap as well [encoder ticks].
+        turn_counts: largest |right − left| of a tick; of so many ticks, so many times that, and
+            `turn_jitter` more.
+        turn_jitter: by how much it may differ from what the wheels turn, as a count is an edge.
+        rate_q: largest |code − offset| of the gyro, in the offset's fraction bits.
+    """
+
+    ticks: int
+    counts: int
+    frame_counts: int
+    turn_counts: Fraction
+    turn_jitter: int
+    rate_q: int
+
+    @classmethod
+    def believed(cls, config: KernelConfig, ticks: int) -> Demand:
+        """Return what the kernel believes in so many ticks: more is refused or held."""
+        fastest = 2 * config.max_step_ticks
+        rate_q = (config.gyro_max_code + 1) << config.offset_frac_bits
+        return cls(
+            ticks, fastest * ticks, fastest * config.gap_limit_ticks, Fraction(fastest), 0, rate_q
+        )
 
 
 def rounding_gain(shift: int, rounding: int, carry: int) -> Fraction:
@@ -25,32 +71,108 @@ def rounding_gain(shift: int, rounding: int, carry: int) -> Fraction:
     return Fraction(1) if rounding == FLOOR else Fraction(1, 2)
 
 
+def rounding_error(shift: int, rounding: int, carry: int) -> Fraction:
+    """Return by how much rounding can change each value on average [units of the result]."""
+    if carry or shift == 0:
+        return Fraction(0)
+    return Fraction(1) if rounding in (FLOOR, TOWARD_ZERO) else Fraction(1, 2)
+
+
 def counts_of(config: KernelConfig, distance_m: float) -> int:
     """Return how many counts of both wheels together a distance is, rounded up."""
     return math.ceil(Fraction(distance_m) / exact(config.constants).half_tick_m)
 
 
-def position_reach(config: KernelConfig, counts: int, ticks: int) -> int:
-    """Return a bound of |x| and |y| [2^-P m], whatever way the robot turns.
+def is_given_back(config: KernelConfig) -> bool:
+    """Return whether a remainder of the step, taken off one way, may be given back another."""
+    return config.step_carry == 1 and config.step_shift > 0 and config.step_rounding != TOWARD_ZERO
+
+
+def _carried_gain(config: KernelConfig, asked: Demand) -> Fraction:
+    """Return by how many units of the step carried remainders can lengthen a drive along an axis.
+
+    For steps that fit their word; see the module's text.
+    """
+    frames = min(asked.ticks, asked.counts)
+    turned, jitter = _turned(config, asked)
+    slack = _direction_slack(config) + 2 * PI * jitter
+    return 1 + min(Fraction(frames), (2 * PI * turned + frames * slack) / 2)
+
+
+def _turned(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
+    """Return how far the heading that steps are taken along turns to and fro, and for each frame.
+
+    In a gap the turn by the wheels is that of its ticks, which replaces the gyro's. A heading of
+    some ticks ago has seen the gyro's turn, and how it was taken back. The jitter of the wheels'
+    counts is undone by the next, unless the gyro turns in between. All in turns.
+    """
+    unit = 1 << (config.heading_frac_bits + config.heading_shift)
+    tick_turn = Fraction(config.tick_turn_q, 1 << config.wheel_turn_shift)
+    by_wheels, jitter = asked.turn_counts * tick_turn + 1, asked.turn_jitter * tick_turn
+    turn = by_wheels
+    if config.mode != MODE_WHEEL:
+        by_wheels, jitter = by_wheels + jitter, Fraction(0)
+        by_gyro = Fraction(asked.rate_q * config.sensitivity_turn_q >> config.gyro_turn_shift) + 2
+        turn = max(by_wheels, by_gyro) + 1  # one for rounding the blend
+        if config.stale_heading_ticks > 0:
+            turn = by_wheels + 2 * by_gyro
+    if not config.heading_carry:
+        turn += 1 << config.heading_shift
+    return asked.ticks * turn / unit, jitter / unit
+
+
+def _direction_slack(config: KernelConfig) -> Fraction:
+    """Return by how much sine or cosine of two angles may differ beyond the angle between them.
+
+    Both angles are rounded to the heading's bits, or lack its remainder. A chord of the sine is no
+    steeper than the sine: interpolation adds rounding alone, of the entry and of the product.
+    """
+    heading = 2 * 2 * PI / (1 << config.heading_frac_bits)
+    unit = Fraction(1, 1 << config.trig_frac_bits)
+    if config.trig_method == TRIG_CORDIC:
+        rotations = config.cordic_iterations
+        angle = Fraction(2, 1 << rotations) + rotations * PI / (1 << CORDIC_ANGLE_BITS)
+        # Each rotation floors both coordinates, by up to √2 together; the rest lengthens that.
+        floors = (Fraction(3, 2) * rotations + 1) * Fraction(165, 100 << CORDIC_GUARD_BITS)
+        return heading + 2 * (angle + (floors + 1) * unit)
+    if config.trig_interpolated:
+        return heading + 3 * unit
+    return heading + PI / 2 / (1 << config.table_index_bits) + unit
+
+
+def position_reach(config: KernelConfig, asked: Demand) -> int:
+    """Return a bound of |x| and |y| [2^-P m], whatever way the robot turns."""
+    return math.ceil(moved(config, asked, 1 << config.trig_frac_bits)) + config.position_carry
+
+
+def moved(config: KernelConfig, asked: Demand, direction_q: int) -> Fraction:
+    """Return a bound of what is added to x and y in all, before a remainder of theirs [2^-P m].
 
     Args:
         config: from `build_config`.
-        counts: Σ|left + right| of the increments on the way [encoder ticks].
-        ticks: in how many of them it moves at most.
+        asked: what the drive asks.
+        direction_q: sine and cosine are no larger [2^-T].
     """
-    ticks = min(ticks, counts)  # no tick moves it without a count
-    step_gain = rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
-    steps = Fraction(counts * config.half_tick_m_q, 1 << config.step_shift) + ticks * step_gain
-    # Sine and cosine are held to 1. A remainder that is carried is taken off one way and may be
-    # given back another, after a turn: it adds up to a unit in each tick.
-    steps += config.step_carry * ticks
-    moved = steps * (1 << config.trig_frac_bits) / (1 << config.position_shift)
-    shift, rounding, carry = (
-        config.position_shift,
-        config.position_rounding,
-        config.position_carry,
-    )
-    return math.ceil(moved + ticks * rounding_gain(shift, rounding, carry)) + carry
+    one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
+    unit = Fraction(direction_q, 1 << config.position_shift)  # what one of the step moves them by
+    frames = min(asked.ticks, asked.counts)  # no tick moves it without a count
+    steps = Fraction(asked.counts * config.half_tick_m_q, 1 << config.step_shift)
+    step = config.step_shift, config.step_rounding, config.step_carry
+    position = config.position_shift, config.position_rounding, config.position_carry
+    if config.step_carry and not is_given_back(config):
+        steps = Fraction(math.floor(steps))  # whole ones, and no frame moves by less than one
+        frames = min(frames, int(steps))
+    gain = frames * (rounding_gain(*step) * unit + rounding_gain(*position))
+    if is_given_back(config):
+        gain += frames * unit
+        if _longest_step(config, asked) <= config.step_high_q:
+            summed = _carried_gain(config, asked) * one + frames * rounding_error(*position)
+            gain = min(gain, summed)
+    return steps * unit + gain
+
+
+def _longest_step(config: KernelConfig, asked: Demand) -> int:
+    return (asked.frame_counts * config.half_tick_m_q >> config.step_shift) + 2
 
 
 def require_position_holds(config: KernelConfig, reach_q: int, way: str) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import FirmwareError, KernelConfig
 from firmware_model.build_scales import exact
-from firmware_model.reach import position_reach, require_position_holds
+from firmware_model.reach import Demand, position_reach, require_position_holds
 from hil_harness.assembly import RunConfig, Wire, commands_on_the_wire
 from hil_harness.effects import Settings
 from hil_harness.effects.setup_mistakes import SensorMistakes
@@ -54,8 +57,7 @@ def require_drive_fits(
 
     Raises HarnessError.
     """
-    believed = 2 * kernel.max_step_ticks * ticks
-    if position_reach(kernel, believed, ticks) <= kernel.position_high_q:
+    if position_reach(kernel, Demand.believed(kernel, ticks)) <= kernel.position_high_q:
         return
     runs = simulate(
         robot.plant,
@@ -80,10 +82,12 @@ def require_counts_fit(robot: Robot, kernel: KernelConfig, left: Counts, right: 
     Raises HarnessError.
     """
     half = 1 << (kernel.counter_bits - 1)
-    steps = sum((np.diff(count, axis=-1) + half) % (2 * half) - half for count in (left, right))
-    counts = int(np.abs(steps).sum(axis=-1).max(initial=0))
+    each = [(np.diff(count, axis=-1) + half) % (2 * half) - half for count in (left, right)]
+    counts = int(np.abs(each[0] + each[1]).sum(axis=-1).max(initial=0))
+    turn_counts = Fraction(int(np.abs(each[1] - each[0]).max(initial=0)))
     way_m = float(counts * exact(kernel.constants).half_tick_m)
-    reach = position_reach(kernel, counts, left.shape[-1])
+    asked = Demand.believed(kernel, left.shape[-1])
+    reach = position_reach(kernel, replace(asked, counts=counts, turn_counts=turn_counts))
     try:
         require_position_holds(kernel, reach, f"{way_m:.4g} m by the wheels")
     except FirmwareError as error:

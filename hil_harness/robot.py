@@ -74,7 +74,10 @@ class Design(_Table):
         examples=[3600.0],
     )
     distance_m: float | None = _limit(
-        "longest way in a mission [m]; left out: at top speed all along", 1e9, 1000.0
+        "longest way in a mission, to and fro as the encoders count it [m]; left out: at top speed "
+        "all along",
+        1e9,
+        1000.0,
     )
     speed_m_s: float | None = _limit(
         "fastest ground speed of a wheel [m/s]; left out: what [drive] gives", 1e5, 1.0

@@ -32,10 +32,11 @@ def command(
     """Derive the range of every intermediate of the firmware, and say which words can overflow.
 
     From the speed and acceleration of a wheel, the turn rate and the length of a mission, as
-    [drive] and [design] of robot.toml say, from rest at power-on. Where overflow is not impossible,
-    a drive that overflows the word is run through the kernel; where a position's bound is beyond
-    its word by less than its slack, that drive may last longer than the mission, as is then said.
-    Exit status 1 if a word can overflow.
+    [drive] and [design] of robot.toml say, from rest at power-on; its way is what the encoders
+    count, to and fro. Where overflow is not impossible, a drive that overflows the word is run
+    through the kernel; where a position's bound is beyond its word by less than its slack, that
+    drive may last longer than the mission, or none is known, as is then said. Exit status 1 if a
+    word can overflow.
     """
     from chiplog.commands.kernel_config import kernel_config
     from chiplog.terminal import show_line, show_table
@@ -99,11 +100,20 @@ def stretch(one: Stretch) -> str:
     frames = "no frame" if one.frame_every == 0 else "a frame in each"
     if one.frame_every > 1:
         frames += f" {one.frame_every}th"
-    code = f"{one.rest_code} to {one.gyro_code}" if one.ramp_ticks else f"{one.gyro_code}"
+    is_ramp = one.ramp_ticks or (one.is_swing and one.gyro_validity == 0)
+    code = f"{one.rest_code} to {one.gyro_code}" if is_ramp else f"{one.gyro_code}"
     gyro = f"gyro code {code}" if one.gyro_validity == 0 else "gyro invalid"
     each = "each" if one.over_ticks == 1 else f"each {one.over_ticks}"
     steps = f"left {one.left_step:+d}, right {one.right_step:+d} counts in {each}"
-    if one.ramp_ticks:
+    if one.is_swing:
+        steps += f" to and fro, {one.lead_ticks} each way"
+        if one.ramp_ticks:
+            steps += f" with {one.ramp_ticks} from rest and back"
+    elif one.ramp_ticks:
         steps = f"{one.ramp_ticks} from rest to {steps}"
+    if one.lead_counts:
+        lead_ticks = one.lead_ticks / one.lead_over
+        counts = "a count" if one.lead_counts == 1 else f"{one.lead_counts} counts"
+        steps += f", {counts} ahead and back in turn each {lead_ticks:.6g}"
     ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
     return f"{ticks} of {steps}, {frames}, {gyro}"

@@ -11,7 +11,8 @@
  * from the configuration: position P, step S, heading F, turn step K, sine and cosine T, gyro
  * offset O. All widths below are proved by `build_config` for every configuration it makes; that x
  * and y stay within their word, by `chiplog export-c` for the mission that stands in
- * chiplog_config.h. What `--force` wrote, or what was filled in by hand, is unproved.
+ * chiplog_config.h, whatever way the robot turns; its way is Σ|left + right| of the increments.
+ * What `--force` wrote, or what was filled in by hand, is unproved.
  */
 #ifndef CHIPLOG_FIRMWARE_H
 #define CHIPLOG_FIRMWARE_H

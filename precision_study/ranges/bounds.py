@@ -13,7 +13,7 @@ from firmware_model import KernelConfig
 from firmware_model.config import MODE_BLEND, MODE_WHEEL
 from precision_study.ranges.envelope import Envelope
 from precision_study.ranges.intermediate import Intermediate, in_c, kept, register
-from precision_study.ranges.reach import extremes, position_reach, step_bound
+from precision_study.ranges.reach import extremes, largest_rate_q, position_reach, step_bound
 from precision_study.ranges.registers import (
     counters,
     gyro_watch,
@@ -75,20 +75,9 @@ def _wheel_turn(config: KernelConfig, envelope: Envelope, ticks: int) -> tuple[i
     return extremes(product, config.wheel_turn_shift, rounding, carry)
 
 
-def _largest_rate_q(config: KernelConfig, envelope: Envelope) -> int:
-    """Return the largest magnitude of code − offset, 0 where all of it is taken for rest."""
-    shift = config.offset_frac_bits
-    rate_q = max(
-        (envelope.code_high << shift) - envelope.offset_low_q,
-        envelope.offset_high_q - (envelope.code_low << shift),
-        0,
-    )
-    return 0 if rate_q < config.auto_zero_rate_q else rate_q
-
-
 def _gyro_turn(config: KernelConfig, envelope: Envelope) -> tuple[int, int]:
     """Return the extreme turns by the gyro in a tick [2^-K turn]."""
-    product = _largest_rate_q(config, envelope) * config.sensitivity_turn_q
+    product = largest_rate_q(config, envelope) * config.sensitivity_turn_q
     return extremes(product, config.gyro_turn_shift, config.turn_rounding, config.turn_carry)
 
 
@@ -113,7 +102,7 @@ def _turns(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     yield Intermediate(name, field, "turn", frac_bits, bits, *wheel, "turn_step")
     if config.mode == MODE_WHEEL:
         return
-    rate_q = _largest_rate_q(config, envelope)
+    rate_q = largest_rate_q(config, envelope)
     yield register("code − offset", "LSB", config.offset_frac_bits, rate_q)
     yield register(
         "code − offset times the sensitivity, with remainder",

@@ -14,16 +14,15 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-import numpy as np
-
-from firmware_model import FRESH, INVALID, KernelConfig
-from firmware_model.build_scales import exact
+from firmware_model import FRESH, KernelConfig
 from firmware_model.config import MODE_WHEEL
 from firmware_model.integers import FLOOR, TOWARD_ZERO, shift_round
 from precision_study.ranges.envelope import Envelope, learning_ticks
 from precision_study.ranges.intermediate import Intermediate
 from precision_study.ranges.reach import extremes, position_reach
+from precision_study.ranges.starts import by_wheels, rates_q, turning_up, zero_code
 from precision_study.ranges.stretches import Drive, Stretch, gain
+from precision_study.ranges.swings import swings
 
 _PREFIXES: Final = 4096
 _SETTLING: Final = 64
@@ -33,6 +32,7 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
     """Yield drives that may overflow a word, the likeliest first."""
     if value.word == "position":
         yield from _far(config, envelope)
+        yield from swings(config, envelope)
     elif value.word == "step":
         yield from _wheels(config, envelope, forward=True)
     elif value.word == "turn_step":
@@ -47,18 +47,6 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
                 yield _up_to_speed(config, envelope, settle, sign, 1, forward=forward)
         if config.mode != MODE_WHEEL:
             yield from _gyro(config, envelope, settle)
-
-
-def _zero_code(config: KernelConfig) -> int:
-    zero = round(config.constants.gyro_zero_rate_code)
-    return min(max(zero, config.gyro_min_code + 1), config.gyro_max_code - 1)
-
-
-def _by_wheels(
-    config: KernelConfig, ticks: int, left: int, right: int, every: int = 1, over: int = 1
-) -> Stretch:
-    """Return a stretch in which the gyro is invalid: every mode takes the turn of the wheels."""
-    return Stretch(ticks, left, right, every, _zero_code(config), INVALID, over)
 
 
 def _up_to_speed(
@@ -77,7 +65,7 @@ def _up_to_speed(
     right, over = sign * rate.numerator, rate.denominator
     left = right if forward else -right
     ramp = envelope.ramp_to(rate)
-    on = _by_wheels(config, ticks, left, right, every, over)
+    on = by_wheels(config, ticks, left, right, every, over)
     return (replace(on, ticks=ramp, ramp_ticks=ramp, rest_code=on.gyro_code), on) if ramp else (on,)
 
 
@@ -107,9 +95,26 @@ def _far(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
 def _within_way(envelope: Envelope, drive: Drive) -> Drive:
     """Return a drive that ends where the mission's way does."""
     *ramp, on = drive
-    left = envelope.way_ticks - sum(abs(step) for one in ramp for step in gain(one))
-    ticks = left * on.over_ticks // (2 * abs(on.right_step))
-    return (*ramp, replace(on, ticks=max(min(on.ticks, ticks), 0)))
+    left = envelope.way_ticks - _way(*ramp)
+    if left < 0:
+        (one,) = ramp  # of which so many ticks go as far as the mission
+        ticks = math.isqrt(one.ticks**2 * envelope.way_ticks // _way(one))
+        while _way(one := replace(one, ticks=ticks)) > envelope.way_ticks:
+            ticks -= 1
+        return (one,)
+    ticks = max(min(on.ticks, left * on.over_ticks // (2 * abs(on.right_step))), 0)
+    on = replace(on, ticks=ticks)
+    rest = (left - _way(on)) // 2
+    if ramp or ticks == 0 or rest <= 0 or ticks + on.frame_every > envelope.mission_ticks:
+        return (*ramp, on)
+    rest *= 1 if on.right_step > 0 else -1
+    every = on.frame_every
+    return (on, replace(on, ticks=every, left_step=rest, right_step=rest, over_ticks=every))
+
+
+def _way(*stretches: Stretch) -> int:
+    """Return the way of a drive straight on [encoder ticks of both wheels]."""
+    return sum(abs(step) for one in stretches for step in gain(one))
 
 
 def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Iterator[Drive]:
@@ -149,9 +154,9 @@ def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Itera
                     )
                 slow = creep if forward else -creep
                 drive = [
-                    _by_wheels(config, before, slow, creep),
+                    by_wheels(config, before, slow, creep),
                     *ramp,
-                    _by_wheels(config, gap, sign * left, sign * right, gap, gap),
+                    by_wheels(config, gap, sign * left, sign * right, gap, gap),
                 ]
                 yield tuple(one for one in drive if one.ticks > 0)
 
@@ -201,12 +206,12 @@ def _gyro(config: KernelConfig, envelope: Envelope, ticks: int) -> Iterator[Driv
         (envelope.offset_low_q, envelope.code_high, -1),
         (envelope.offset_high_q, envelope.code_low, 1),
     ):
-        rest_code = offset_q >> shift if offset_q != zero_q else _zero_code(config)
+        rest_code = offset_q >> shift if offset_q != zero_q else zero_code(config)
         before: Drive = ()
         if offset_q != zero_q:
             before = (Stretch(learning_ticks(config), 0, 0, 1, rest_code, FRESH),)
-        ramp = _turning_up(config, envelope, rest_code, code)
-        ramped = sum(_rates_q(config, one, offset_q) for one in ramp)
+        ramp = turning_up(config, envelope, rest_code, code)
+        ramped = sum(rates_q(config, one, offset_q) for one in ramp)
         for near in range(1, 5):
             other = min(max(code + inner * near, envelope.code_low), envelope.code_high)
             count = 0
@@ -220,22 +225,3 @@ def _gyro(config: KernelConfig, envelope: Envelope, ticks: int) -> Iterator[Driv
             prefix = Stretch(count, 0, 0, 0, other, FRESH)
             last = Stretch(ticks, 0, 0, 0, code, FRESH)
             yield tuple(one for one in (*before, *ramp, prefix, last) if one.ticks > 0)
-
-
-def _rates_q(config: KernelConfig, one: Stretch, offset_q: int) -> int:
-    """Return the sum of code − offset over a ramp, what is taken for rest left out."""
-    codes = one.codes(np.arange(1, one.ticks + 1, dtype=np.int64))
-    rates_q = (np.asarray(codes) << config.offset_frac_bits) - offset_q
-    return int(rates_q[np.abs(rates_q) >= config.auto_zero_rate_q].sum())
-
-
-def _turning_up(config: KernelConfig, envelope: Envelope, rest_code: int, code: int) -> Drive:
-    """Return how the gyro's code leaves that of rest: the robot turns as its wheels gain speed."""
-    if envelope.ramp_ticks == 0:
-        return ()
-    scales = exact(config.constants)
-    turn_rate = abs(code - rest_code) * scales.sensitivity_turn / scales.tick_turn
-    ticks = envelope.ramp_to(turn_rate / 2)
-    if ticks == 0:
-        return ()
-    return (Stretch(ticks, 0, 0, 0, code, FRESH, ramp_ticks=ticks, rest_code=rest_code),)

@@ -30,7 +30,7 @@ class Envelope:
         turn_rate: fastest right minus left [encoder ticks a tick].
         gap_ticks: longest stretch without encoder frames that is bridged [ticks].
         mission_ticks: length of the mission [ticks].
-        way_ticks: the mission's way, both wheels together [encoder ticks].
+        way_ticks: the mission's way, Σ|left + right| as the counters tell it [encoder ticks].
         code_low, code_high: smallest and largest code of the gyro that is believed [LSB].
         offset_low_q, offset_high_q: range of the zero-rate offset, as it may be learnt at rest.
     """
@@ -83,7 +83,8 @@ class Envelope:
             acceleration_rad_s2: of a wheel [rad/s²]; None: it is at its rate within a tick.
             turn_rate_rad_s: fastest turn of the robot [rad/s]; None: whatever its wheels can do
                 and its gyro can tell.
-            distance_m: longest way in a mission [m]; None: at top speed all along.
+            distance_m: longest way in a mission, to and fro as the encoders count it [m]; None: at
+                top speed all along.
 
         Raises:
             StudyError: a mission, a speed, a rate or a way that is none.

@@ -125,10 +125,32 @@ def require_mission_fits(config: KernelConfig, envelope: Envelope, mission: str)
     Raises:
         FirmwareError: field, value and what would be right.
     """
-    roughly = reach.position_reach(config, envelope.way_ticks, envelope.mission_ticks)
-    if roughly > config.position_high_q:
+    if reach.position_reach(config, demand(config, envelope)) > config.position_high_q:
         found = position_reach(config, envelope)
         reach.require_position_holds(config, max(found.high, -found.low - 1), mission)
+
+
+def largest_rate_q(config: KernelConfig, envelope: Envelope) -> int:
+    """Return the largest magnitude of code − offset, 0 where all of it is taken for rest."""
+    shift = config.offset_frac_bits
+    rate_q = max(
+        (envelope.code_high << shift) - envelope.offset_low_q,
+        envelope.offset_high_q - (envelope.code_low << shift),
+        0,
+    )
+    return 0 if rate_q < config.auto_zero_rate_q else rate_q
+
+
+def demand(config: KernelConfig, envelope: Envelope) -> reach.Demand:
+    """Return what a mission asks of the kernel at most."""
+    return reach.Demand(
+        ticks=envelope.mission_ticks,
+        counts=envelope.way_ticks,
+        frame_counts=2 * envelope.wheel_ticks(envelope.gap_ticks),
+        turn_counts=min(2 * envelope.rate, envelope.turn_rate),
+        turn_jitter=2,
+        rate_q=largest_rate_q(config, envelope),
+    )
 
 
 @lru_cache(maxsize=4)
@@ -149,11 +171,13 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
         per_tick = max(float(loads(share).max()), 0.0)
         return per_tick * ticks + share * float(per_count) * counts
 
-    low, high = 0.0, 1.0
+    # A count may be worth more than its way, where rounding always lengthens it.
+    dearest = max(1.0, float((moved / asked).max()) / float(per_count))
+    low, high = 0.0, dearest
     for _ in range(_SEARCHES):  # the total is convex in the price
         first, second = low + (high - low) / 3, high - (high - low) / 3
         low, high = (low, second) if total(first) <= total(second) else (first, high)
-    share = min((0.0, low, high, 1.0), key=total)
+    share = min((0.0, low, high, 1.0, dearest), key=total)
     # Any price gives a bound; from here on in exact numbers, but for what cannot be the largest.
     approximate = loads(share)
     near = np.argsort(-approximate, kind="stable")
@@ -166,7 +190,13 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
         *(one / every_kind[i].every for i, one in zip(close.tolist(), exact, strict=True)),
     )
     best = tuple(kinds[place] for place in near[:_TIGHT].tolist() if place < len(kinds))
-    return Reach(*_limits(config, per_tick * ticks + per_count * counts), best)
+    bound = per_tick * ticks + per_count * counts
+    summed = reach.moved(config, demand(config, envelope), largest_direction(config))
+    return Reach(*_limits(config, min(bound, summed)), best)
+
+
+def _every_step_fits(config: KernelConfig, envelope: Envelope) -> bool:
+    return step_bound(config, envelope, envelope.gap_ticks) <= config.step_high_q
 
 
 def _limits(config: KernelConfig, bound: Fraction) -> tuple[int, int]:
@@ -192,18 +222,22 @@ def _kinds(config: KernelConfig, envelope: Envelope) -> list[Frame]:
     """Return the frames of 1, 2, … counts, each after as few ticks as it takes."""
     direction = largest_direction(config)
     most = min(2 * envelope.wheel_ticks(envelope.gap_ticks), _ENUMERATED_COUNTS)
+    fits = _every_step_fits(config, envelope)
     return [
         Frame(
             every=math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1,
             counts=counts,
-            moved=_moved(config, _longest_step(config, counts), direction),
+            moved=_moved(config, _longest_step(config, counts, fits), direction),
         )
         for counts in range(1, most + 1)
     ]
 
 
 def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame]:
-    """Return what no frame of so many counts or more surpasses, at any price up to `_per_count`."""
+    """Return what no frame of so many counts or more surpasses, at any price of a count.
+
+    Up to `_per_count` the most of its time is the worst, beyond it the fewest.
+    """
     if counts > 2 * envelope.wheel_ticks(envelope.gap_ticks):
         return []
     every = math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1
@@ -212,22 +246,27 @@ def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame
     if widest < counts * _per_count(config):  # the step's word holds less than that
         return [Frame(every, counts, widest)]
     step_gain = reach.rounding_gain(config.step_shift, config.step_rounding, config.step_carry)
-    gain = (step_gain + config.step_carry) * Fraction(direction, 1 << config.position_shift)
+    gain = (step_gain + reach.is_given_back(config)) * Fraction(
+        direction, 1 << config.position_shift
+    )
     gain += reach.rounding_gain(
         config.position_shift, config.position_rounding, config.position_carry
     )
     at_most = math.ceil(2 * envelope.rate * every) + 2
-    return [Frame(every, at_most, at_most * _per_count(config) + gain)]
+    return [Frame(every, one, one * _per_count(config) + gain) for one in (counts, at_most)]
 
 
-def _longest_step(config: KernelConfig, counts: int) -> Fraction:
+def _longest_step(config: KernelConfig, counts: int, every_step_fits: bool) -> Fraction:
     """Return the longest step of so many counts forward or backward, in its word [2^-S m].
 
     A remainder that is carried may be taken off one way and given back another, after a turn: each
-    step may have all of it.
+    step may have all of it. One that is never given back adds nothing to their sum.
     """
     product, shift = counts * config.half_tick_m_q, config.step_shift
     low, high = config.step_low_q, config.step_high_q
+    is_exact = config.step_carry and config.position_carry and every_step_fits
+    if is_exact and not reach.is_given_back(config):
+        return Fraction(product, 1 << shift)
     longest = largest(product, shift, config.step_rounding, config.step_carry)
     if longest <= high:
         return Fraction(longest)

@@ -27,7 +27,11 @@ class Stretch:
         gyro_code: the gyro's code [LSB].
         gyro_validity: FRESH or INVALID.
         ramp_ticks: the speed grows evenly from zero to that gain within so many; 0: it is kept.
-        rest_code: from which the gyro's code grows meanwhile.
+        rest_code: from which the gyro's code grows meanwhile; of a swing, the code on the way back.
+        lead_counts: by half of so many each wheel is ahead of that, and no longer, in turn.
+        lead_ticks, lead_over: for lead_ticks / lead_over ticks each.
+        lead_start: how much of the first lead is over when the stretch begins [ticks / lead_over].
+        is_swing: the wheels go to and fro, lead_ticks each way, with a ramp at both ends.
     """
 
     ticks: int
@@ -39,27 +43,54 @@ class Stretch:
     over_ticks: int = 1
     ramp_ticks: int = 0
     rest_code: int = 0
+    lead_counts: int = 0
+    lead_ticks: int = 1
+    lead_over: int = 1
+    lead_start: int = 0
+    is_swing: bool = False
 
     def left_count(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the left counter's gain after so many ticks, rounded up."""
-        return -self._gained(-self.left_step, ticks)
+        """Return the left counter's gain after so many ticks, rounded up, with its lead."""
+        return -self._gained(-self.left_step, ticks, -self._lead(ticks))
 
     def right_count(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the right counter's gain after so many ticks, rounded down."""
-        return self._gained(self.right_step, ticks)
+        """Return the right counter's gain after so many ticks, rounded down, with its lead."""
+        return self._gained(self.right_step, ticks, self._lead(ticks))
 
-    def _gained(self, step: int, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _lead(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return twice the lead of each wheel after so many ticks."""
+        changes = (ticks * self.lead_over + self.lead_start) // self.lead_ticks
+        return self.lead_counts * (1 - changes % 2)
+
+    def _gained(
+        self, step: int, ticks: NDArray[np.int64], half_counts: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Return so many ticks' gain with so many half counts, rounded down."""
+        if self.is_swing:
+            ticks = self.lead_ticks - np.abs(self.lead_ticks - ticks % (2 * self.lead_ticks))
         if self.ramp_ticks:
-            each = step / (2.0 * self.ramp_ticks * self.over_ticks)
-            whole = ticks.astype(np.float64) ** 2 * each
+            at_rate = self._ramped(ticks.astype(np.float64))
+            whole = at_rate * step / self.over_ticks + half_counts / 2.0
             return np.floor(whole).astype(np.int64)
-        start = int(ticks[0])
-        gained = start * step // self.over_ticks  # of any size
-        left_over = start * step - gained * self.over_ticks
-        return gained + (left_over + (ticks - start) * step) // self.over_ticks
+        start, over = int(ticks[0]), 2 * self.over_ticks
+        gained = 2 * start * step // over  # of any size
+        left_over = 2 * start * step - gained * over
+        part = left_over + 2 * (ticks - start) * step + half_counts * self.over_ticks
+        return gained + part // over
+
+    def _ramped(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how many ticks at the full speed go as far as so many with ramps."""
+        up = np.minimum(ticks, self.ramp_ticks)
+        down = np.zeros_like(ticks)
+        if self.is_swing:
+            down = np.maximum(ticks - (self.lead_ticks - self.ramp_ticks), 0.0)
+        return ticks - up + (up**2 - down**2) / (2.0 * self.ramp_ticks)
 
     def codes(self, ticks: NDArray[np.int64]) -> NDArray[np.int64] | int:
         """Return the gyro's code in each tick."""
+        if self.is_swing:
+            is_back = (ticks - 1) // self.lead_ticks % 2 == 1
+            return np.where(is_back, self.rest_code, self.gyro_code)
         if not self.ramp_ticks:
             return self.gyro_code
         return self.rest_code + (self.gyro_code - self.rest_code) * ticks // self.ramp_ticks

@@ -109,8 +109,8 @@ BUILD_ROWS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"position": {"word_bits": 16, "frac_bits": 32}},
-        "firmware.position.word_bits = 16: the longest step, 5.052 m, does not fit: "
-        "expected at least 36, or fewer frac_bits",
+        "firmware.position.word_bits = 16: the longest step of a tick, 0.01927 m, does "
+        "not fit: expected at least 28, or fewer frac_bits",
     ),
     (
         {"position": {"frac_bits": 40}, "trig": {"frac_bits": 8}},

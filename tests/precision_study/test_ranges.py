@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from chiplog.cli import main
 from firmware_model import (
     FRESH,
-    INVALID,
     STALE,
     STATE_FIELDS,
     FirmwareConstants,
@@ -35,6 +34,7 @@ from precision_study.ranges import (
     find_ranges,
     intermediates,
 )
+from precision_study.ranges.drives import drives
 from precision_study.ranges.stretches import drive_chunks
 
 ROBOT = FirmwareConstants(
@@ -344,33 +344,42 @@ def test_a_drive_that_overflows_is_one_that_the_robot_can_make() -> None:
         assert rises <= 20.0 * ROBOT.wheel_radius_m * span * 0.01 * 1.02 + 2 * count
 
 
-def test_a_spin_that_gives_remainders_back_the_other_way_round_is_not_called_impossible() -> None:
-    """One count less while it faces forward, one more while it faces back: of 0.22 m by the wheels
-    the carried remainders of a coarse step make over 10 m along x."""
-    config = forced(
-        mode="wheel", position={"word_bits": 14, "frac_bits": 10}, step={"frac_bits": 8}
-    )
-    turn = config.tick_turn_q / 2 ** (
-        config.wheel_turn_shift + config.description.turn_step.frac_bits
-    )
-    rows = [(0, 0, FRESH, 32768, INVALID)]
-    left, right, heading, way, faces = 0, 0, 0.0, 0, 0
-    for tick in range(90_000):
-        counts = min(tick, 100) * 95 // 100
-        faced = round(math.cos(math.tau * heading)) if tick > 100 else 0
-        extra = -faced if faced and faced != faces else 0
-        faces = faced or faces
-        way += abs(extra)
-        left, right = left - counts, right + counts + extra
-        heading += (2 * counts + extra) * turn
-        rows.append((left, right, FRESH, 32768, INVALID))
-    kernel = Kernel(config)
-    kernel.run(np.array(rows, dtype=np.int64))
-    assert kernel.overflow_count > 0
-    envelope = Envelope.of(config, distance_m=1.1 * way * 0.5 * math.tau * 0.05025 / 2048)
-    found = find_ranges(config, envelope)
-    (position,) = (one for one in found if one.intermediate.word == "position")
-    assert position.verdict != "impossible"
+@pytest.mark.parametrize(
+    ("acceleration_rad_s2", "gone_m"), [(20.0, 0.55), (None, 0.85)], ids=["a spin", "swings"]
+)
+def test_remainders_of_a_coarse_step_overflow_on_the_spot_as_the_kernel_confirms(
+    acceleration_rad_s2: float | None, gone_m: float
+) -> None:
+    """A quarter of a metre by the wheels, metres of remainders taken and given back."""
+    firmware: dict[str, Any] = {"mode": "wheel", "step": {"frac_bits": 8}}
+    envelope = {"distance_m": 0.25, "acceleration_rad_s2": acceleration_rad_s2}
+
+    def position(word_bits: int, frac_bits: int) -> Finding:
+        config = forced(**firmware, position={"word_bits": word_bits, "frac_bits": frac_bits})
+        found = find_ranges(config, Envelope.of(config, mission_s=200.0, **envelope))
+        return next(one for one in found if one.intermediate.word == "position")
+
+    wide = position(40, 8).intermediate
+    assert wide.bound / 2**8 < 5.0
+    assert position(wide.least_word_bits, 8).verdict == "impossible"
+    config = forced(**firmware, position={"word_bits": 40, "frac_bits": 8})
+    limits = Envelope.of(config, mission_s=200.0, **envelope)
+    farthest = 0
+    for drive in drives(config, limits, wide):
+        inputs = np.concatenate(list(drive_chunks(drive)))
+        gains = np.diff(inputs[:, :2], axis=0)
+        assert np.abs(gains.sum(axis=1)).sum() <= limits.way_ticks
+        assert np.abs(gains).max() <= limits.wheel_ticks(1)
+        assert np.abs(gains[:, 1] - gains[:, 0]).max() <= limits.turn_ticks(1)
+        kernel = Kernel(config)
+        kernel.run(inputs)
+        farthest = max(farthest, kernel.x_m_q)
+    assert gone_m * wide.bound < farthest <= wide.bound
+    narrow = position(10, 8)
+    assert narrow.verdict == "overflows"
+    kernel = Kernel(forced(**firmware, position={"word_bits": 10, "frac_bits": 8}))
+    kernel.run(inputs_of(narrow))
+    assert kernel.overflow_count == 1
 
 
 def test_a_limit_of_the_robot_proves_a_word_that_any_drive_would_overflow() -> None:

@@ -87,8 +87,8 @@ FORMATS: tuple[Row, ...] = (
     _robot(
         "a position's word too short for a step",
         "[firmware.position]\nword_bits = 16\n",
-        "robot.toml:2: firmware.position.word_bits = 16: the longest step, 5.052 m, does "
-        "not fit: expected at least 36, or fewer frac_bits",
+        "robot.toml:2: firmware.position.word_bits = 16: the longest step of a tick, "
+        "0.01927 m, does not fit: expected at least 28, or fewer frac_bits",
     ),
     Row(
         "a position's word too short for the drive",
