@@ -54,6 +54,8 @@ static job_record records[BLOCK];
 /** @brief What the firmware would put on a bus after this tick. */
 static void note(const chiplog_state *state, const chiplog_config *config, job_record *record)
 {
+    uint32_t i;
+
     record->x_m_q = state->x_m_q;
     record->y_m_q = state->y_m_q;
     record->gyro_offset_q = state->gyro_offset_q;
@@ -64,6 +66,9 @@ static void note(const chiplog_state *state, const chiplog_config *config, job_r
     record->heading_source = state->heading_source;
     record->v_is_valid = state->v_is_valid;
     record->w_is_valid = state->w_is_valid;
+    for (i = 0; i < sizeof(record->reserved); i++) {
+        record->reserved[i] = 0;
+    }
 }
 
 /** @brief The clock's units for REPEATS ticks from this state, each from a copy. */
@@ -88,15 +93,18 @@ static int run_job(const job_header *header, const chiplog_config *config)
 {
     static chiplog_state state;
     job_cost cost = {0, 0, 0};
-    uint32_t left = header->ticks;
+    uint32_t done = 0;
     uint32_t idle;
 
     chiplog_kernel_start(&state, config);
     idle = clock_units(&state, config, NULL);
-    while (left > 0u) {
-        const uint32_t count = left < BLOCK ? left : BLOCK;
+    while (done < header->ticks) {
+        uint32_t count = header->ticks - done;
         uint32_t i;
 
+        if (count > BLOCK) {
+            count = BLOCK;
+        }
         if (!machine_read(readings, count * (uint32_t)sizeof(readings[0]))) {
             return 0;
         }
@@ -116,7 +124,7 @@ static int run_job(const job_header *header, const chiplog_config *config)
             !machine_write(records, count * (uint32_t)sizeof(records[0]))) {
             return 0;
         }
-        left -= count;
+        done += count;
     }
     return header->is_measured ? machine_write(&cost, (uint32_t)sizeof(cost))
                                : machine_write(&state, (uint32_t)sizeof(state));
