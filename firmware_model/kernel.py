@@ -159,10 +159,11 @@ class Kernel:
         """Use a zero-rate code found elsewhere, to the nearest 2^-14 LSB.
 
         Raises:
-            FirmwareError: no code of a gyro.
+            FirmwareError: no code of this gyro.
         """
-        if not 0.0 <= code <= 65535.0:
-            raise FirmwareError(f"gyro offset = {code}: expected a code from 0 to 65535")
+        low, high = self.config.gyro_min_code, self.config.gyro_max_code
+        if not low <= code <= high:
+            raise FirmwareError(f"gyro offset = {code}: expected a code from {low} to {high}")
         state = self.state()
         state["offset_is_valid"] = 1
         state["offset_samples_log2"] = _OFFSET_LOG2

@@ -153,7 +153,8 @@ class FirmwareProgram:
             return
         if changes.calibration_start_s <= time_s < changes.calibration_stop_s:
             if gyro_validity == FRESH:
-                self._code_sum += gyro_code
+                low, high = self.described.gyro_min_code, self.described.gyro_max_code
+                self._code_sum += min(max(gyro_code, low), high)
                 self._code_count += 1
         elif self._code_count:
             self.kernel.set_gyro_offset(self._code_sum / self._code_count)

@@ -175,9 +175,10 @@ def _period_us(rate_hz: Any) -> int:
 def with_adc_bits(plant: PlantDescription, bits: Any) -> PlantDescription:
     """Return the robot with another converter: codes at rest and per unit scale with its range.
 
+    A code at rest that is no longer whole is rounded.
+
     Raises:
-        StudyError: a number of bits that the description does not take, or with which a code at
-            rest is no longer whole.
+        StudyError: bits, or a code that comes of them, that the description does not take.
     """
     limits = type(plant.adc).model_json_schema()["properties"]["bits"]
     low, high = limits["minimum"], limits["maximum"]

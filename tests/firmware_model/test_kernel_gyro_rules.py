@@ -17,12 +17,14 @@ from firmware_model import (
     INVALID,
     STALE,
     FirmwareDescription,
+    FirmwareError,
     HeadingSource,
     Kernel,
     StatusBit,
     build_config,
     run_batch,
 )
+from firmware_model.kernel import Implementation
 
 TICK_TURN = ROBOT.wheel_radius_m / (ROBOT.ticks_per_rev * ROBOT.wheelbase_m)
 LSB_TURN = ROBOT.gyro_sensitivity_rad_s_per_lsb * ROBOT.tick_period_s / (2 * math.pi)
@@ -349,3 +351,23 @@ def test_the_lesson_starts_in_motion_so_its_offset_stays_nominal() -> None:
     runs = run_batch(config_of(), left[None], right[None], np.full((1, 3_000), ZERO_CODE))
     assert runs.final_states["offset_is_valid"][0] == 0
     assert runs.final_states["gyro_offset_q"][0] == ZERO_CODE * OFFSET_Q
+
+
+@pytest.mark.parametrize("implementation", ["python", "compiled", "c99"])
+def test_an_offset_that_no_code_of_this_gyro_can_be_is_refused(
+    implementation: Implementation,
+) -> None:
+    """Formats are proved for offsets in the gyro's range; beyond it the ways would differ."""
+    ten_bits = replace(
+        ROBOT,
+        gyro_sensitivity_rad_s_per_lsb=0.02,
+        gyro_zero_rate_code=512,
+        gyro_min_code=1,
+        gyro_max_code=1022,
+    )
+    kernel = Kernel(build_config(FirmwareDescription(), ten_bits), implementation)
+    for code in (0.0, 1022.5, 65535.0, float("nan")):
+        with pytest.raises(FirmwareError, match=r"expected a code from 1 to 1022"):
+            kernel.set_gyro_offset(code)
+    kernel.set_gyro_offset(1022.0)
+    assert kernel.state()["gyro_offset_q"] == 1022 << 16

@@ -48,7 +48,7 @@ def test_the_state_goes_on_in_c_where_python_left_it_and_under_another_configura
     twin.load_state(oracle.state())
     for kernel in (oracle, twin):
         kernel.reconfigure(first)
-        kernel.set_gyro_offset(12345.678)
+        kernel.set_gyro_offset(first.gyro_max_code / 3)
     assert twin.state() == oracle.state()
     oracle, twin = Kernel(second, "python"), Kernel(second, "c99")
     for tick in data.draw(inputs(second, max_ticks=20)):
