@@ -17,6 +17,7 @@ import can
 from can_bus import MessageSpec, Raw, read_log, timestamp_us
 from hil_harness.assembly import Wire
 from hil_harness.errors import HarnessError
+from hil_harness.firmware_program import FirmwareProgram
 from hil_harness.nodes import FirmwareNode
 from hil_harness.nodes.reports import firmware_messages
 from hil_harness.odometry_frames import ODOMETRY_ROLES
@@ -50,12 +51,13 @@ class ReplayResult:
         return self.first_difference is None
 
 
-def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
+def replay(log: str | Path, robot: Robot, wire: Wire, *, force: bool = False) -> ReplayResult:
     """Run the firmware model over a log and compare it with the log's odometry frames.
 
     Stops comparing at the first difference. A log that ends inside a tick is compared as far as it
-    goes. Raises CanBusError for a log that cannot be read, HarnessError for one without odometry
-    frames, or whose steps cannot be told apart.
+    goes. `force` takes formats that overflow in normal use; the state counts how often. Raises
+    CanBusError for a log that cannot be read, HarnessError for one without odometry frames, or
+    whose steps cannot be told apart, or for formats that overflow.
     """
     path = Path(log)
     node = FirmwareNode(
@@ -64,6 +66,7 @@ def replay(log: str | Path, robot: Robot, wire: Wire) -> ReplayResult:
         signal_map=wire.signal_map,
         tick_period_us=wire.tick_period_us,
         keep_inputs=False,
+        program=FirmwareProgram(robot, wire.signal_map, wire.tick_period_us, allow_overflow=force),
     )
     wire.signal_map.require(ODOMETRY_ROLES[:1], "a replay")
     messages = firmware_messages(wire.database, wire.signal_map)

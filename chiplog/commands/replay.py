@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chiplog.commands.options import DbcOption, JsonFileOption, RobotOption, SignalsOption
+from chiplog.commands.options import (
+    DbcOption,
+    ForceOption,
+    JsonFileOption,
+    RobotOption,
+    SignalsOption,
+)
 from chiplog.commands.output import STANDARD_OUTPUT, write_json
 from chiplog.pages import quantities as q
 
@@ -28,6 +34,7 @@ def command(
     robot: RobotOption = None,
     dbc: DbcOption = None,
     signals: SignalsOption = None,
+    force: ForceOption = False,
     json_file: JsonFileOption = None,
 ) -> None:
     """Run the firmware model over a recorded log and compare its odometry bit for bit.
@@ -39,7 +46,7 @@ def command(
     from hil_harness.replaying import replay
     from hil_harness.robot import load_robot
 
-    result = replay(log, load_robot(robot), load_wire(dbc, signals))
+    result = replay(log, load_robot(robot), load_wire(dbc, signals), force=force)
     if json_file is not None:
         write_json(json_file, as_json(result))
     if json_file != STANDARD_OUTPUT:
@@ -51,15 +58,17 @@ def command(
 def sentence(result: ReplayResult) -> str:
     """Return the outcome in words."""
     difference = result.first_difference
+    overflows = result.state["overflow_count"]
+    counted = f"; {q.overflows(overflows)}" if overflows else ""
     if difference is None:
         return (
             f"equal, bit for bit: {q.count(result.fields)} raw values in "
-            f"{q.count(result.ticks)} ticks"
+            f"{q.count(result.ticks)} ticks{counted}"
         )
     logged, computed = map(_raw, (difference.logged_raw, difference.computed_raw))
     return (
         f"differs at tick {difference.tick}: {difference.field} is {logged} in the log, "
-        f"{computed} in the replay"
+        f"{computed} in the replay{counted}"
     )
 
 

@@ -55,3 +55,20 @@ def test_one_bit_of_odometry_is_found(log: Path, chiplog: Chiplog) -> None:
 def test_json_on_standard_output_is_all_there_is(log: Path, chiplog: Chiplog) -> None:
     said = chiplog("replay", str(log), "--json", "-")
     assert json.loads(said.out)["ticks"] == 100
+
+
+def test_a_log_of_words_that_overflow_is_replayed_by_force_alone(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    (tmp_path / "narrow.toml").write_text("[firmware.step]\nword_bits = 16\n")
+    robot = ("--robot", "narrow.toml")
+    ran = chiplog("run", "--duration-s", "0.5", "--out", "out", "--force", *robot)
+    refused = chiplog("replay", "out/bus.log", *robot)
+    assert refused.status == 2
+    assert "firmware.step.frac_bits = 28" in refused.err
+    said = chiplog("replay", "out/bus.log", "--force", "--json", "replay.json", *robot)
+    assert said.status == 0
+    count = json.loads((tmp_path / "replay.json").read_text())["state"]["overflow_count"]
+    assert count > 0
+    assert said.out.endswith(f"in 50 ticks; {count} overflows of a word\n")
+    assert f"{count} overflows of a word" in ran.out
