@@ -18,6 +18,9 @@ from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
 _RATE_SMOOTHING_S: Final = 0.05
+_SILENCE_S: Final = 0.1
+_USUAL_TIMES: Final = 5.0
+"""What is missing for longer than this, and so many times the usual, cannot be interpolated."""
 _STANDS_S: Final = 1.0
 _SLOW_S: Final = 1.0
 _NOISE_COUNTS_PER_S: Final = 25.0
@@ -62,7 +65,7 @@ def estimate_motion(
     left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
     forward_m = 0.5 * radius_m * (left_step + right_step)
     heading = radius_m * (right - left) / wheelbase_m
-    gyro_turn = _gyro_turn(recording, dt_s)
+    gyro_turn = _gyro_turn(recording, dt_s, heading)
     reference = recording.reference
     if reference is None:
         x_m, y_m = dead_reckoned(forward_m, heading)
@@ -244,12 +247,33 @@ def _filled(values: Floats, t_s: Floats) -> Floats:
     return np.interp(t_s, t_s[known], values[known])
 
 
-def _gyro_turn(recording: Recording, dt_s: Floats) -> Floats | None:
+def _gyro_turn(recording: Recording, dt_s: Floats, heading: Floats) -> Floats | None:
+    """Return the turn by the gyro [rad], float64[n]; in a silence the wheels' own, *heading*.
+
+    Counts go on while nobody hears of them, but what the gyro said is lost.
+    """
     rate = recording.gyro_rate_rad_s
     if rate is None or np.isfinite(rate).sum() < 3:
         return None
     steps = _filled(rate, recording.t_s) * dt_s
+    silent = silences(rate, recording.t_s)
+    steps[silent] = np.diff(heading, prepend=heading[0])[silent]
     return np.asarray(np.cumsum(steps) - steps[0])
+
+
+def silences(values: Floats, t_s: Floats) -> NDArray[np.bool_]:
+    """Mark, bool[n], what is missing for so long that it cannot be interpolated."""
+    missing = ~np.isfinite(values)
+    usual_s = np.diff(t_s[~missing])
+    if not missing.any() or len(usual_s) == 0:
+        return np.zeros(len(values), dtype=np.bool_)
+    longest_s = max(_SILENCE_S, _USUAL_TIMES * float(np.median(usual_s)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
+    silent = np.zeros(len(values), dtype=np.bool_)
+    for first, stop in edges.reshape(-1, 2):
+        last = min(stop, len(t_s) - 1)
+        silent[first:stop] = t_s[last] - t_s[max(first - 1, 0)] > longest_s
+    return silent
 
 
 def dead_reckoned(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
