@@ -134,9 +134,15 @@ def build_columns(
                 steps = [0.0] * len(variant.coefficients)
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
                 step = math.sqrt(limit * max(size.high, limit))
+                if effect in _DELAYS:
+                    step = _DELAY_S
                 steps[index] = step
                 moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
                 change = (nominal - moved) / step
+                if effect in _DELAYS:
+                    back = [-one for one in steps]
+                    before = residuals(nodes, predict(nodes.smooth, [(variant, back)]))
+                    change = (before - moved) / (2 * step)
                 if not _says_something(change * step):
                     break
                 base.append(change)
@@ -208,6 +214,10 @@ def _reach_m(nodes: Nodes) -> float:
 
 _LEAST_REACH_M: Final = 0.2
 """On the spot, what scales with the place is the reference's own noise."""
+_DELAYS: Final = frozenset({"reference_time_offset", "frame_latency"})
+"""Late counts are an early reference: along chords to either side, or of other lengths, the two
+would leave the way's bends between them, and in these stands the rows' own noise."""
+_DELAY_S: Final = 0.02
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""
 _BENT: Final = 5e-6

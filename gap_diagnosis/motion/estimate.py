@@ -117,7 +117,7 @@ def estimate_motion(
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
-        has_counters=bool(recording.frames),
+        has_counters=any(one.modulo for one in recording.frames.values()),
     )
 
 

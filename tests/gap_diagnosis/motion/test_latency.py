@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
@@ -45,6 +46,17 @@ def block() -> MotionBlock:
     return MotionBlock(MotionModel(table_with_a_late_gyro(), load_robot(), default_prior()))
 
 
+def test_late_counts_and_gyro_are_an_early_reference_and_leave_no_bend_beside_it(block):
+    columns = block.model.columns
+    (early,), (late,) = (
+        [columns.values[:3, :, 1 + term.weights[0][0][0]]]
+        for term in columns.terms
+        if term.variant.effect == "reference_time_offset"
+        or term.variant.report == {"frame": "sensors"}
+    )
+    assert np.nanmax(np.abs(early + late)) < 1e-9
+
+
 def test_the_late_message_is_named(block):
     singles = [one for one in block.scan.found.values() if len(one.effects) == 1]
     best = max(singles, key=lambda one: one.log_evidence)
@@ -55,6 +67,20 @@ def test_the_late_message_is_named(block):
 def test_the_delay_is_estimated_within_four_standard_deviations(block):
     delay = block.detail(frozenset({"frame_latency"})).parameters["frame_latency.delay"]
     assert abs(delay.value - LATE_S) < 4 * delay.sd
+
+
+def test_frames_without_counters_may_be_late_as_the_rows_of_a_table_may():
+    whole = synthetic_recording(
+        load_robot(), load_wire(), scenario("straight"), (), seed=3, reference=None, duration_s=5.0
+    )
+    plain = {name: replace(one, modulo=0) for name, one in whole.frames.items()}
+    for recording, has_counters in ((whole, True), (replace(whole, frames=plain), False)):
+        motion = estimate_motion(recording, load_robot())
+        assert motion.has_counters == has_counters
+        late = EXPLAINED["frame_latency"].variants(motion)
+        assert {one.report["frame"] for one in late} == (
+            set() if has_counters else {"IMU", "ENCODER", "sensors"}
+        )
 
 
 def test_a_gyro_eight_rows_late_is_seen_before_any_fit():
