@@ -74,6 +74,18 @@ def config_tables(config: KernelConfig) -> tuple[Int32Array, Int64Array]:
     return np.array(sines, dtype=np.int32), np.array(angles, dtype=np.int64)
 
 
+def table_bytes(config: KernelConfig) -> int:
+    """Return the bytes of the table that C holds: of `config_tables` the one that is used."""
+    is_cordic = config.description.trig.method == "cordic"
+    return len(config.table) * table_entry_bytes("cordic_table" if is_cordic else "sine_table")
+
+
+@lru_cache(maxsize=2)
+def table_entry_bytes(name: str) -> int:
+    """Return the bytes of an entry of ``sine_table`` or ``cordic_table``."""
+    return np.dtype(c_types("chiplog_config")[name].removesuffix("_t*")).itemsize
+
+
 def config_record(
     config: KernelConfig, sine_table: int, cordic_table: int, *, pointer_bytes: int = 8
 ) -> Records:

@@ -135,12 +135,23 @@ def command(
     if json_file is not None:
         write_json(json_file, _to_json(study, found, requirement, chosen, margin))
     if json_file != STANDARD_OUTPUT:
-        from chiplog.pages.study_words import FRONT_HEAD, front, front_row
+        from chiplog.pages.study_words import (
+            FRONT_HEAD,
+            OVERFLOW_HEAD,
+            front,
+            front_row,
+            overflow_rows,
+        )
 
         best = front(found, requirement)
-        show_table(FRONT_HEAD, [front_row(one, requirement, study) for one in best[:SHOWN]])
-        if len(best) > SHOWN:
-            show_line(f"… and {len(best) - SHOWN} more, in {out / PAGE}")
+        for head, shown in (
+            (FRONT_HEAD, [front_row(one, requirement, study) for one in best]),
+            (OVERFLOW_HEAD, overflow_rows(found, study)),
+        ):
+            if shown:
+                show_table(head, shown[:SHOWN])
+            if len(shown) > SHOWN:
+                show_line(f"… and {len(shown) - SHOWN} more, in {out}")
         show_line()
         for line in said:
             show_line(line)

@@ -65,7 +65,12 @@ def study_page(
             "front_left": max(len(best) - MAX_FRONT_ROWS, 0),
             "budget_head": BUDGET_HEAD,
             "scenario_head": ("scenario", high_words(len(study.seeds)), *SCENARIO_HEAD),
-            "cost_error_percent": f"{100 * table.largest_error:.0f}",
+            "cost_error": {
+                "configurations": table.checked,
+                "median": f"{100 * table.median_error:.2g}",
+                "high": f"{100 * table.high_error:.2g}",
+                "largest": f"{100 * table.largest_error:.2g}",
+            },
             "core": table.core,
             "compiler": table.compiler,
             "code_bytes": count(table.code_bytes),

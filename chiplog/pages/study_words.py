@@ -9,6 +9,7 @@ from chiplog.pages.quantities import angle, count, length
 from precision_study.study import Outcome, Requirement, Study, high_words, pareto_front
 
 DEFAULT_KIND: Final = "arithmetic position"
+OVERFLOW_HEAD: Final = ("configuration", "overflows", "runs")
 FRONT_HEAD: Final = ("configuration", "error", "proved", "instructions/s", "table", "state")
 
 
@@ -40,6 +41,21 @@ def front_row(one: Outcome, requirement: Requirement | None, study: Study) -> li
         count(round(one.cost.instructions_per_s)),
         f"{count(one.cost.table_bytes)} B",
         f"{one.cost.state_bytes} B",
+    ]
+
+
+def overflow_rows(found: Sequence[Outcome], study: Study) -> list[list[str]]:
+    """Return each configuration that overflows: how often, in how many runs; the most first."""
+    overflowing = sorted(
+        (one for one in found if one.overflows > 0), key=lambda one: one.overflows, reverse=True
+    )
+    return [
+        [
+            short_words(one, study),
+            count(one.overflows),
+            count(sum(part.runs for part in one.scenarios)),
+        ]
+        for one in overflowing
     ]
 
 

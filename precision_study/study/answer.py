@@ -13,13 +13,12 @@ from precision_study.budget import CAUSES
 from precision_study.study.cost import Cost, cost_table
 from precision_study.study.engine import Study
 from precision_study.study.requirement import Requirement
-from precision_study.study.space import Point
+from precision_study.study.space import Point, build
 from precision_study.study.store import Store
 
 LEVEL: Final = 0.99
 _ENOUGH_SEEDS: Final = 100
 """Fewer have no 99th percentile other than their largest."""
-_ABOUT_EQUAL: Final = 1.01
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,8 @@ def outcomes(study: Study, store: Store) -> list[Outcome]:
             _scenario(scenario.name, store.records(study.unit(point, scenario)), study.seeds)
             for scenario in study.scenarios
         )
-        found.append(Outcome(point, table.cost(point.firmware, point.tick_period_us), by_scenario))
+        cost = table.cost(build(point, study.robot, force=study.force))
+        found.append(Outcome(point, cost, by_scenario))
     return found
 
 
@@ -169,12 +169,14 @@ def holds(one: Outcome, requirement: Requirement, margin: float) -> bool:
 def cheapest(found: Sequence[Outcome], requirement: Requirement, margin: float) -> Outcome | None:
     """Return the configuration that holds with the fewest instructions a second, or None.
 
-    Of those within 1 % of it the one with the least memory, and of these the most exact.
+    Those that the cost table cannot tell from it count as equal: of them the one with the least
+    memory, and of these the most exact.
     """
     what = f"{requirement.kind} {requirement.quantity}"
     fit = [one for one in found if holds(one, requirement, margin)]
     if not fit:
         return None
     least = min(one.cost.instructions_per_s for one in fit)
-    near = [one for one in fit if one.cost.instructions_per_s <= _ABOUT_EQUAL * least]
+    about_equal = cost_table().about_equal
+    near = [one for one in fit if one.cost.instructions_per_s <= about_equal * least]
     return min(near, key=lambda one: (one.cost.memory_bytes, one.error(what)))

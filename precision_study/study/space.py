@@ -13,6 +13,8 @@ from hashlib import sha256
 from typing import Any, Final
 
 from firmware_model import FirmwareDescription, FirmwareError, KernelConfig, build_config
+from firmware_model.c99_layout import table_bytes as bytes_of_table
+from firmware_model.c99_layout import table_entry_bytes
 from hil_harness.robot import Robot
 from precision_study.errors import StudyError
 from precision_study.ranges import Envelope
@@ -246,13 +248,14 @@ def _unfit(
         config = build(point, robot, force=force)
     except FirmwareError as error:
         return str(error)
-    size = 4 * len(config.table)
+    size = bytes_of_table(config)
     if size > table_bytes:
-        field = "iterations" if point.firmware.trig.method == "cordic" else "entries"
-        value = getattr(point.firmware.trig, field)
+        trig = point.firmware.trig
+        field = "iterations" if trig.method == "cordic" else "entries"
+        value = getattr(trig, field)
         return (
             f"firmware.trig.{field} = {value}: a table of {size} bytes does not fit "
-            f"--table-bytes {table_bytes}: expected at most {_fitting(table_bytes)}"
+            f"--table-bytes {table_bytes}: expected at most {_fitting(trig.method, table_bytes)}"
         )
     if not force:
         try:
@@ -263,9 +266,12 @@ def _unfit(
     return None
 
 
-def _fitting(table_bytes: int) -> int:
-    entries = table_bytes // 4 - 1
-    return 1 << max(entries.bit_length() - 1, 0)
+def _fitting(method: str, table_bytes: int) -> int:
+    """Return the most rotations, or steps of a quarter turn (a power of two), that have room."""
+    if method == "cordic":
+        return max(table_bytes // table_entry_bytes("cordic_table") - 1, 1)
+    steps = table_bytes // table_entry_bytes("sine_table") - 1
+    return 1 << max(steps.bit_length() - 1, 0)
 
 
 def _said(value: Any) -> str:

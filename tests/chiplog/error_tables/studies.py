@@ -113,6 +113,12 @@ STUDIES: tuple[Row, ...] = (
         "65536: expected at most 8192 (with trig.entries = 65536)",
     ),
     Row(
+        "a CORDIC table that does not fit",
+        "chiplog study --sweep trig.method=cordic --sweep trig.iterations=30 --table-bytes 130",
+        "firmware.trig.iterations = 30: a table of 248 bytes does not fit --table-bytes 130: "
+        "expected at most 15 (with trig.method = cordic, trig.iterations = 30)",
+    ),
+    Row(
         "a study of a drive that gets nowhere",
         "chiplog study --scenario spin --sweep mode=gyro",
         "--scenario spin: drives 0 m in a lap and never reaches 100 m: expected a scenario "
