@@ -27,6 +27,7 @@ from hil_harness.nodes.schedule import cycle_of
 Validity = NDArray[np.int8]
 
 _CLEARLY: Final = 10.0
+_EARLIEST: Final = 10
 _NOT_LATE_US: Final = 2
 """Stamps are whole microseconds, and so is the line through them."""
 
@@ -111,7 +112,7 @@ def _sensors(inputs: ReplayInputs, recording: Recording, wire: Wire) -> dict[str
 
 def _is_known(spec: MessageSpec, recording: Recording, wire: Wire) -> bool:
     frames = recording.frames.get(spec.name)
-    if frames is None or not frames.modulo or len(frames.t_s) < 2:
+    if frames is None or not frames.modulo or len(frames.t_s) <= _EARLIEST:
         return False
     return cycle_of(spec, wire.tick_period_us)[0] == 1
 
@@ -132,9 +133,15 @@ def _delays_us(recording: Recording, names: Sequence[str]) -> dict[str, Floats]:
     line_us -= start + slope * counter
     closer = math.log(max(float(even_us.mean()), 1.0) / max(float(line_us.mean()), 1.0))
     delay_us = line_us if len(counter) * closer > _CLEARLY else even_us
-    whole_us = np.maximum(np.rint(delay_us), 0.0)
+    whole_us = np.maximum(np.rint(delay_us + _least_delay_us(delay_us)), 0.0)
     ends = np.cumsum([len(one.counter) for one in frames])[:-1]
     return dict(zip(names, np.split(whole_us, ends), strict=True))
+
+
+def _least_delay_us(delay_us: Floats) -> float:
+    """Return by how much the earliest frame is late itself: about as the next ones follow it."""
+    first = np.partition(delay_us, _EARLIEST)[: _EARLIEST + 1]
+    return float(np.ptp(first)) / _EARLIEST
 
 
 def _by_described_clock_us(frames: FrameTimes, recording: Recording) -> Floats:

@@ -24,7 +24,7 @@ def block_of(**effects: dict[str, Any]) -> FirmwareBlock:
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
-        ("frame_jitter", {"frame": "sensors", "sigma": 0.0015}),
+        ("frame_jitter", {"frame": "sensors", "sigma": 0.005}),
         ("frame_jitter", {"frame": "ENCODER", "sigma": 0.004}),
         ("frame_reordering", {"frame": "ENCODER", "probability": 0.01}),
         ("frame_latency", {"frame": "IMU", "delay": 0.0143}),
