@@ -214,7 +214,7 @@ def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
                 others = (frozenset({"euler_integration"}),)
             case "fixed_tick_period":
                 others = (frozenset({"firmware_constant"}),)
-            case "firmware_constant" if values["constant"] == "tick_period":
+            case "firmware_constant" if values["constant"] in ("tick_period", "gyro_sensitivity"):
                 others = (frozenset({"fixed_tick_period"}),)
             case "euler_integration" if values["heading"] == "before":
                 others = (frozenset({"stale_heading"}),)
