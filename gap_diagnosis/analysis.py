@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.bus import bus_block
+from gap_diagnosis.clock_setting import UNSET_S, UNTOLD, with_clock_set
 from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
@@ -45,6 +46,7 @@ class Analysis:
         unknown: log evidence of an unlisted cause by stage, less that of no effect.
         outliers: number of reference samples left out.
         lost: where the reference lost the robot, mended in the recording.
+        late_s: by how much the reference's stamps were moved: its clock was never set.
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
     """
@@ -58,6 +60,7 @@ class Analysis:
     burst: Burst | None = None
     traces: Mapping[str, Fit] = field(default_factory=dict)
     lost: Lost = field(default_factory=Lost)
+    late_s: float = 0.0
 
     @property
     def firmware(self) -> FirmwareBlock | None:
@@ -80,6 +83,7 @@ def analyse(
     *library* a user's own."""
     motion, gross = None, False
     blocks: list[Block] = []
+    recording, late_s = with_clock_set(recording, robot)
     recording, lost = with_tracking(recording, robot)
     # What a stale producer said again, only the ECU took for news.
     bus = bus_block(recording, robot, wire) if recording.frames else None
@@ -89,7 +93,15 @@ def analyse(
         progress("wheels, gyro and reference", 0.05)
         recording, outliers = without_outliers(recording, robot)
         gross = looks_gross(recording, robot)
-        model = MotionModel(recording, robot, prior, gross=gross, without=without, library=library)
+        model = MotionModel(
+            recording,
+            robot,
+            prior,
+            gross=gross,
+            without=without | UNTOLD if late_s else without,
+            library=library,
+            late_up_to_s=UNSET_S if late_s else None,
+        )
         motion = MotionBlock(
             model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
         )
@@ -127,6 +139,7 @@ def analyse(
         burst,
         seen,
         lost,
+        late_s,
     )
 
 

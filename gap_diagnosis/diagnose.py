@@ -11,6 +11,7 @@ from types import MappingProxyType
 from gap_diagnosis.advising import advice_for
 from gap_diagnosis.analysis import Analysis, Progress, analyse
 from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
+from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
@@ -93,7 +94,8 @@ def diagnose_recordings(
     *library* adds a user's own."""
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
-    held = None if held is None else with_tracking(held, robot)[0]
+    if held is not None:
+        held = with_tracking(with_clock_set(held, robot)[0], robot)[0]
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):

@@ -126,15 +126,22 @@ def notes_on(
                 f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
                 "off their neighbours and were left out."
             )
-        notes += _on_lost_tracking(analysis)
+        notes += _on_the_reference(analysis)
         notes += _on_burst(analysis) if is_unknown else []
     return (*notes, *more)
 
 
-def _on_lost_tracking(analysis: Analysis) -> list[str]:
-    """Say where the reference lost the robot, and what was done about it."""
+def _on_the_reference(analysis: Analysis) -> list[str]:
+    """Say what of the reference had to be mended before it could be used."""
     name, lost = analysis.recording.name, analysis.lost
     notes = []
+    if analysis.late_s:
+        early = "late" if analysis.late_s > 0 else "early"
+        notes.append(
+            f"{name}: the reference's stamps are {abs(analysis.late_s):.3f} s {early}, as of a "
+            "clock that was never set; they were moved by that, and what it is late by besides "
+            "cannot be known."
+        )
     if lost.frozen:
         notes.append(
             f"{name}: {lost.frozen} samples of the reference repeat an older pose while the wheels "

@@ -75,9 +75,11 @@ class MotionModel:
         gross: bool = False,
         without: frozenset[str] = frozenset(),
         library: Mapping[str, Effect] = MappingProxyType({}),
+        late_up_to_s: float | None = None,
     ) -> None:
         """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used;
-        *without* names effects that are not to be tried, *library* are a user's own."""
+        *without* names effects that are not to be tried, *library* are a user's own;
+        *late_up_to_s* is how late the reference may be, if not by the robot's tolerance."""
         self.recording, self.robot, self.prior = recording, robot, prior
         self.without = without
         delay_s = coarse_delay_s(recording, robot)
@@ -88,6 +90,8 @@ class MotionModel:
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot)
+        if late_up_to_s is not None:
+            self.tolerances["reference_time_offset.offset"] = late_up_to_s
         if not motion.has_counters:
             # How a table's rows were put together, a mean of a tick or its last sample, is no lag.
             tick_s = float(np.median(motion.dt_s[1:]))

@@ -13,7 +13,8 @@ from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
 
-_SEARCH_S: Final = 0.5
+SEARCH_S: Final = 0.5
+"""No reference that shares a clock with the log is later, or earlier."""
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
 _ALIKE: Final = 0.8
@@ -80,7 +81,7 @@ def _shift_s(ours: Floats, theirs: Floats, least: float) -> float:
     ours, theirs = (gaussian_filter1d(one, 0.1 / _STEP_S) for one in (ours, theirs))
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0
-    shifts = range(-round(_SEARCH_S / _STEP_S), round(_SEARCH_S / _STEP_S) + 1)
+    shifts = range(-round(SEARCH_S / _STEP_S), round(SEARCH_S / _STEP_S) + 1)
     edge = len(shifts)
     scores = []
     for shift in shifts:

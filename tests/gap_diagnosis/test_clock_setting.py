@@ -1,0 +1,52 @@
+"""A reference whose clock was never set by the log's is moved; one that is late is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from diagnosed import ROBOT, WIRE
+
+from gap_diagnosis.clock_setting import UNSET_S, with_clock_set
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import parse_effect
+from hil_harness.scenarios import scenario
+
+
+@cache
+def drive(effect: str = "") -> Recording:
+    effects = (parse_effect(effect),) if effect else ()
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("random"), effects, 3, reference=ReferenceNoise(), duration_s=60.0
+    )
+
+
+def late(recording: Recording, by_s: float, *, has_heading: bool = True) -> Recording:
+    reference = recording.reference
+    assert reference is not None
+    heading = reference.heading_rad if has_heading else None
+    moved = replace(reference, t_s=reference.t_s + by_s, heading_rad=heading)
+    return replace(recording, reference=moved)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.4, -0.4])
+def test_what_an_effect_may_be_late_by_is_left_as_it_is(late_s: float) -> None:
+    recording = late(drive(), late_s)
+    assert with_clock_set(recording, ROBOT) == (recording, 0.0)
+
+
+@pytest.mark.parametrize("late_s", [1.5, 8.0, -20.0])
+@pytest.mark.parametrize("has_heading", [True, False])
+def test_a_clock_that_was_never_set_is_found(late_s: float, has_heading: bool) -> None:
+    moved, found_s = with_clock_set(late(drive(), late_s, has_heading=has_heading), ROBOT)
+    assert found_s == pytest.approx(late_s, abs=ROBOT.tolerance.time_offset_s)
+    assert moved.reference is not None
+    assert moved.reference.t_s[0] == pytest.approx(late_s - found_s)
+
+
+def test_beside_a_large_effect_it_is_found_to_what_is_free_from_then_on() -> None:
+    recording = drive("turn_scrub.scrub=0.3")
+    _, found_s = with_clock_set(late(recording, 8.0), ROBOT)
+    assert found_s == pytest.approx(8.0, abs=0.5 * UNSET_S)
