@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,26 +88,3 @@ def rounding_error(values: NDArray[np.floating[Any]], rounding: int) -> Floats:
     else:
         rounded = np.trunc(values)
     return np.asarray(rounded - values, dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Drops:
-    """What is dropped for good in each tick, in SI.
-
-    Attributes:
-        whole: rounded − value.
-        mean: what it is on average, for evenly spread fractions.
-        unit: of the rounding, weighted; 0 where nothing is rounded.
-    """
-
-    whole: Floats
-    mean: Floats
-    unit: Floats
-
-    @classmethod
-    def of(cls, values: NDArray[np.floating[Any]], rounding: int, bits: int, unit: Floats) -> Self:
-        """Return what rounding drops of values [units] that have so many fraction bits."""
-        # What is narrowed lies on so many bits itself: ties are as frequent as there.
-        values = np.ldexp(np.rint(np.ldexp(values, bits)), -bits)
-        mean = mean_errors(values, rounding, bits)
-        return cls(rounding_error(values, rounding) * unit, mean * unit, unit)

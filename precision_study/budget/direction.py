@@ -11,8 +11,6 @@ from firmware_model import KernelConfig
 from firmware_model.config import TRIG_TABLE
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 from precision_study.budget.causes import rounding_error
-from precision_study.budget.path import Path
-from precision_study.budget.sums import Delay, RoundedSum, Sum
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,41 +38,6 @@ def direction_errors(config: KernelConfig, phase_turn_q32: Ints) -> tuple[Floats
         table = _cordic(config, angle)
         chord = np.zeros_like(table)
     return _turned(table, quadrant), _turned(chord, quadrant)
-
-
-class WheelHeading:
-    """The heading of a firmware that turns by its wheels: counts alone tell it to the bit."""
-
-    def __init__(self, config: KernelConfig) -> None:
-        """Begin a drive."""
-        self._config = config
-        self._turned = RoundedSum(config.turn_rounding, carry=config.turn_carry == 1)
-        self._last = 0.0
-        self._heading = RoundedSum(config.heading_rounding, carry=config.heading_carry == 1)
-        self._exact, self._before = Sum(), Delay(1)
-        self._stale = Delay(config.stale_heading_ticks)
-
-    def add(self, path: Path) -> tuple[Floats, Ints]:
-        """Return the turn of each tick and the angle of its step, as the firmware rounds them.
-
-        Turns are in units of the heading, angles whole ones [2^-F turn]. Sine and cosine may jump
-        where the twin's heading lies, as those of CORDIC do at zero.
-        """
-        config, fine = self._config, math.ldexp(1.0, -self._config.heading_shift)
-        turns = path.turn_counts * math.ldexp(config.tick_turn_q, -config.wheel_turn_shift)
-        turned = self._turned.add(turns)
-        turns = np.diff(turned, prepend=self._last) * fine
-        self._last = float(turned[-1])
-        heading = self._heading.add(turns)
-        if config.stale_heading_ticks > 0:
-            angle = self._stale.through(heading)
-        else:
-            exact = self._exact.add(turns) if config.heading_carry == 1 else heading
-            half = 1 << (config.heading_frac_bits - 1)
-            angle = self._before.through(exact) + config.integration / 2.0 * turns
-            angle = (angle + half) % (2.0 * half) - half
-            angle += rounding_error(angle, config.heading_rounding)
-        return turns, np.rint(angle).astype(np.int64)
 
 
 def _turned(errors: Floats, quadrant: Ints) -> Floats:

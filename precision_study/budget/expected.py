@@ -1,9 +1,9 @@
 """The expected firmware − float at the end of a drive, split by cause.
 
-Every cause acts alone, along the path of the float twin; what they make together is their sum to
-first order. A cause has a part that every drive of this kind repeats (a scale, a mean of what is
-dropped, a chord below the curve): those add as vectors. The rest is noise with the variance that
-evenly spread fractions have, 1/12 of a squared unit: those add in squares.
+What fixed-point arithmetic drops follows from what it is given. So every narrowing is followed along
+the float twin's path of a drive, with the values that the firmware has there, and what each cause
+makes adds up as a vector, to first order. The float twin's own rounding alone is taken as noise.
+What is left to chance is which drive it is: the root of the mean square over some drives.
 
 A drive comes some ticks at a time. What is kept of it are sums over its ticks, for turns with the
 moments that make the lever of each when the end is known (`levered_m`).
@@ -19,6 +19,7 @@ import numpy as np
 
 from firmware_model import KernelConfig
 from precision_study.budget.causes import CAUSES, Share
+from precision_study.budget.heading import FirmwareHeading
 from precision_study.budget.parts import Part
 from precision_study.budget.path import Path
 from precision_study.budget.steps import Steps
@@ -37,7 +38,7 @@ class Expectation:
     """The expected error of a configuration at the end of drives of a kind."""
 
     def __init__(self, config: KernelConfig, drives: int) -> None:
-        """Begin; what depends on where exactly a robot goes is averaged over drives, in squares."""
+        """Begin; what the drives differ by is averaged over them, in squares."""
         self._each = [_Along(config) for _ in range(drives)]
 
     def add(self, drive: int, path: Path) -> None:
@@ -77,17 +78,21 @@ class _Along:
     """What is expected along one drive."""
 
     def __init__(self, config: KernelConfig) -> None:
-        self._terms = Constants(config), Direction(config), Turns(config), Steps(config)
+        self._heading = FirmwareHeading(config)
+        self._constants, self._direction = Constants(config), Direction(config)
+        self._turns, self._steps = Turns(config), Steps(config)
         self._end_m = np.zeros(2)
 
     def add(self, path: Path) -> None:
-        for term in self._terms:
-            term.add(path)
+        headings = self._heading.add(path)
+        self._constants.add(path)
+        self._turns.add(path, headings)
+        self._steps.add(path, self._direction.add(path, headings))
         self._end_m = path.reach[-1, 1:].copy()
 
     def result(self) -> Expected:
         parts = {name: Part() for name in CAUSES}
-        for term in self._terms:
+        for term in (self._constants, self._direction, self._turns, self._steps):
             term.close(parts, self._end_m)
         shift = np.sum([one.shift_m for one in parts.values()], axis=0)
         noise = sum(one.noise_m2 for one in parts.values())

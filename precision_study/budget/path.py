@@ -141,9 +141,3 @@ def _offsets(config: KernelConfig, gyro: Ints, turn_lsb: Floats) -> Floats:
     fine = math.ldexp(1.0, config.offset_max_log2)
     used = np.rint((gyro - turn_lsb) * fine) / fine
     return np.where(np.abs(gyro - turn_lsb - known) < 1e-6, known, used)
-
-
-def wrapped(angle_rad: Floats) -> Floats:
-    """Return angles brought into [−π, π]."""
-    turn = 2.0 * math.pi
-    return np.asarray(angle_rad - turn * np.rint(angle_rad / turn))

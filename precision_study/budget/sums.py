@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.integers import TOWARD_ZERO
-from precision_study.budget.causes import mean_errors, rounding_error
+from firmware_model.integers import FLOOR, HALF_UP, TOWARD_ZERO
+from precision_study.budget.causes import rounding_error
 
 Floats = NDArray[np.float64]
 
@@ -42,51 +43,48 @@ class Sum:
         return sums[1:]
 
 
-class RoundedSum:
-    """A sum of values in units of its rounding, of which whole ones are kept."""
+@dataclass(frozen=True)
+class Narrowed:
+    """Values that are rounded tick by tick, in units of what is kept of them.
 
-    def __init__(self, rounding: int, *, carry: bool = True) -> None:
-        """Begin at zero; with *carry* what is left over goes to the next value."""
+    Attributes:
+        values: before rounding.
+        whole: what is kept of each.
+        error: kept − exact: of the sum so far where remainders are carried, else of each value.
+    """
+
+    values: Floats
+    whole: Floats
+    error: Floats
+
+
+class Rounding:
+    """Rounds values that come tick by tick."""
+
+    def __init__(self, rounding: int, *, carry: bool) -> None:
+        """Begin; with *carry* what is left over goes to the next value."""
         self._rounding, self._carry = rounding, carry
         self._sum = Sum()
-        self._remainder = 0.0
+        self._error = 0.0
 
-    def left_over(self, values: NDArray[np.floating[Any]]) -> Floats:
-        """Return rounded − exact sum after each of the next values, remainders carried."""
-        if self._rounding != TOWARD_ZERO:
-            return rounding_error(self._sum.add(values), self._rounding)
-        errors, remainder = np.empty(len(values)), self._remainder
-        for tick, value in enumerate(values.tolist()):
-            remainder = math.fmod(remainder + value, 1.0)  # of the sign that the total has
-            errors[tick] = -remainder
-        self._remainder = remainder
-        return errors
-
-    def add(self, values: NDArray[np.floating[Any]]) -> Floats:
-        """Return the rounded sum after each of the next values."""
+    def add(self, values: Floats) -> Narrowed:
+        """Round the next values."""
         if not self._carry:
-            return self._sum.add(np.rint(values + rounding_error(values, self._rounding)))
-        if self._rounding != TOWARD_ZERO:
-            exact = self._sum.add(values)
-            return np.rint(exact + rounding_error(exact, self._rounding))
-        left_over = self.left_over(values)
-        return np.rint(self._sum.add(values) + left_over)
+            error = rounding_error(values, self._rounding)
+            return Narrowed(values, np.rint(values + error), error)
+        before = self._error
+        error = self._left_over(values)
+        self._error = float(error[-1])
+        return Narrowed(values, np.rint(values + np.diff(error, prepend=before)), error)
 
-
-class MeanLeftOver:
-    """The mean of what a carried sum leaves over, for evenly spread fractions."""
-
-    def __init__(self, rounding: int, bits: int) -> None:
-        """Begin; *bits* fraction bits are left over."""
-        self._rounding, self._bits = rounding, bits
-        self._left_over = RoundedSum(rounding)
-        self._moved = False
-
-    def add(self, values: NDArray[np.floating[Any]]) -> Floats:
-        """Return the mean after each of the next values; 0 before the first that is not 0."""
-        if self._rounding == TOWARD_ZERO:
-            left_over = self._left_over.left_over(values)
-            return mean_errors(-left_over, self._rounding, self._bits)
-        moved = np.logical_or.accumulate(values != 0.0) | self._moved
-        self._moved = bool(moved[-1])
-        return np.where(moved, mean_errors(values, self._rounding, self._bits), 0.0)
+    def _left_over(self, values: Floats) -> Floats:
+        """Return rounded − exact sum after each of the next values."""
+        if self._rounding in (FLOOR, HALF_UP):
+            return rounding_error(self._sum.add(values), self._rounding)
+        # These ask the total of a tick for its sign, or whether what it keeps is even.
+        rest_of = math.fmod if self._rounding == TOWARD_ZERO else math.remainder
+        errors, rest = np.empty(len(values)), -self._error
+        for tick, value in enumerate(values.tolist()):
+            rest = rest_of(rest + value, 1.0)
+            errors[tick] = -rest
+        return errors
