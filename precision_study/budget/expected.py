@@ -1,8 +1,8 @@
 """The expected firmware − float at the end of a drive, split by cause.
 
-What fixed-point arithmetic drops follows from what it is given. So every narrowing is followed along
-the float twin's path of a drive, with the values that the firmware has there, and what each cause
-makes adds up as a vector, to first order. The float twin's own rounding alone is taken as noise.
+What fixed-point arithmetic drops follows from what it is given. So every narrowing is followed
+along the float twin's path of a drive, with the values that the firmware has there, and what each
+cause makes adds up as a vector, to first order. The float twin's own rounding alone is taken as noise.
 What is left to chance is which drive it is: the root of the mean square over some drives.
 
 A drive comes some ticks at a time. What is kept of it are sums over its ticks, for turns with the

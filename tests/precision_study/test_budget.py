@@ -174,7 +174,7 @@ def test_counts_and_codes_tell_the_heading_to_the_bit() -> None:
         turn = 1 << config.heading_frac_bits
         off = (heading.astype(np.int64) - kernel + turn // 2) % turn - turn // 2
         assert np.abs(off).max() <= 1
-        ticks, apart = ticks + len(off), apart + np.count_nonzero(off)
+        ticks, apart = ticks + len(off), apart + int(np.count_nonzero(off))
     # Products have up to 62 bits, of which float64 keeps 53: rarely a tie falls the other way.
     assert apart < 1e-4 * ticks
 
