@@ -2,8 +2,8 @@
 
 What fixed-point arithmetic drops follows from what it is given. So every narrowing is followed
 along the float twin's path of a drive, with the values that the firmware has there, and what each
-cause makes adds up as a vector, to first order. The float twin's own rounding alone is taken as noise.
-What is left to chance is which drive it is: the root of the mean square over some drives.
+cause makes adds up as a vector, to first order. Only the float twin's own rounding is noise. What
+is left to chance is which drive it is: the root of the mean square over some drives.
 
 A drive comes some ticks at a time. What is kept of it are sums over its ticks, for turns with the
 moments that make the lever of each when the end is known (`levered_m`).
