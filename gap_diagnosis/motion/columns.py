@@ -137,12 +137,8 @@ def build_columns(
                 if effect in _DELAYS:
                     step = _DELAY_S
                 steps[index] = step
-                moved = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
-                change = (nominal - moved) / step
-                if effect in _DELAYS:
-                    back = [-one for one in steps]
-                    before = residuals(nodes, predict(nodes.smooth, [(variant, back)]))
-                    change = (before - moved) / (2 * step)
+                to_both = effect in _DELAYS
+                change = _change(nodes, variant, steps, nominal, to_both=to_both) / step
                 if not _says_something(change * step):
                     break
                 base.append(change)
@@ -169,15 +165,23 @@ def _near(
     Over a step of the usual size a delay bends: along that chord a good reference would not find
     what is within tolerance explained.
     """
-    acts = variant if variant.little is None else replace(variant, act=variant.little)
-    size = max(steps)
-    if variant.little is None:
-        steps, size = [limit * (one > 0) for one in steps], limit
-    ahead = residuals(nodes, predict(nodes.smooth, [(acts, steps)]))
-    if variant.is_positive:
-        return np.asarray((nominal - ahead) / size)
-    behind = residuals(nodes, predict(nodes.smooth, [(acts, [-one for one in steps])]))
-    return np.asarray((behind - ahead) / (2 * size))
+    to_both = not variant.is_positive
+    if variant.little is not None:
+        acts = replace(variant, act=variant.little)
+        return _change(nodes, acts, steps, nominal, to_both=to_both) / max(steps)
+    small = [limit * (one > 0) for one in steps]
+    return _change(nodes, variant, small, nominal, to_both=to_both) / limit
+
+
+def _change(
+    nodes: Nodes, variant: Variant, steps: list[float], nominal: Floats, *, to_both: bool
+) -> Floats:
+    """Return what *steps* change; the mean of them and their opposites, if *to_both* sides."""
+    ahead = residuals(nodes, predict(nodes.smooth, [(variant, steps)]))
+    if not to_both:
+        return nominal - ahead
+    behind = residuals(nodes, predict(nodes.smooth, [(variant, [-one for one in steps])]))
+    return 0.5 * (behind - ahead)
 
 
 def with_variant(
