@@ -118,7 +118,6 @@ def diagnose_recordings(
         stage_of,
         _unknown(analyses),
         [some for one in analyses if one.motion is not None for some in one.motion.several],
-        _alone(analyses),
     )
     progress("how far the gap shrinks", 0.8)
     which, other = candidates(ranking, analyses)
@@ -145,6 +144,7 @@ def diagnose_recordings(
             analyses,
             found.notes,
             is_unknown=verdict == UNKNOWN and stage == "wheel",
+            beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
         ),
         logs=tuple(log_facts(one.recording, robot) for one in analyses),
         inputs=tuple(inputs),
@@ -172,12 +172,6 @@ def _unknown(analyses: Sequence[Analysis]) -> dict[str, float]:
         for stage, value in one.unknown.items():
             total[stage] = total.get(stage, 0.0) + value
     return total
-
-
-def _alone(analyses: Sequence[Analysis]) -> tuple[str, ...]:
-    """Return the firmware, unless the logs have all that went into it: it may be another's."""
-    known = (one.firmware is None or one.firmware.is_exact for one in analyses)
-    return () if all(known) else ("firmware",)
 
 
 def _stage(verdict: str, ranking: Ranking, stages: Mapping[StageOrNone, float]) -> StageOrNone:

@@ -96,11 +96,26 @@ def log_facts(recording: Recording, robot: Robot) -> LogFacts:
     )
 
 
+_BESIDE: Final = {
+    "actuation": "the wheels do not follow their commands as described",
+    "bus": "frames come otherwise than described",
+    "firmware": "the odometry frames are not what the described firmware gives",
+}
+
+
 def notes_on(
-    analyses: Sequence[Analysis], more: Sequence[str], *, is_unknown: bool = False
+    analyses: Sequence[Analysis],
+    more: Sequence[str],
+    *,
+    is_unknown: bool = False,
+    beside: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Return what these logs cannot tell; where the cause *is_unknown*, what was seen of it."""
-    notes: list[str] = []
+    """Return what these logs cannot tell; where the cause *is_unknown*, what was seen of it;
+    in which stages something is left *beside* the verdict."""
+    notes = [
+        f"Beside the verdict, in stage {stage}: {_BESIDE[stage]}, and no listed effect explains it."
+        for stage in beside
+    ]
     recordings = [one.recording for one in analyses]
     if all(one.reference is None for one in recordings):
         notes.append(

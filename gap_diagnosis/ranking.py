@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
 from gap_diagnosis.block_sums import Effects, quick_of, total_of
+from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
@@ -29,8 +30,6 @@ _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
 _LARGER: Final = 6
 _APART: Final = 2
-_BLOCK: Final = {"actuation": "drive", "bus": "bus", "firmware": "firmware"}
-"""In which block an unlisted cause of a stage shows; all others in the motion."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +40,19 @@ class Ranked:
         effects: their names; empty for no gap.
         log_evidence, log_likelihood: over all blocks, less those of no effect.
         probability: posterior.
+        company: what unlisted causes beside it add to both.
     """
 
     effects: Effects
     log_evidence: float
     log_likelihood: float
     probability: float
+    company: float = 0.0
+
+    @property
+    def explained(self) -> float:
+        """The log likelihood with what unlisted causes beside it explain."""
+        return self.log_likelihood + self.company
 
 
 @dataclass(frozen=True)
@@ -56,10 +62,12 @@ class Ranking:
     Attributes:
         sets: most probable first, no effect among them.
         unknown: probability of a cause that is not in the library, by stage.
+        beside: stages in which the best set leaves something that no listed effect explains.
     """
 
     sets: tuple[Ranked, ...]
     unknown: Mapping[str, float]
+    beside: tuple[str, ...] = ()
 
     @property
     def best(self) -> Ranked:
@@ -82,7 +90,7 @@ class Ranking:
             for one in self.sets
             if one.effects != effects
             and len(one.effects) <= len(effects)
-            and 2 * (own.log_likelihood - one.log_likelihood) < THRESHOLD
+            and 2 * (own.explained - one.explained) < THRESHOLD
         ]
         named = [one for one in (own, *near) if one.effects]
         return [one for one in near if not any(_adds_nothing(one, less) for less in named)]
@@ -94,14 +102,12 @@ def rank(
     stage_of: Mapping[str, str],
     unknown: Mapping[str, float],
     several: Sequence[Effects] = (),
-    alone: Collection[str] = ("firmware",),
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look. *alone* are stages in which an unlisted
-    cause is no more than that a program is another's: it explains nothing beside listed effects.
+    effects and more of one block that are worth a look.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -134,23 +140,30 @@ def rank(
             scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
     scored |= _with_one_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
-    logs_of = {effects: one[0] + one[2] for effects, one in scored.items()}
     guesses = {
-        stage: evidence
-        + (0.0 if stage in alone else _elsewhere(logs, scored, _BLOCK.get(stage, "motion")))
-        + math.log(prior.unknown / max(len(unknown), 1))
+        stage: evidence + math.log(prior.unknown / len(unknown))
         for stage, evidence in unknown.items()
+    }
+    company = Company(logs, guesses)
+    kept = {effects: company.of(effects) if effects else 0.0 for effects in scored}
+    logs_of = {effects: one[0] + one[2] + kept[effects] for effects, one in scored.items()}
+    elsewhere = _elsewhere(logs, logs_of)
+    guesses = {
+        stage: value
+        + max(company.of(frozenset(), but=stage), elsewhere if stage not in OWN_BLOCK else 0.0)
+        for stage, value in guesses.items()
     }
     top = max([*logs_of.values(), *guesses.values()])
     total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
     sets = [
-        Ranked(effects, one[0], one[1], math.exp(logs_of[effects] - top) / total)
+        Ranked(effects, one[0], one[1], math.exp(logs_of[effects] - top) / total, kept[effects])
         for effects, one in scored.items()
     ]
     sets.sort(key=lambda one: (-one.probability, sorted(one.effects)))
     return Ranking(
         tuple(sets),
         {stage: math.exp(value - top) / total for stage, value in guesses.items()},
+        company.beside(sets[0].effects),
     )
 
 
@@ -190,7 +203,7 @@ def _triples(
 
 def _adds_nothing(one: Ranked, less: Ranked) -> bool:
     """Tell whether a set is *less* with effects that gain what chance gives."""
-    gain = 2 * (one.log_likelihood - less.log_likelihood)
+    gain = 2 * (one.explained - less.explained)
     return less.effects < one.effects and gain < _BY_CHANCE
 
 
@@ -256,19 +269,15 @@ def _is_hidden(effects: Effects, bent: tuple[Effects, Effects]) -> bool:
     return bool(effects & gross) and bool(effects & hidden)
 
 
-def _elsewhere(
-    logs: Sequence[Sequence[Block]],
-    scored: Mapping[Effects, tuple[float, float, float]],
-    own: str,
-) -> float:
-    """Return what listed effects add in the blocks that an unlisted cause does not touch."""
-    touched = {e for blocks in logs for b in blocks if b.name == own for e in b.effects}
+def _elsewhere(logs: Sequence[Sequence[Block]], logs_of: Mapping[Effects, float]) -> float:
+    """Return what listed effects add in the blocks that an unlisted cause of the motion leaves."""
+    touched = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
     others = [
-        one[0] + one[2]
-        for effects, one in scored.items()
+        value
+        for effects, value in logs_of.items()
         if len(effects) <= 2 and effects and not effects & touched
     ]
-    return max(0.0, max(others, default=0.0))
+    return max(others, default=0.0)
 
 
 def _single_priors(owned: Sequence[str], stage_of: Mapping[str, str]) -> dict[str, float]:

@@ -108,6 +108,31 @@ def test_an_effect_hardly_seen_is_grouped_with_no_gap() -> None:
     assert [one.effects for one in ranking.group(frozenset({"gyro_bias"}))] == [frozenset()]
 
 
+def test_an_unlisted_drive_does_not_hide_what_the_wheels_show() -> None:
+    """No real drive answers as described; a wheelbase is told beside it, and alone of its group."""
+    motion = FakeBlock({"wheelbase_scale": 100.0, "gyro_bias": 0.0})
+    drive = FakeBlock({"drive_gain": 300.0}, name="drive")
+    ranking = ranked(motion, drive, unknown={"actuation": 500.0, "wheel": -5.0})
+    assert ranking.best.effects == {"wheelbase_scale"}
+    assert ranking.best.probability > 0.8
+    assert ranking.beside == ("actuation",)
+    assert ranking.group(ranking.best.effects) == []
+
+
+def test_an_unlisted_drive_alone_is_unknown() -> None:
+    motion = FakeBlock({"wheelbase_scale": 0.0, "gyro_bias": -1.0})
+    drive = FakeBlock({"drive_gain": 300.0}, name="drive")
+    ranking = ranked(motion, drive, unknown={"actuation": 500.0, "wheel": -5.0})
+    assert ranking.unknown["actuation"] > 0.5
+
+
+def test_a_listed_drive_is_its_own_cause() -> None:
+    drive = FakeBlock({"drive_gain": 300.0}, name="drive")
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), drive, unknown={"actuation": 250.0})
+    assert ranking.best.effects == {"drive_gain"}
+    assert ranking.beside == ()
+
+
 def test_a_mistake_of_the_setup_may_lie_where_another_block_cannot_see_it() -> None:
     """Swapped sides in the table of the log are no news to commands that were swapped too."""
     motion = FakeBlock({"setup_swapped": 500.0, "gyro_bias": 0.0})
