@@ -15,6 +15,15 @@ a unit for each radian that the robot turns, to and fro, where that is less than
 Rounding toward zero keeps no remainder against its step: |s| ≤ |n|·h + |r| − |r′|, so that steps
 add up to no more than |n|·h. A step that leaves its word is cut after its remainder was taken, and
 what is cut may be given back: then a unit for each frame is what is known.
+
+What trembling adds. A counter tells how many edges were passed: its reading is the wheel's way and
+an error e, which lies within an interval of one count, and of the noise of a reading. A wheel that
+stands on an edge counts to and fro, tick after tick, without any way: n = m + e′ − e, where m is of
+the way. Both wheels' e, added or subtracted, lie within `jitter` counts, and Σ c_i·(e_i − e_{i−1})
+is the same sum as that of remainders: trembling adds ½·jitter·(2 + Σ|c_{i+1} − c_i|) counts to x or
+y, and a new baseline of the counters begins that sum again. Rounding without carry does not know of
+this: every tick is a frame whose step may be rounded, and each may err by all that rounding drops.
+Otherwise each count of a trembling wheel is way: `jitter` more of them in every tick.
 """
 
 from __future__ import annotations
@@ -39,20 +48,33 @@ class Demand:
 
     Attributes:
         ticks: how long it lasts.
-        counts: Σ|left + right| of the increments [encoder ticks].
+        counts: Σ|left + right| of the way in each frame [encoder ticks].
         frame_counts: largest |left + right| of a frame, after a gap as well [encoder ticks].
-        turn_counts: largest |right − left| of a tick; of so many ticks, so many times that, and
-            `turn_jitter` more.
-        turn_jitter: by how much it may differ from what the wheels turn, as a count is an edge.
+        turn_counts: largest |right − left| of the way of a tick; of so many ticks, so many times
+            that.
         rate_q: largest |code − offset| of the gyro, in the offset's fraction bits.
+        jitter: by how much the increments' left + right, and right − left, may differ from the way;
+            0: `counts` and `turn_counts` are of the increments themselves [encoder ticks].
+        baselines: how often the counters may get a new one.
     """
 
     ticks: int
     counts: int
     frame_counts: int
     turn_counts: Fraction
-    turn_jitter: int
     rate_q: int
+    jitter: Fraction = Fraction(0)
+    baselines: int = 0
+
+    @property
+    def counted(self) -> Fraction:
+        """Σ|left + right| of the increments, however the counters tremble."""
+        return self.counts + self.jitter * self.ticks
+
+    @property
+    def frames(self) -> int:
+        """How many frames have a count: no tick moves without one."""
+        return min(self.ticks, math.ceil(self.counted))
 
     @classmethod
     def believed(cls, config: KernelConfig, ticks: int) -> Demand:
@@ -60,7 +82,7 @@ class Demand:
         fastest = 2 * config.max_step_ticks
         rate_q = (config.gyro_max_code + 1) << config.offset_frac_bits
         return cls(
-            ticks, fastest * ticks, fastest * config.gap_limit_ticks, Fraction(fastest), 0, rate_q
+            ticks, fastest * ticks, fastest * config.gap_limit_ticks, Fraction(fastest), rate_q
         )
 
 
@@ -88,15 +110,11 @@ def is_given_back(config: KernelConfig) -> bool:
     return config.step_carry == 1 and config.step_shift > 0 and config.step_rounding != TOWARD_ZERO
 
 
-def _carried_gain(config: KernelConfig, asked: Demand) -> Fraction:
-    """Return by how many units of the step carried remainders can lengthen a drive along an axis.
-
-    For steps that fit their word; see the module's text.
-    """
-    frames = min(asked.ticks, asked.counts)
+def _change(config: KernelConfig, asked: Demand) -> Fraction:
+    """Return Σ|c_{i+1} − c_i| of the module's text at most."""
     turned, jitter = _turned(config, asked)
     slack = _direction_slack(config) + 2 * PI * jitter
-    return 1 + min(Fraction(frames), (2 * PI * turned + frames * slack) / 2)
+    return min(Fraction(2 * asked.frames), 2 * PI * turned + asked.frames * slack)
 
 
 def _turned(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
@@ -108,7 +126,7 @@ def _turned(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
     """
     unit = 1 << (config.heading_frac_bits + config.heading_shift)
     tick_turn = Fraction(config.tick_turn_q, 1 << config.wheel_turn_shift)
-    by_wheels, jitter = asked.turn_counts * tick_turn + 1, asked.turn_jitter * tick_turn
+    by_wheels, jitter = asked.turn_counts * tick_turn + 1, asked.jitter * tick_turn
     turn = by_wheels
     if config.mode != MODE_WHEEL:
         by_wheels, jitter = by_wheels + jitter, Fraction(0)
@@ -153,10 +171,8 @@ def moved(config: KernelConfig, asked: Demand, direction_q: int) -> Fraction:
         asked: what the drive asks.
         direction_q: sine and cosine are no larger [2^-T].
     """
-    one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
     unit = Fraction(direction_q, 1 << config.position_shift)  # what one of the step moves them by
-    frames = min(asked.ticks, asked.counts)  # no tick moves it without a count
-    steps = Fraction(asked.counts * config.half_tick_m_q, 1 << config.step_shift)
+    frames, steps = asked.frames, asked.counted * _count_steps(config)
     step = config.step_shift, config.step_rounding, config.step_carry
     position = config.position_shift, config.position_rounding, config.position_carry
     if config.step_carry and not is_given_back(config):
@@ -165,10 +181,32 @@ def moved(config: KernelConfig, asked: Demand, direction_q: int) -> Fraction:
     gain = frames * (rounding_gain(*step) * unit + rounding_gain(*position))
     if is_given_back(config):
         gain += frames * unit
-        if _longest_step(config, asked) <= config.step_high_q:
-            summed = _carried_gain(config, asked) * one + frames * rounding_error(*position)
-            gain = min(gain, summed)
-    return steps * unit + gain
+    bound = steps * unit + gain
+    if _longest_step(config, asked) <= config.step_high_q:
+        bound = min(bound, _summed(config, asked, unit))
+    return bound
+
+
+def _summed(config: KernelConfig, asked: Demand, unit: Fraction) -> Fraction:
+    """Return that bound by the sums of the module's text, for steps that fit their word."""
+    one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
+    change, frames = _change(config, asked), asked.frames
+    trembling = asked.jitter / 2 * (2 + 2 * asked.baselines + change) * _count_steps(config)
+    error = frames * rounding_error(config.step_shift, config.step_rounding, config.step_carry)
+    carried = Fraction(0)
+    if config.step_carry and config.step_shift > 0:
+        span = 1 if is_given_back(config) else 2  # toward zero, of either sign
+        carried = span * (1 + change / 2)
+    gain = frames * rounding_error(
+        config.position_shift, config.position_rounding, config.position_carry
+    )
+    way = asked.counts * _count_steps(config)
+    return (way + error) * unit + (trembling + carried) * one + gain
+
+
+def _count_steps(config: KernelConfig) -> Fraction:
+    """Return how many units of the step a count of one wheel is."""
+    return Fraction(config.half_tick_m_q, 1 << config.step_shift)
 
 
 def _longest_step(config: KernelConfig, asked: Demand) -> int:

@@ -74,8 +74,8 @@ class Design(_Table):
         examples=[3600.0],
     )
     distance_m: float | None = _limit(
-        "longest way in a mission, to and fro as the encoders count it [m]; left out: at top speed "
-        "all along",
+        "longest way in a mission, to and fro as the wheels go [m], without what encoders count at "
+        "rest; left out: at top speed all along",
         1e9,
         1000.0,
     )

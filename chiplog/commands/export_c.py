@@ -59,20 +59,18 @@ def proved_mission(robot: Robot, config: KernelConfig) -> str:
     What is held against the word is the bound of `chiplog ranges`.
     """
     from firmware_model import FirmwareError
-    from firmware_model.build_scales import exact
     from hil_harness.errors import HarnessError
-    from precision_study.ranges import envelope_of
+    from precision_study.ranges import envelope_of, trembling, way
     from precision_study.ranges.reach import require_mission_fits
 
     envelope = envelope_of(robot, config)
-    way_m = float(envelope.way_ticks * exact(config.constants).half_tick_m)
-    mission = f"{way_m:.4g} m in a mission of {robot.design.mission_s:g} s"
+    mission = way(config, envelope)
     try:
         require_mission_fits(config, envelope, mission)
     except FirmwareError as error:
         message = f"{error}, or less in [design]"
         raise HarnessError(f"{robot.where(message)}: {message}") from error
-    return mission
+    return f"{mission}, {trembling(robot)}"
 
 
 def write_files(folder: Path, texts: dict[str, str]) -> None:

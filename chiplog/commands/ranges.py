@@ -32,17 +32,19 @@ def command(
     """Derive the range of every intermediate of the firmware, and say which words can overflow.
 
     From the speed and acceleration of a wheel, the turn rate and the length of a mission, as
-    [drive] and [design] of robot.toml say, from rest at power-on; its way is what the encoders
-    count, to and fro. Where overflow is not impossible, a drive that overflows the word is run
-    through the kernel; where a position's bound is beyond its word by less than its slack, that
-    drive may last longer than the mission, or none is known, as is then said. Exit status 1 if a
-    word can overflow.
+    [drive] and [design] of robot.toml say, from rest at power-on; its way is what the wheels go, to
+    and fro. What encoders count on top of that at an edge, tick after tick, is included, and six
+    standard deviations of their noise_ticks; edges missed, counted twice or spaced unevenly are
+    not. Where overflow is not impossible, a drive that overflows the word is run through the
+    kernel; where a position's bound is beyond its word by less than its slack, that drive may last
+    longer than the mission, or none is known, as is then said. Exit status 1 if a word can
+    overflow.
     """
     from chiplog.commands.kernel_config import kernel_config
     from chiplog.terminal import show_line, show_table
     from hil_harness.errors import HarnessError
     from hil_harness.robot import load_robot
-    from precision_study.ranges import envelope_of, find_ranges, to_json
+    from precision_study.ranges import envelope_of, find_ranges, to_json, trembling, way
 
     described = load_robot(robot)
     try:
@@ -57,6 +59,8 @@ def command(
         head = ["intermediate", "at most", "bits", "needed", "overflow"]
         show_table(head, [row(one, config) for one in findings])
         show_line()
+        asked = f"{way(config, envelope)}, {trembling(described)}."
+        show_line(asked[0].upper() + asked[1:])
         show_line(answer(findings, config))
     if any(one.verdict != "impossible" for one in findings):
         raise typer.Exit(1)

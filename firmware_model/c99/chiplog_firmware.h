@@ -11,7 +11,7 @@
  * from the configuration: position P, step S, heading F, turn step K, sine and cosine T, gyro
  * offset O. All widths below are proved by `build_config` for every configuration it makes; that x
  * and y stay within their word, by `chiplog export-c` for the mission that stands in
- * chiplog_config.h, whatever way the robot turns; its way is Σ|left + right| of the increments.
+ * chiplog_config.h, whatever way the robot turns; its way is that of the wheels, to and fro.
  * What `--force` wrote, or what was filled in by hand, is unproved.
  */
 #ifndef CHIPLOG_FIRMWARE_H

@@ -1,7 +1,7 @@
 """The range of every intermediate of the kernel, proved from the robot's envelope."""
 
 from precision_study.ranges.bounds import intermediates
-from precision_study.ranges.envelope import Envelope, envelope_of
+from precision_study.ranges.envelope import Envelope, envelope_of, trembling, way
 from precision_study.ranges.intermediate import Intermediate
 from precision_study.ranges.verdicts import Finding, find_ranges, to_json
 
@@ -13,4 +13,6 @@ __all__ = [
     "find_ranges",
     "intermediates",
     "to_json",
+    "trembling",
+    "way",
 ]

@@ -26,12 +26,14 @@ from precision_study.ranges.swings import swings
 
 _PREFIXES: Final = 4096
 _SETTLING: Final = 64
+_LEADS: Final = 8
 
 
 def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Iterator[Drive]:
     """Yield drives that may overflow a word, the likeliest first."""
     if value.word == "position":
         yield from _far(config, envelope)
+        yield from _trembling(config, envelope)
         yield from swings(config, envelope)
     elif value.word == "step":
         yield from _wheels(config, envelope, forward=True)
@@ -90,6 +92,25 @@ def _far(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
             yield drive
             if config.mode != MODE_WHEEL:
                 yield tuple(replace(one, gyro_validity=FRESH) for one in drive)
+
+
+def _trembling(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
+    """Yield drives that go the way in the whole mission, while wheels on an edge count to and fro.
+
+    Without carry each of those counts may be rounded the same way.
+    """
+    if config.step_carry and config.position_carry:
+        return
+    ticks = envelope.mission_ticks
+    for lead in range(1, min(envelope.trembling_ticks, _LEADS) + 1):
+        spare = envelope.wheel_ticks(1) - (lead + 1) // 2
+        rate = min(envelope.rate, Fraction(envelope.way_ticks, 2 * ticks), Fraction(spare))
+        for on in dict.fromkeys((Fraction(0), rate)):
+            for sign in (1, -1):
+                *ramp, last = _up_to_speed(
+                    config, envelope, ticks - envelope.ramp_to(on), sign, 1, rate=on
+                )
+                yield (*ramp, replace(last, lead_counts=lead))
 
 
 def _within_way(envelope: Envelope, drive: Drive) -> Drive:

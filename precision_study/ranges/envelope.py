@@ -13,16 +13,20 @@ from firmware_model.reach import counts_of
 from hil_harness.robot import LONGEST_MISSION_S, Robot
 from precision_study.errors import StudyError
 
+NOISE_DEVIATIONS: Final = 6
+"""So many standard deviations a reading's noise may be off; a normal one is beyond that in two of
+a thousand million readings."""
 _RATE_STEPS: Final = 10_000
 """Rates are rounded up to this part of a count per tick: a drive is then told in short numbers."""
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """The inputs that are asked about; what lies outside is refused or held by the kernel.
+    """The inputs that are asked about: of a robot that rests at power-on, and of its sensors.
 
-    The robot rests at power-on. A counter that is read at the ends of a stretch gains its way
-    rounded down or up.
+    The way is that of the wheels. A counter gains the way of a stretch rounded down or up, and what
+    the noise of two readings adds: a wheel that rests on an edge counts to and fro. Edges that are
+    missed, counted twice or spaced unevenly are not asked about.
 
     Attributes:
         rate: of the fastest wheel [encoder ticks a tick].
@@ -30,7 +34,9 @@ class Envelope:
         turn_rate: fastest right minus left [encoder ticks a tick].
         gap_ticks: longest stretch without encoder frames that is bridged [ticks].
         mission_ticks: length of the mission [ticks].
-        way_ticks: the mission's way, Σ|left + right| as the counters tell it [encoder ticks].
+        way_ticks: the mission's way, Σ|left + right| of what the wheels go [encoder ticks].
+        noise_ticks: by how much the noise of two readings of a counter may differ [encoder ticks].
+        believed_ticks: largest increment of a wheel in a tick that is believed [encoder ticks].
         code_low, code_high: smallest and largest code of the gyro that is believed [LSB].
         offset_low_q, offset_high_q: range of the zero-rate offset, as it may be learnt at rest.
     """
@@ -41,18 +47,31 @@ class Envelope:
     gap_ticks: int
     mission_ticks: int
     way_ticks: int
+    noise_ticks: Fraction
+    believed_ticks: int
     code_low: int
     code_high: int
     offset_low_q: int
     offset_high_q: int
 
+    @property
+    def jitter(self) -> Fraction:
+        """By how much both wheels' increments, added or subtracted, may differ from their way."""
+        return 2 * (1 + self.noise_ticks)
+
+    @property
+    def trembling_ticks(self) -> int:
+        """By how many counts of both wheels together wheels at rest may count to and fro."""
+        return 2 * max(math.ceil(self.noise_ticks), 1)
+
     def wheel_ticks(self, ticks: int) -> int:
         """Return the largest increment of a wheel in so many ticks."""
-        return math.ceil(self.rate * ticks)
+        return min(math.ceil(self.rate * ticks + self.noise_ticks), self.believed_ticks * ticks)
 
     def turn_ticks(self, ticks: int) -> int:
         """Return the largest right minus left in so many ticks; each may be one off its way."""
-        return min(2 * self.wheel_ticks(ticks), math.ceil(self.turn_rate * ticks) + 1)
+        turned = math.ceil(self.turn_rate * ticks + 2 * self.noise_ticks) + 1
+        return min(2 * self.wheel_ticks(ticks), turned)
 
     def ramp_to(self, rate: Fraction) -> int:
         """Return how many ticks a wheel takes from rest to a rate."""
@@ -60,7 +79,7 @@ class Envelope:
 
     def twice_as_long(self) -> Envelope:
         """Return the same robot in a mission of twice as many ticks."""
-        farther = self.way_ticks + 2 * self.wheel_ticks(self.mission_ticks)
+        farther = self.way_ticks + 2 * math.ceil(self.rate * self.mission_ticks)
         return replace(self, mission_ticks=2 * self.mission_ticks, way_ticks=farther)
 
     @classmethod
@@ -73,6 +92,7 @@ class Envelope:
         acceleration_rad_s2: float | None = None,
         turn_rate_rad_s: float | None = None,
         distance_m: float | None = None,
+        noise_ticks: float = 0.0,
     ) -> Envelope:
         """Return the envelope of the configured robot.
 
@@ -83,8 +103,10 @@ class Envelope:
             acceleration_rad_s2: of a wheel [rad/s²]; None: it is at its rate within a tick.
             turn_rate_rad_s: fastest turn of the robot [rad/s]; None: whatever its wheels can do
                 and its gyro can tell.
-            distance_m: longest way in a mission, to and fro as the encoders count it [m]; None: at
-                top speed all along.
+            distance_m: longest way in a mission, to and fro as the wheels go [m]; None: at top
+                speed all along.
+            noise_ticks: standard deviation of a reading of an encoder [encoder ticks]; six of them
+                either way are asked about.
 
         Raises:
             StudyError: a mission, a speed, a rate or a way that is none.
@@ -136,6 +158,8 @@ class Envelope:
             gap_ticks=min(config.gap_limit_ticks, mission_ticks),
             mission_ticks=mission_ticks,
             way_ticks=way_ticks,
+            noise_ticks=2 * NOISE_DEVIATIONS * Fraction(noise_ticks),
+            believed_ticks=config.max_step_ticks,
             code_low=low,
             code_high=high,
             offset_low_q=min(zero, low_at_rest << shift) if can_learn else zero,
@@ -163,6 +187,22 @@ def envelope_of(
         acceleration_rad_s2=robot.plant.drive.max_wheel_acceleration_rad_s2,
         turn_rate_rad_s=design.turn_rate_rad_s,
         distance_m=design.distance_m,
+        noise_ticks=robot.plant.encoder.noise_ticks,
+    )
+
+
+def way(config: KernelConfig, envelope: Envelope) -> str:
+    """Return the mission's way and its length, in words."""
+    way_m = float(envelope.way_ticks * exact(config.constants).half_tick_m)
+    mission_s = envelope.mission_ticks * config.constants.tick_period_s
+    return f"{way_m:.4g} m in a mission of {mission_s:g} s"
+
+
+def trembling(robot: Robot) -> str:
+    """Return what encoders may count beyond the way, in words."""
+    return (
+        "and wheels that tremble on a count's edge, with readings "
+        f"{NOISE_DEVIATIONS} × {robot.plant.encoder.noise_ticks:g} counts off"
     )
 
 

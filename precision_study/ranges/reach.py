@@ -142,21 +142,31 @@ def largest_rate_q(config: KernelConfig, envelope: Envelope) -> int:
 
 
 def demand(config: KernelConfig, envelope: Envelope) -> reach.Demand:
-    """Return what a mission asks of the kernel at most."""
+    """Return what a mission asks of the kernel at most.
+
+    A frame that noise makes too long is refused; in so many ticks as make a new baseline, it fits.
+    Where it does not, each of those may be one.
+    """
+    confirm = min(config.jump_confirm_samples, config.gap_limit_ticks)
+    longest = math.ceil(envelope.rate * confirm + envelope.noise_ticks)
+    is_kept = longest <= config.max_step_ticks * confirm
     return reach.Demand(
         ticks=envelope.mission_ticks,
         counts=envelope.way_ticks,
         frame_counts=2 * envelope.wheel_ticks(envelope.gap_ticks),
         turn_counts=min(2 * envelope.rate, envelope.turn_rate),
-        turn_jitter=2,
         rate_q=largest_rate_q(config, envelope),
+        jitter=envelope.jitter,
+        baselines=0 if is_kept else -(-envelope.mission_ticks // confirm),
     )
 
 
 @lru_cache(maxsize=4)
 def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
     """Return the bounds of x and y at the mission's end."""
-    ticks, counts, per_count = envelope.mission_ticks, envelope.way_ticks, _per_count(config)
+    ticks, per_count = envelope.mission_ticks, _per_count(config)
+    mission = demand(config, envelope)
+    counts = min(mission.counted, Fraction(2 * envelope.wheel_ticks(1) * ticks))
     kinds = _kinds(config, envelope)
     every_kind = (*kinds, *_seldom(config, envelope, len(kinds) + 1))
     moved = np.array([float(one.moved) for one in every_kind])
@@ -169,7 +179,7 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
 
     def total(share: float) -> float:
         per_tick = max(float(loads(share).max()), 0.0)
-        return per_tick * ticks + share * float(per_count) * counts
+        return per_tick * ticks + share * float(per_count) * float(counts)
 
     # A count may be worth more than its way, where rounding always lengthens it.
     dearest = max(1.0, float((moved / asked).max()) / float(per_count))
@@ -191,7 +201,7 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
     )
     best = tuple(kinds[place] for place in near[:_TIGHT].tolist() if place < len(kinds))
     bound = per_tick * ticks + per_count * counts
-    summed = reach.moved(config, demand(config, envelope), largest_direction(config))
+    summed = reach.moved(config, mission, largest_direction(config))
     return Reach(*_limits(config, min(bound, summed)), best)
 
 
@@ -225,7 +235,7 @@ def _kinds(config: KernelConfig, envelope: Envelope) -> list[Frame]:
     fits = _every_step_fits(config, envelope)
     return [
         Frame(
-            every=math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1,
+            every=_least_ticks(envelope, counts),
             counts=counts,
             moved=_moved(config, _longest_step(config, counts, fits), direction),
         )
@@ -240,7 +250,7 @@ def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame
     """
     if counts > 2 * envelope.wheel_ticks(envelope.gap_ticks):
         return []
-    every = math.floor(((counts + 1) // 2 - 1) / envelope.rate) + 1
+    every = _least_ticks(envelope, counts)
     direction = largest_direction(config)
     widest = _moved(config, Fraction(-config.step_low_q), direction)
     if widest < counts * _per_count(config):  # the step's word holds less than that
@@ -252,8 +262,14 @@ def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame
     gain += reach.rounding_gain(
         config.position_shift, config.position_rounding, config.position_carry
     )
-    at_most = math.ceil(2 * envelope.rate * every) + 2
+    at_most = math.ceil(2 * (envelope.rate * every + envelope.noise_ticks)) + 2
     return [Frame(every, one, one * _per_count(config) + gain) for one in (counts, at_most)]
+
+
+def _least_ticks(envelope: Envelope, counts: int) -> int:
+    """Return in how many ticks so many counts of both wheels together fit."""
+    beyond = (counts + 1) // 2 - 1 - envelope.noise_ticks
+    return max(math.floor(beyond / envelope.rate) + 1, 1)
 
 
 def _longest_step(config: KernelConfig, counts: int, every_step_fits: bool) -> Fraction:

@@ -1,4 +1,5 @@
-"""Drives that carry a coarse position on with hardly any way: a remainder taken and given back.
+"""Drives that carry a coarse position on with hardly any way: a remainder taken and given back,
+or a count that trembles.
 
 A count ahead, while the robot faces forward, is a whole unit of the step where the remainder is
 next to one; the same count back, while it faces backward, is a unit again. A spin has the time for
@@ -51,7 +52,7 @@ def swings(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
     """Yield drives that move x by remainders; none where none is given back."""
     if not is_given_back(config):
         return
-    for lead in dict.fromkeys((1, _longest_lead(envelope))):
+    for lead in dict.fromkeys((1, envelope.trembling_ticks, _longest_lead(envelope))):
         for turning in (*_by_wheels(config, envelope, lead), *_by_gyro(config, envelope, lead)):
             if turning.turn > 0:
                 for ramp, on in _turned(config, envelope, turning):
@@ -143,15 +144,16 @@ def _whole(
     ramp = tuple(one for one in ramp if one.ticks > 0)
     ticks = envelope.mission_ticks - sum(one.ticks for one in ramp)
     lead_ticks = Fraction(on.lead_ticks, on.lead_over)
+    lead = on.lead_counts if on.lead_counts > envelope.trembling_ticks else 0  # else it is no way
     ahead: Drive = ()
     if straight:
         rate, ramp_ticks = envelope.rate, envelope.ramp_ticks
-        a_tick = 2 * rate - on.lead_counts / lead_ticks
-        left_over = envelope.way_ticks - ticks * on.lead_counts / lead_ticks
+        a_tick = 2 * rate - lead / lead_ticks
+        left_over = envelope.way_ticks - ticks * lead / lead_ticks
         if a_tick <= 0 or left_over <= 0:
             return
         length = math.ceil((left_over + 2 * rate * ramp_ticks) / a_tick)
-        right = math.floor((left_over + length * on.lead_counts / lead_ticks) / 2)
+        right = math.floor((left_over + length * lead / lead_ticks) / 2)
         if not 2 * ramp_ticks <= length < ticks:
             return
         ahead = (
@@ -172,11 +174,15 @@ def _whole(
     start = by_wheels(config, creep_ticks, creep, creep, 1, max(creep_ticks, 1))
     before = (start, *ahead, *ramp)
     ticks -= creep_ticks + sum(one.ticks for one in ahead)
-    changes = (envelope.way_ticks - counts - 2 * creep) // on.lead_counts - 1  # after the first
+    left = envelope.way_ticks - counts - 2 * creep
+    if left < 0:
+        return
     for lead_start in (on.lead_start, on.lead_start + on.lead_ticks):  # ahead forward, or backward
         if straight and lead_start != on.lead_start:
             continue
-        most = (changes * on.lead_ticks - lead_start) // on.lead_over
+        most = ticks
+        if lead:  # changes after the first
+            most = ((left // lead - 1) * on.lead_ticks - lead_start) // on.lead_over
         last = replace(on, ticks=min(ticks, most), lead_start=lead_start)
         if last.ticks > 0:
             yield tuple(one for one in (*before, last) if one.ticks > 0)

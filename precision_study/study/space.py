@@ -259,7 +259,12 @@ def _unfit(
         )
     if not force:
         try:
-            envelope = Envelope.of(config, mission_s=mission_s, distance_m=distance_m)
+            envelope = Envelope.of(
+                config,
+                mission_s=mission_s,
+                distance_m=distance_m,
+                noise_ticks=point.plant.encoder.noise_ticks,
+            )
             require_mission_fits(config, envelope, f"{distance_m:g} m")
         except FirmwareError as error:
             return str(error)

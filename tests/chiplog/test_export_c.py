@@ -231,11 +231,17 @@ def test_a_position_that_does_not_hold_the_mission_is_refused_and_the_header_tel
     assert "by force, although robot.toml:2" in chiplog(*words, "--force").out
     assert "It is not proved that they stay within them." in " ".join(header.read_text().split())
 
-    (tmp_path / "robot.toml").write_text(f"{NARROW_FOR_A_MISSION}[design]\ndistance_m = 7.9\n")
+    design = "[design]\ndistance_m = 7.8\nmission_s = 60\n"  # an hour may tremble for metres
+    (tmp_path / "robot.toml").write_text(NARROW_FOR_A_MISSION + design)
     assert chiplog(*words).status == 0
-    proved = "Proved that they stay within them: 7.9 m in a mission of 3600 s."
-    assert proved in " ".join(header.read_text().replace(" * ", " ").split())
+    proved = (
+        "7.8 m in a mission of 60 s, and wheels that tremble on a count's edge, with readings 6 × "
+        "0.2 counts off."
+    )
+    said = " ".join(header.read_text().replace(" * ", " ").split())
+    assert f"Proved that they stay within them: {proved}" in said
     ranges = chiplog("ranges", "--robot", "robot.toml")
+    assert proved in ranges.out
     assert (ranges.status, "No word can overflow." in ranges.out) == (0, True)
 
 

@@ -169,3 +169,52 @@ def test_what_would_be_right_is_said_and_is_right() -> None:
     with pytest.raises(FirmwareError, match=r"do not fit with 48 .* at most 46 fraction bits$"):
         require(64, 48, 1e5)
     require(64, 46, 1e5)
+
+
+@given(
+    st.fixed_dictionaries(
+        {
+            "mode": st.sampled_from(["wheel", "gyro"]),
+            "position": FORMAT,
+            "step": FORMAT,
+            "heading": FORMAT,
+            "trig": st.sampled_from([{}, {"entries": 4, "interpolated": False}]),
+        }
+    ),
+    st.sampled_from([(12, 6), (10, 12), (20, 20)]),
+    st.integers(1, 3),
+    st.sampled_from([0, 3000, 30000]),
+    st.integers(0, 2**32),
+)
+@settings(max_examples=12)
+def test_no_trembling_of_wheels_at_rest_leaves_the_reach(
+    table: dict[str, Any], frac_bits: tuple[int, int], width: int, rate: int, seed: int
+) -> None:
+    """Each wheel counts to and fro within so many counts, as takes x farthest; the gyro turns."""
+    table["position"] |= {"frac_bits": frac_bits[0]}
+    table["step"] |= {"frac_bits": frac_bits[1]}
+    config = build_config(FirmwareDescription.from_table(table), ROBOT)
+    rng, kernel = np.random.default_rng(seed), Kernel(config)
+    kernel.step(0, 0, FRESH, 32768, FRESH)
+    choices = [(left, right) for left in range(width + 1) for right in range(width + 1)]
+    deviation = abs(((32768 + rate) << config.offset_frac_bits) - config.zero_rate_code_q)
+    ticks, wanted = 150, rng.choice([-1, 1])
+    for tick in range(1, ticks + 1):
+        before = kernel.state()
+        best, far = choices[0], -math.inf
+        for left, right in choices:
+            kernel.step(left, right, FRESH, 32768 + rate, FRESH)
+            gone = wanted * kernel.x_m_q + 0.1 * rng.random()
+            if gone > far:
+                best, far = (left, right), gone
+            kernel.load_state(before)
+        kernel.step(*best, FRESH, 32768 + rate, FRESH)
+        asked = Demand(
+            ticks=tick,
+            counts=0,
+            frame_counts=2 * width,
+            turn_counts=Fraction(0),
+            rate_q=deviation,
+            jitter=Fraction(2 * width),
+        )
+        assert max(abs(kernel.x_m_q), abs(kernel.y_m_q)) <= position_reach(config, asked)

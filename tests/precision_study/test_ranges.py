@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from chiplog.cli import main
+from chiplog.commands.kernel_config import kernel_config
 from firmware_model import (
     FRESH,
     STALE,
@@ -27,10 +28,12 @@ from firmware_model import (
     build_config,
 )
 from firmware_model.c99_layout import c_types
+from hil_harness.robot import load_robot
 from precision_study import StudyError
 from precision_study.ranges import (
     Envelope,
     Finding,
+    envelope_of,
     find_ranges,
     intermediates,
 )
@@ -294,7 +297,11 @@ def test_where_steps_wrap_an_odd_count_goes_farther_than_any_even_one_and_is_dri
 def test_a_tick_lies_between_the_proof_and_the_drive(
     rounding: str, acceleration_rad_s2: float | None
 ) -> None:
-    """The longest mission that is proved is a tick or two shorter than a drive that overflows."""
+    """The longest mission that is proved is a few ticks shorter than a drive that overflows.
+
+    A robot that goes straight on at top speed has no time to turn about while a wheel trembles; the
+    proof takes it for both.
+    """
     config = forced(position={"word_bits": 14, "frac_bits": 6, "rounding": rounding})
 
     def envelope(ticks: int) -> Envelope:
@@ -311,7 +318,7 @@ def test_a_tick_lies_between_the_proof_and_the_drive(
         low, high = (middle, high) if proves(middle) else (low, middle)
     (one,) = (one for one in find_ranges(config, envelope(high)) if one.verdict != "impossible")
     assert one.tick is not None
-    assert low < one.tick <= high + 1
+    assert low < one.tick <= high + 8
 
 
 def test_a_drive_that_overflows_is_one_that_the_robot_can_make() -> None:
@@ -352,7 +359,7 @@ def test_remainders_of_a_coarse_step_overflow_on_the_spot_as_the_kernel_confirms
 ) -> None:
     """A quarter of a metre by the wheels, metres of remainders taken and given back."""
     firmware: dict[str, Any] = {"mode": "wheel", "step": {"frac_bits": 8}}
-    envelope = {"distance_m": 0.25, "acceleration_rad_s2": acceleration_rad_s2}
+    envelope: dict[str, Any] = {"distance_m": 0.25, "acceleration_rad_s2": acceleration_rad_s2}
 
     def position(word_bits: int, frac_bits: int) -> Finding:
         config = forced(**firmware, position={"word_bits": word_bits, "frac_bits": frac_bits})
@@ -368,7 +375,8 @@ def test_remainders_of_a_coarse_step_overflow_on_the_spot_as_the_kernel_confirms
     for drive in drives(config, limits, wide):
         inputs = np.concatenate(list(drive_chunks(drive)))
         gains = np.diff(inputs[:, :2], axis=0)
-        assert np.abs(gains.sum(axis=1)).sum() <= limits.way_ticks
+        trembling = limits.jitter * int(np.count_nonzero(gains.sum(axis=1)))
+        assert np.abs(gains.sum(axis=1)).sum() <= limits.way_ticks + trembling
         assert np.abs(gains).max() <= limits.wheel_ticks(1)
         assert np.abs(gains[:, 1] - gains[:, 0]).max() <= limits.turn_ticks(1)
         kernel = Kernel(config)
@@ -461,3 +469,68 @@ def test_the_command_answers_with_its_status_and_the_same_facts_as_data(
     assert on["left_step"] / on["over_ticks"] == answer["envelope"]["rate"]
     assert np.isclose(wrong["tick"] * 0.01, 340, atol=1)
     assert f"overflows after {wrong['tick'] / 100:g} s of: 49 ticks of 49 from rest to" in said
+
+
+COARSE = 'rounding = "floor"\ncarry_remainder = false\n'
+RESTS = {
+    "a word of 8 m": ("frac_bits = 10\nword_bits = 14\n" + COARSE, "mission_s = 600.0", ""),
+    "64 counts a turn": (
+        "frac_bits = 10\nword_bits = 16\n" + COARSE,
+        "mission_s = 60.0\nspeed_m_s = 0.2\ntick_period_us = 500",
+        "[encoder]\nticks_per_rev = 64\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RESTS)
+def test_a_robot_at_rest_whose_encoders_tremble_overflows_and_no_less_is_said(
+    name: str, tmp_path: Any
+) -> None:
+    """The described noise on a count's edge: a count and more in most ticks, no way at all."""
+    position, design, other = RESTS[name]
+    file = tmp_path / "robot.toml"
+    file.write_text(f"{other}[firmware.position]\n{position}[design]\n{design}\ndistance_m = 0.5\n")
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    envelope = envelope_of(robot, config)
+    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
+    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
+    noise = robot.plant.encoder.noise_ticks * np.random.default_rng(1).normal(
+        size=(envelope.mission_ticks + 1, 2)
+    )
+    inputs = np.full((len(noise), 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, :2] = np.floor(noise)
+    kernel = Kernel(config)
+    kernel.run(inputs)
+    assert kernel.overflow_count > 0
+    wide = Kernel(replace(config, position_low_q=-(1 << 40), position_high_q=1 << 40))
+    wide.run(inputs)
+    assert found.intermediate.low <= wide.x_m_q < config.position_low_q
+
+
+def test_a_count_taken_forward_and_given_back_backward_overflows_and_no_less_is_said(
+    tmp_path: Any,
+) -> None:
+    """A robot is turned while its wheels rest on an edge: remainders are carried, and no matter."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        "[wheels]\nradius_m = 0.0655\n[encoder]\nticks_per_rev = 64\nnoise_ticks = 0.0\n"
+        "[firmware.position]\nword_bits = 20\nfrac_bits = 20\n"
+        "[design]\nmission_s = 60.0\nspeed_m_s = 0.0065\ntick_period_us = 500\n"
+    )
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    envelope = envelope_of(robot, config)
+    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
+    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
+    ticks = np.arange(envelope.mission_ticks)
+    inputs = np.full((ticks.size, 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, 3] = envelope.code_high - 5 + ticks % 2
+    code_rad = config.constants.gyro_sensitivity_rad_s_per_lsb * config.constants.tick_period_s
+    turned_rad = (envelope.code_high - 4.5 - 32768) * code_rad * ticks
+    half_turns = np.floor(turned_rad / math.pi + 0.5)
+    inputs[:, 0] = inputs[:, 1] = half_turns % 2 == 0
+    kernel = Kernel(config)
+    kernel.step(0, 0, FRESH, 32768, FRESH)
+    kernel.run(inputs)
+    assert kernel.overflow_count > 0
