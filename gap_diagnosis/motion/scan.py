@@ -155,6 +155,21 @@ class Scan:
                 break
             for one in unfitted:
                 self._refit(one)
+        self._hold_back_the_unfitted()
+
+    def _hold_back_the_unfitted(self) -> None:
+        """Let no set win on straight lines alone: where those of one bent effect mislead, they do
+        so beside every other effect, and no more fits are spent on them."""
+        fitted = [one for one in self.found.values() if one.refitted or not one.effects]
+        best = max(one.log_evidence for one in fitted)
+        for effects, one in self.found.items():
+            if one.refitted is None and one.log_evidence > best:
+                less = one.log_evidence - (best - _NEAR)
+                self.found[effects] = replace(
+                    one,
+                    log_evidence=one.log_evidence - less,
+                    log_likelihood=one.log_likelihood - less,
+                )
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.
