@@ -17,7 +17,7 @@ def evidence(*blocks: FakeBlock) -> dict[str, float]:
 def test_lost_frames_without_a_name_for_it_are_an_unlisted_cause_of_the_bus() -> None:
     nameless = FakeBlock({}, name="bus")
     ranking = ranked(MOTION, nameless, unknown=evidence(MOTION, BUS))
-    assert ranking.unknown["bus"] > 0.99
+    assert ranking.unknown["bus"] > 0.9
 
 
 def test_a_name_that_leaves_the_trace_is_believed_before_an_unlisted_cause() -> None:
@@ -29,7 +29,7 @@ def test_a_name_that_leaves_the_trace_is_believed_before_an_unlisted_cause() -> 
 def test_a_trace_that_a_name_only_half_explains_has_an_unlisted_cause() -> None:
     whole = FakeBlock({"frame_loss": 20.0, "bus_gap": 60.0}, name="bus")
     ranking = ranked(MOTION, FakeBlock({"frame_loss": 20.0}, name="bus"), unknown=evidence(whole))
-    assert ranking.unknown["bus"] > 0.99
+    assert ranking.unknown["bus"] > 0.9
 
 
 def test_codes_that_never_come_are_a_trace_of_the_gyro_and_the_motion_is_none() -> None:
