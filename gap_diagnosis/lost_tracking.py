@@ -69,7 +69,7 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     delay_s = coarse_delay_s(recording, robot)
     motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
     frozen = _frozen(reference, motion, delay_s)
-    kept = _only(reference, ~frozen) if frozen.any() else reference
+    kept = reference.only(~frozen) if frozen.any() else reference
     leaps = _leaps(kept, motion, delay_s)
     if not frozen.any() and not leaps:
         return recording, Lost()
@@ -152,17 +152,6 @@ def _put_back(reference: Reference, leap: Leap) -> Reference:
         x_m=reference.x_m - leap.x_m * after,
         y_m=reference.y_m - leap.y_m * after,
         heading_rad=None if heading is None else heading - leap.heading_rad * after,
-    )
-
-
-def _only(reference: Reference, kept: NDArray[np.bool_]) -> Reference:
-    heading = reference.heading_rad
-    return replace(
-        reference,
-        t_s=reference.t_s[kept],
-        x_m=reference.x_m[kept],
-        y_m=reference.y_m[kept],
-        heading_rad=None if heading is None else heading[kept],
     )
 
 

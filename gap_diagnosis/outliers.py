@@ -45,14 +45,7 @@ def without_outliers(recording: Recording, robot: Robot) -> tuple[Recording, int
     count = int(far.sum())
     if not 0 < count <= _MOST * len(far):
         return recording, 0
-    kept = replace(
-        reference,
-        t_s=reference.t_s[~far],
-        x_m=reference.x_m[~far],
-        y_m=reference.y_m[~far],
-        heading_rad=None if reference.heading_rad is None else reference.heading_rad[~far],
-    )
-    return replace(recording, reference=kept), count
+    return replace(recording, reference=reference.only(~far)), count
 
 
 def _far(residual: Floats) -> NDArray[np.bool_]:

@@ -32,6 +32,16 @@ class Reference:
     y_m: Floats
     heading_rad: Floats | None
 
+    def only(self, kept: NDArray[np.bool_]) -> Reference:
+        """Return the samples of which *kept*, bool[m], is true."""
+        heading = self.heading_rad
+        return Reference(
+            self.t_s[kept],
+            self.x_m[kept],
+            self.y_m[kept],
+            None if heading is None else heading[kept],
+        )
+
 
 @dataclass(frozen=True)
 class FrameTimes:
