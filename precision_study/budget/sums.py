@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from firmware_model.integers import FLOOR, HALF_UP, TOWARD_ZERO
@@ -81,10 +81,16 @@ class Rounding:
         """Return rounded − exact sum after each of the next values."""
         if self._rounding in (FLOOR, HALF_UP):
             return rounding_error(self._sum.add(values), self._rounding)
-        # These ask the total of a tick for its sign, or whether what it keeps is even.
-        rest_of = math.fmod if self._rounding == TOWARD_ZERO else math.remainder
-        errors, rest = np.empty(len(values)), -self._error
-        for tick, value in enumerate(values.tolist()):
-            rest = rest_of(rest + value, 1.0)
-            errors[tick] = -rest
+        errors: Floats = _tick_by_tick(values, self._error, self._rounding == TOWARD_ZERO)
         return errors
+
+
+@njit(cache=True, nogil=True)
+def _tick_by_tick(values: Floats, error: float, toward_zero: bool) -> Floats:
+    """Return rounded − exact sum where a tick's total decides: by its sign or by being even."""
+    errors, rest = np.empty(len(values)), -error
+    for tick in range(len(values)):
+        total = rest + values[tick]
+        rest = total - (np.trunc(total) if toward_zero else np.rint(total))
+        errors[tick] = -rest
+    return errors

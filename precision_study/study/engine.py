@@ -22,6 +22,7 @@ from precision_study.study.store import Store
 from precision_study.study.together import Share, path_rules, run_together
 
 SCHEMA: Final = 1
+_VERSION: Final = version("chiplog")
 _TOGETHER: Final = 16
 """Configurations that share a drive: making it costs a tenth of what they do, …"""
 _LOOK_S: Final = 0.25
@@ -63,7 +64,7 @@ class Study:
             lap = lap_commands(scenario, self.wire, point.tick_period_us)
             self._laps[place] = sha256(lap.tobytes()).hexdigest()
         asked = [
-            *(SCHEMA, version("chiplog"), point.key, scenario.name, scenario.drive),
+            *(SCHEMA, _VERSION, point.key, scenario.name, scenario.drive),
             *(scenario.encoder_model, scenario.noise, repr(scenario.effects)),
             *(self._laps[place], self.course.distance_m, self.course.duration_s),
         ]
