@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.block_sums import Effects, total_of
 from gap_diagnosis.hypothesis import Block
 
 OWN_BLOCK: Final = {"actuation": "drive", "bus": "bus", "firmware": "firmware"}
@@ -30,14 +30,14 @@ class Company:
         self._elsewhere: dict[str, Effects] = {}
         self._gains: dict[str, dict[str, float]] = {}
         for stage in self._guesses:
-            own = [b for blocks in logs for b in blocks if b.name == OWN_BLOCK[stage]]
-            rest = [b for blocks in logs for b in blocks if b.name != OWN_BLOCK[stage]]
-            self._seen[stage] = frozenset[str]().union(*(b.effects for b in own))
-            self._elsewhere[stage] = frozenset[str]().union(*(b.effects for b in rest))
+            block = OWN_BLOCK[stage]
+            own = [[one for one in blocks if one.name == block] for blocks in logs]
+            rest = [[one for one in blocks if one.name != block] for blocks in logs]
+            self._seen[stage] = _effects_of(own)
+            self._elsewhere[stage] = _effects_of(rest)
             self._gains[stage] = {
-                effect: math.fsum(
-                    b.fit(frozenset({effect})).log_evidence for b in own if effect in b.effects
-                )
+                effect: total_of(logs, frozenset({effect}))[0]
+                - total_of(rest, frozenset({effect}))[0]
                 for effect in self._seen[stage] & self._elsewhere[stage]
             }
 
@@ -62,3 +62,7 @@ class Company:
         if not own <= self._elsewhere[stage]:
             return -math.inf
         return self._guesses[stage] - math.fsum(self._gains[stage][one] for one in own)
+
+
+def _effects_of(logs: Sequence[Sequence[Block]]) -> Effects:
+    return frozenset(effect for blocks in logs for block in blocks for effect in block.effects)

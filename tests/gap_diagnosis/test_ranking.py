@@ -142,6 +142,13 @@ def test_a_mistake_of_the_setup_may_lie_where_another_block_cannot_see_it() -> N
     assert ranking.best.log_evidence == pytest.approx(500 - math.log(2))
 
 
+def test_an_unlisted_drive_does_not_forgive_a_mistake_what_it_cannot_see() -> None:
+    motion = FakeBlock({"gyro_scale": 4000.0, "setup_swapped": 2500.0})
+    drive = FakeBlock({"drive_gain": 0.0, "setup_swapped": -5000.0}, name="drive")
+    ranking = ranked(motion, drive, unknown={"actuation": -20.0})
+    assert ranking.best.effects == {"gyro_scale"}
+
+
 def test_a_mistake_of_the_setup_that_gains_nothing_is_not_tried() -> None:
     ranking = ranked(FakeBlock({"setup_swapped": 2.0, "gyro_bias": 1.0}))
     assert all("setup_swapped" not in one.effects for one in ranking.sets)
