@@ -21,9 +21,16 @@ an error e, which lies within an interval of one count, and of the noise of a re
 stands on an edge counts to and fro, tick after tick, without any way: n = m + e′ − e, where m is of
 the way. Both wheels' e, added or subtracted, lie within `jitter` counts, and Σ c_i·(e_i − e_{i−1})
 is the same sum as that of remainders: trembling adds ½·jitter·(2 + Σ|c_{i+1} − c_i|) counts to x or
-y, and a new baseline of the counters begins that sum again. Rounding without carry does not know of
-this: every tick is a frame whose step may be rounded, and each may err by all that rounding drops.
-Otherwise each count of a trembling wheel is way: `jitter` more of them in every tick.
+y. A new baseline of the counters begins that sum again: a stretch without frames that is too long
+to be bridged is one, and the heading keeps what the wheels had trembled. Rounding without carry
+does not know of this: every tick is a frame whose step may be rounded, and each may err by all that
+rounding drops. Otherwise each count of a trembling wheel is way: `jitter` more of them in a tick.
+
+A step that leaves its word is cut: it goes no farther than uncut, and both sums begin again after
+it. It has so many counts that a mission's way has few of them.
+
+Rounding toward zero with carry has play: after a step forward its remainder is forward, and a step
+back takes a whole unit of counts back. Where trembling is less than that, each unit takes way.
 """
 
 from __future__ import annotations
@@ -37,6 +44,7 @@ from firmware_model.build_scales import PI, exact
 from firmware_model.config import MODE_WHEEL, TRIG_CORDIC, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.integers import FLOOR, TOWARD_ZERO
+from firmware_model.pace import Pace
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 
 _WIDEST: Final = 64
@@ -56,6 +64,8 @@ class Demand:
         jitter: by how much the increments' left + right, and right − left, may differ from the way;
             0: `counts` and `turn_counts` are of the increments themselves [encoder ticks].
         baselines: how often the counters may get a new one.
+        tick_counts: largest |left + right| of the way of a tick; of so many ticks, so many times
+            that. None: nothing is known of it.
     """
 
     ticks: int
@@ -65,6 +75,7 @@ class Demand:
     rate_q: int
     jitter: Fraction = Fraction(0)
     baselines: int = 0
+    tick_counts: Fraction | None = None
 
     @property
     def counted(self) -> Fraction:
@@ -112,13 +123,14 @@ def is_given_back(config: KernelConfig) -> bool:
 
 def _change(config: KernelConfig, asked: Demand) -> Fraction:
     """Return Σ|c_{i+1} − c_i| of the module's text at most."""
-    turned, jitter = _turned(config, asked)
+    turn, jitter = _turn(config, asked)
+    turned = asked.ticks * turn + asked.baselines * jitter
     slack = _direction_slack(config) + 2 * PI * jitter
     return min(Fraction(2 * asked.frames), 2 * PI * turned + asked.frames * slack)
 
 
-def _turned(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
-    """Return how far the heading that steps are taken along turns to and fro, and for each frame.
+def _turn(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
+    """Return how far the heading that steps are taken along turns in a tick, and for each frame.
 
     In a gap the turn by the wheels is that of its ticks, which replaces the gyro's. A heading of
     some ticks ago has seen the gyro's turn, and how it was taken back. The jitter of the wheels'
@@ -136,7 +148,7 @@ def _turned(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
             turn = by_wheels + 2 * by_gyro
     if not config.heading_carry:
         turn += 1 << config.heading_shift
-    return asked.ticks * turn / unit, jitter / unit
+    return turn / unit, jitter / unit
 
 
 def _direction_slack(config: KernelConfig) -> Fraction:
@@ -176,32 +188,71 @@ def moved(config: KernelConfig, asked: Demand, direction_q: int) -> Fraction:
     step = config.step_shift, config.step_rounding, config.step_carry
     position = config.position_shift, config.position_rounding, config.position_carry
     if config.step_carry and not is_given_back(config):
+        trembling = asked.jitter * _count_steps(config)
+        if config.step_shift > 0 and trembling < 1:
+            way = asked.counts * _count_steps(config) + asked.baselines * trembling
+            steps = min(steps, way / (1 - trembling))
         steps = Fraction(math.floor(steps))  # whole ones, and no frame moves by less than one
         frames = min(frames, int(steps))
     gain = frames * (rounding_gain(*step) * unit + rounding_gain(*position))
     if is_given_back(config):
         gain += frames * unit
     bound = steps * unit + gain
-    if _longest_step(config, asked) <= config.step_high_q:
-        bound = min(bound, _summed(config, asked, unit))
+    cuts = _cuts(config, asked)
+    if cuts is not None:
+        bound = min(bound, _summed(config, asked, unit, cuts))
     return bound
 
 
-def _summed(config: KernelConfig, asked: Demand, unit: Fraction) -> Fraction:
-    """Return that bound by the sums of the module's text, for steps that fit their word."""
+def _summed(config: KernelConfig, asked: Demand, unit: Fraction, cuts: int) -> Fraction:
+    """Return that bound by the sums of the module's text; so many steps may leave their word."""
     one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
     change, frames = _change(config, asked), asked.frames
-    trembling = asked.jitter / 2 * (2 + 2 * asked.baselines + change) * _count_steps(config)
-    error = frames * rounding_error(config.step_shift, config.step_rounding, config.step_carry)
-    carried = Fraction(0)
+    trembling = asked.jitter * _count_steps(config)
+    carried = 0
     if config.step_carry and config.step_shift > 0:
-        span = 1 if is_given_back(config) else 2  # toward zero, of either sign
-        carried = span * (1 + change / 2)
+        carried = 1 if is_given_back(config) else 2  # toward zero, of either sign
+    play = (trembling + carried) * one
+    ends = (1 + 2 * cuts) * play + asked.baselines * trembling * one
+    way = asked.counts * _count_steps(config)
+    both = way * unit + change / 2 * play
+    pace = _pace(config, asked, unit)
+    if pace is not None:
+        paced = Fraction(pace.bound(float(way * one), asked.ticks, float(play)))
+        turned = 2 * PI * asked.baselines * _turn(config, asked)[1]
+        both = min(both, paced + asked.baselines * carried * one + turned / 2 * play)
+    error = frames * rounding_error(config.step_shift, config.step_rounding, config.step_carry)
     gain = frames * rounding_error(
         config.position_shift, config.position_rounding, config.position_carry
     )
-    way = asked.counts * _count_steps(config)
-    return (way + error) * unit + (trembling + carried) * one + gain
+    return both + error * unit + ends + gain
+
+
+def _pace(config: KernelConfig, asked: Demand, unit: Fraction) -> Pace | None:
+    """Return what the robot does in a tick [2^-P m], None where it is not known.
+
+    A heading of some ticks ago is not that of the frame's own ticks.
+    """
+    if asked.tick_counts is None or config.stale_heading_ticks > 0:
+        return None
+    one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
+    turn, jitter = _turn(config, asked)
+    return Pace(
+        way=float(asked.tick_counts * _count_steps(config) * one),
+        turn_rad=float(2 * PI * turn),
+        jump=float(_direction_slack(config) + 2 * PI * jitter),
+        longest_ticks=config.gap_limit_ticks,
+        largest_share=float(unit / one),
+    )
+
+
+def _cuts(config: KernelConfig, asked: Demand) -> int | None:
+    """Return how many steps may leave their word, None where trembling alone takes them there."""
+    if _longest_step(config, asked) <= config.step_high_q:
+        return 0
+    # A step of n counts is shorter than n of theirs and one unit.
+    least = config.step_high_q / _count_steps(config) - asked.jitter
+    return math.floor(asked.counts / least) if least > 0 else None
 
 
 def _count_steps(config: KernelConfig) -> Fraction:

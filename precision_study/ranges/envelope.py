@@ -25,8 +25,9 @@ class Envelope:
     """The inputs that are asked about: of a robot that rests at power-on, and of its sensors.
 
     The way is that of the wheels. A counter gains the way of a stretch rounded down or up, and what
-    the noise of two readings adds: a wheel that rests on an edge counts to and fro. Edges that are
-    missed, counted twice or spaced unevenly are not asked about.
+    the noise of two readings adds: a wheel that rests on an edge counts to and fro. Frames may be
+    lost for as long as one likes. Edges that are missed, counted twice or spaced unevenly are not
+    asked about, nor is noise that adds up from reading to reading (encoder model `lesson_counter`).
 
     Attributes:
         rate: of the fastest wheel [encoder ticks a tick].
@@ -93,6 +94,7 @@ class Envelope:
         turn_rate_rad_s: float | None = None,
         distance_m: float | None = None,
         noise_ticks: float = 0.0,
+        gyro_noise_rad_s: float = 0.0,
     ) -> Envelope:
         """Return the envelope of the configured robot.
 
@@ -107,6 +109,7 @@ class Envelope:
                 speed all along.
             noise_ticks: standard deviation of a reading of an encoder [encoder ticks]; six of them
                 either way are asked about.
+            gyro_noise_rad_s: standard deviation of a reading of the gyro [rad/s]; likewise.
 
         Raises:
             StudyError: a mission, a speed, a rate or a way that is none.
@@ -144,7 +147,7 @@ class Envelope:
         way_ticks = 2 * math.ceil(rate * mission_ticks - rate * min(ramp_ticks, mission_ticks) / 2)
         if distance_m is not None:
             way_ticks = min(way_ticks, counts_of(config, distance_m))
-        low, high = _believed_codes(config, turn_rate_rad_s)
+        low, high = _believed_codes(config, turn_rate_rad_s, NOISE_DEVIATIONS * gyro_noise_rad_s)
         shift = config.offset_frac_bits
         rest, zero = config.rest_max_rate_q, config.zero_rate_code_q
         # An offset is a mean of codes at rest: it lies between the extreme ones of those.
@@ -179,7 +182,7 @@ def envelope_of(
     Raises:
         StudyError: a mission or a speed that is none.
     """
-    design = robot.design
+    design, gyro = robot.design, robot.plant.gyro
     return Envelope.of(
         config,
         mission_s=design.mission_s if mission_s is None else mission_s,
@@ -188,6 +191,7 @@ def envelope_of(
         turn_rate_rad_s=design.turn_rate_rad_s,
         distance_m=design.distance_m,
         noise_ticks=robot.plant.encoder.noise_ticks,
+        gyro_noise_rad_s=gyro.noise_density_rad_per_sqrt_s / config.constants.tick_period_s**0.5,
     )
 
 
@@ -215,15 +219,19 @@ def _rounded_up(rate: Fraction) -> Fraction:
     return Fraction(math.ceil(rate * _RATE_STEPS), _RATE_STEPS)
 
 
-def _believed_codes(config: KernelConfig, turn_rate_rad_s: float | None) -> tuple[int, int]:
+def _believed_codes(
+    config: KernelConfig, turn_rate_rad_s: float | None, noise_rad_s: float
+) -> tuple[int, int]:
     """Return the smallest and the largest code that the kernel believes and the robot turns by.
 
-    At rest the gyro may read as much beside its nominal zero as a standstill allows.
+    At rest the gyro may read as much beside its nominal zero as a standstill allows, and a reading
+    is off by its noise.
     """
     low, high = config.gyro_min_code + 1, config.gyro_max_code - 1
     if turn_rate_rad_s is None:
         return low, high
-    turn = Fraction(turn_rate_rad_s) / exact(config.constants).sensitivity_rad_s
+    turn = Fraction(turn_rate_rad_s) + Fraction(noise_rad_s)
+    turn /= exact(config.constants).sensitivity_rad_s
     span = turn + Fraction(config.rest_max_rate_q, 1 << config.offset_frac_bits)
     zero = Fraction(config.zero_rate_code_q, 1 << config.offset_frac_bits)
     return max(low, math.floor(zero - span)), min(high, math.ceil(zero + span))

@@ -144,12 +144,16 @@ def largest_rate_q(config: KernelConfig, envelope: Envelope) -> int:
 def demand(config: KernelConfig, envelope: Envelope) -> reach.Demand:
     """Return what a mission asks of the kernel at most.
 
-    A frame that noise makes too long is refused; in so many ticks as make a new baseline, it fits.
-    Where it does not, each of those may be one.
+    After a stretch without frames that is too long to be bridged the next one is a baseline, and
+    another has to come before the next such loss. A frame that noise makes too long is refused; in
+    so many ticks as make a new baseline, it fits. Where it does not, each of those may be one.
     """
     confirm = min(config.jump_confirm_samples, config.gap_limit_ticks)
     longest = math.ceil(envelope.rate * confirm + envelope.noise_ticks)
     is_kept = longest <= config.max_step_ticks * confirm
+    between_ticks = config.gap_limit_ticks + 2
+    if not is_kept:
+        between_ticks = min(between_ticks, confirm)
     return reach.Demand(
         ticks=envelope.mission_ticks,
         counts=envelope.way_ticks,
@@ -157,7 +161,8 @@ def demand(config: KernelConfig, envelope: Envelope) -> reach.Demand:
         turn_counts=min(2 * envelope.rate, envelope.turn_rate),
         rate_q=largest_rate_q(config, envelope),
         jitter=envelope.jitter,
-        baselines=0 if is_kept else -(-envelope.mission_ticks // confirm),
+        baselines=-(-envelope.mission_ticks // between_ticks),
+        tick_counts=2 * envelope.rate,
     )
 
 

@@ -49,7 +49,8 @@ def gyro_watch(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediat
     codes = ("gyro_code", "repeated_code")  # the latter is -1 at power-on
     yield kept("code, held to the gyro's range", "LSB", 0, -1, config.gyro_max_code, *codes)
     ticks = config.stuck_block_ticks
-    turning = envelope.turn_ticks(ticks)
+    # Not those between them: a tick without a gyro's sample is none of a block.
+    turning = ticks * envelope.turn_ticks(1)
     sums = ("turn_block_sum", "turn_block_low", "turn_block_high")
     yield kept("turning of a block of ticks", "ticks", 0, -turning, turning, *sums)
     yield register("range of the blocks' turning", "ticks", 0, 2 * turning)

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from chiplog.cli import main
-from chiplog.commands.kernel_config import kernel_config
 from firmware_model import (
     FRESH,
     STALE,
@@ -28,12 +27,10 @@ from firmware_model import (
     build_config,
 )
 from firmware_model.c99_layout import c_types
-from hil_harness.robot import load_robot
 from precision_study import StudyError
 from precision_study.ranges import (
     Envelope,
     Finding,
-    envelope_of,
     find_ranges,
     intermediates,
 )
@@ -469,68 +466,3 @@ def test_the_command_answers_with_its_status_and_the_same_facts_as_data(
     assert on["left_step"] / on["over_ticks"] == answer["envelope"]["rate"]
     assert np.isclose(wrong["tick"] * 0.01, 340, atol=1)
     assert f"overflows after {wrong['tick'] / 100:g} s of: 49 ticks of 49 from rest to" in said
-
-
-COARSE = 'rounding = "floor"\ncarry_remainder = false\n'
-RESTS = {
-    "a word of 8 m": ("frac_bits = 10\nword_bits = 14\n" + COARSE, "mission_s = 600.0", ""),
-    "64 counts a turn": (
-        "frac_bits = 10\nword_bits = 16\n" + COARSE,
-        "mission_s = 60.0\nspeed_m_s = 0.2\ntick_period_us = 500",
-        "[encoder]\nticks_per_rev = 64\n",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", RESTS)
-def test_a_robot_at_rest_whose_encoders_tremble_overflows_and_no_less_is_said(
-    name: str, tmp_path: Any
-) -> None:
-    """The described noise on a count's edge: a count and more in most ticks, no way at all."""
-    position, design, other = RESTS[name]
-    file = tmp_path / "robot.toml"
-    file.write_text(f"{other}[firmware.position]\n{position}[design]\n{design}\ndistance_m = 0.5\n")
-    robot = load_robot(file)
-    config = kernel_config(robot, None, None)
-    envelope = envelope_of(robot, config)
-    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
-    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
-    noise = robot.plant.encoder.noise_ticks * np.random.default_rng(1).normal(
-        size=(envelope.mission_ticks + 1, 2)
-    )
-    inputs = np.full((len(noise), 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
-    inputs[:, :2] = np.floor(noise)
-    kernel = Kernel(config)
-    kernel.run(inputs)
-    assert kernel.overflow_count > 0
-    wide = Kernel(replace(config, position_low_q=-(1 << 40), position_high_q=1 << 40))
-    wide.run(inputs)
-    assert found.intermediate.low <= wide.x_m_q < config.position_low_q
-
-
-def test_a_count_taken_forward_and_given_back_backward_overflows_and_no_less_is_said(
-    tmp_path: Any,
-) -> None:
-    """A robot is turned while its wheels rest on an edge: remainders are carried, and no matter."""
-    file = tmp_path / "robot.toml"
-    file.write_text(
-        "[wheels]\nradius_m = 0.0655\n[encoder]\nticks_per_rev = 64\nnoise_ticks = 0.0\n"
-        "[firmware.position]\nword_bits = 20\nfrac_bits = 20\n"
-        "[design]\nmission_s = 60.0\nspeed_m_s = 0.0065\ntick_period_us = 500\n"
-    )
-    robot = load_robot(file)
-    config = kernel_config(robot, None, None)
-    envelope = envelope_of(robot, config)
-    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
-    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
-    ticks = np.arange(envelope.mission_ticks)
-    inputs = np.full((ticks.size, 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
-    inputs[:, 3] = envelope.code_high - 5 + ticks % 2
-    code_rad = config.constants.gyro_sensitivity_rad_s_per_lsb * config.constants.tick_period_s
-    turned_rad = (envelope.code_high - 4.5 - 32768) * code_rad * ticks
-    half_turns = np.floor(turned_rad / math.pi + 0.5)
-    inputs[:, 0] = inputs[:, 1] = half_turns % 2 == 0
-    kernel = Kernel(config)
-    kernel.step(0, 0, FRESH, 32768, FRESH)
-    kernel.run(inputs)
-    assert kernel.overflow_count > 0

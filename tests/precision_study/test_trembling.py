@@ -1,0 +1,170 @@
+"""Wheels that tremble on a count's edge, and a gyro's noise: they move x and y without any way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from chiplog.commands.kernel_config import kernel_config
+from firmware_model import FRESH, INVALID, STALE, Kernel, KernelConfig
+from hil_harness.robot import load_robot
+from precision_study.ranges import (
+    Envelope,
+    Intermediate,
+    envelope_of,
+    find_ranges,
+    intermediates,
+)
+
+COARSE = 'rounding = "floor"\ncarry_remainder = false\n'
+RESTS = {
+    "a word of 8 m": ("frac_bits = 10\nword_bits = 14\n" + COARSE, "mission_s = 600.0", ""),
+    "64 counts a turn": (
+        "frac_bits = 10\nword_bits = 16\n" + COARSE,
+        "mission_s = 60.0\nspeed_m_s = 0.2\ntick_period_us = 500",
+        "[encoder]\nticks_per_rev = 64\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RESTS)
+def test_a_robot_at_rest_whose_encoders_tremble_overflows_and_no_less_is_said(
+    name: str, tmp_path: Path
+) -> None:
+    """The described noise on a count's edge: a count and more in most ticks, no way at all."""
+    position, design, other = RESTS[name]
+    file = tmp_path / "robot.toml"
+    file.write_text(f"{other}[firmware.position]\n{position}[design]\n{design}\ndistance_m = 0.5\n")
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    envelope = envelope_of(robot, config)
+    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
+    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
+    noise = robot.plant.encoder.noise_ticks * np.random.default_rng(1).normal(
+        size=(envelope.mission_ticks + 1, 2)
+    )
+    inputs = np.full((len(noise), 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, :2] = np.floor(noise)
+    kernel = Kernel(config)
+    kernel.run(inputs)
+    assert kernel.overflow_count > 0
+    wide = Kernel(replace(config, position_low_q=-(1 << 40), position_high_q=1 << 40))
+    wide.run(inputs)
+    assert found.intermediate.low <= wide.x_m_q < config.position_low_q
+
+
+def test_a_count_taken_forward_and_given_back_backward_overflows_and_no_less_is_said(
+    tmp_path: Path,
+) -> None:
+    """A robot is turned while its wheels rest on an edge: remainders are carried, and no matter."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        "[wheels]\nradius_m = 0.0655\n[encoder]\nticks_per_rev = 64\nnoise_ticks = 0.0\n"
+        "[firmware.position]\nword_bits = 20\nfrac_bits = 20\n"
+        "[design]\nmission_s = 60.0\nspeed_m_s = 0.0065\ntick_period_us = 500\n"
+    )
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    envelope = envelope_of(robot, config)
+    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
+    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
+    ticks = np.arange(envelope.mission_ticks)
+    inputs = np.full((ticks.size, 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, 3] = envelope.code_high - 5 + ticks % 2
+    code_rad = config.constants.gyro_sensitivity_rad_s_per_lsb * config.constants.tick_period_s
+    turned_rad = (envelope.code_high - 4.5 - 32768) * code_rad * ticks
+    half_turns = np.floor(turned_rad / math.pi + 0.5)
+    inputs[:, 0] = inputs[:, 1] = half_turns % 2 == 0
+    kernel = Kernel(config)
+    kernel.step(0, 0, FRESH, 32768, FRESH)
+    kernel.run(inputs)
+    assert kernel.overflow_count > 0
+
+
+def described(tmp_path: Path, tables: str) -> tuple[KernelConfig, Envelope, Intermediate]:
+    """Return a robot's configuration, its envelope, and the bound of x and y."""
+    file = tmp_path / "robot.toml"
+    file.write_text(tables)
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    envelope = envelope_of(robot, config)
+    rows = intermediates(config, envelope)
+    return config, envelope, next(one for one in rows if one.word == "position")
+
+
+def require_no_less_is_said(
+    config: KernelConfig, said: Intermediate, inputs: NDArray[np.int64]
+) -> None:
+    """Hold the kernel's x and y after these inputs, which overflow their word, to the bound."""
+    wide = Kernel(replace(config, position_low_q=-(1 << 40), position_high_q=1 << 40))
+    wide.run(inputs)
+    farthest = max(abs(wide.x_m_q), abs(wide.y_m_q))
+    assert config.position_high_q < farthest <= said.bound
+
+
+@pytest.mark.parametrize(
+    ("encoder", "design", "position"),
+    [
+        ("counter_bits = 8", "distance_m = 10.0\nturn_rate_rad_s = 0.5", (20, 15)),
+        ("noise_ticks = 0.0", "distance_m = 0.2\nturn_rate_rad_s = 0.05", (12, 12)),
+    ],
+    ids=["a counter of 8 bits", "no noise"],
+)
+def test_frames_lost_for_longer_than_is_bridged_let_a_wheel_at_rest_count_on(
+    encoder: str, design: str, position: tuple[int, int], tmp_path: Path
+) -> None:
+    """A count ahead, then a silence in which it goes back unseen: the next frame is a baseline."""
+    word_bits, frac_bits = position
+    config, envelope, said = described(
+        tmp_path,
+        f'[encoder]\n{encoder}\n[firmware]\nmode = "wheel"\n[firmware.position]\n'
+        f"word_bits = {word_bits}\nfrac_bits = {frac_bits}\n[design]\n{design}\n",
+    )
+    ahead = 1 + math.floor(envelope.noise_ticks)
+    cycle = [(0, FRESH), (ahead, FRESH), *[(0, STALE)] * config.gap_limit_ticks]
+    inputs = np.full((envelope.mission_ticks + 1, 5), [0, 0, FRESH, 32768, INVALID], dtype=np.int64)
+    for place, (count, validity) in enumerate(cycle):
+        inputs[place :: len(cycle), :2] = count
+        inputs[place :: len(cycle), 2] = validity
+    require_no_less_is_said(config, said, inputs)
+
+
+def test_a_gyro_whose_noise_exceeds_a_standstill_turns_a_robot_at_rest(tmp_path: Path) -> None:
+    """A count ahead where four deviations have turned it one way, the same back where the other."""
+    config, envelope, said = described(
+        tmp_path,
+        "[encoder]\nnoise_ticks = 0.0\n[gyro]\nnoise_density_rad_per_sqrt_s = 0.005\n"
+        '[firmware]\nmode = "gyro"\n[firmware.standstill]\nmax_rate_rad_s = 0.001\n'
+        "[firmware.position]\nword_bits = 10\nfrac_bits = 14\n[drive]\nmax_wheel_rate_rad_s = 5.0\n"
+        "[design]\nmission_s = 2400.0\ndistance_m = 0.005\nturn_rate_rad_s = 0.001\n",
+    )
+    ticks = np.arange(envelope.mission_ticks)
+    code = round(4 * 0.005 / 0.01**0.5 / config.constants.gyro_sensitivity_rad_s_per_lsb)
+    inputs = np.full((ticks.size, 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, 3] += np.where(ticks % 2, code, -code)
+    inputs[:, 0] = inputs[:, 1] = ticks % 2 == 0
+    require_no_less_is_said(config, said, inputs)
+
+
+def test_ticks_without_a_sample_of_the_gyro_are_none_of_a_block_that_trembling_adds_up_in(
+    tmp_path: Path,
+) -> None:
+    """Ahead in the ticks with a sample, back in those without: a block has only what is ahead."""
+    config, envelope, _ = described(tmp_path, "[encoder]\nnoise_ticks = 0.0\n")
+    ahead = envelope.turn_ticks(1) // 2
+    ticks = np.arange(4 * config.stuck_block_ticks)
+    inputs = np.full((ticks.size, 5), [0, 0, FRESH, 32768, FRESH], dtype=np.int64)
+    inputs[:, 1] = np.where(ticks % 2, ahead, 0)
+    inputs[:, 0] = -inputs[:, 1]
+    inputs[ticks % 2 == 0, 4] = INVALID
+    kernel = Kernel(config)
+    kernel.run(inputs)
+    rows = intermediates(config, envelope)
+    (row,) = (one for one in rows if "turn_block_high" in one.holds)
+    assert envelope.turn_ticks(config.stuck_block_ticks) < kernel.state()["turn_block_high"]
+    assert kernel.state()["turn_block_high"] <= row.high
