@@ -129,14 +129,26 @@ def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
     """Hold one bit of the code: what that adds on average over the noise of a sample."""
     m = p.motion
     code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
-    points, weights = np.polynomial.hermite_e.hermegauss(21)
-    added = np.zeros(len(code))
-    for point, weight in zip(points, weights / weights.sum(), strict=True):
-        whole = np.rint(code + point * m.gyro_noise_lsb)
-        whole = np.clip(whole, 0, m.adc_max_code).astype(np.int64)
-        stuck = whole | (1 << bit) if value else whole & ~(1 << bit)
-        added += weight * (stuck - whole)
+    chance = chance_of_bit(np.clip(code, 0, m.adc_max_code), m.gyro_noise_lsb, bit)
+    added = (1 << bit) * ((1.0 - chance) if value else -chance)
     p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
+
+
+def chance_of_bit(code: Floats, noise_lsb: float, bit: int) -> Floats:
+    """Return how often rounding a normal value of this mean and deviation sets a bit.
+
+    A quadrature of the jumps between a bit's two values would miss some of them.
+    """
+    period = float(2 << bit)
+    if noise_lsb >= period:  # as often as not, to 1 in 10^8
+        return np.full(len(code), 0.5)
+    sd = max(noise_lsb, 1e-9)
+    at = np.mod(code + 0.5, period)
+    chance = np.zeros(len(code))
+    for cell in range(-7, 8):  # more than six deviations either way
+        end = (cell + 1) * period - at
+        chance += ndtr(end / sd) - ndtr((end - period / 2) / sd)
+    return chance
 
 
 def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:

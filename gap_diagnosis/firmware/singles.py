@@ -266,6 +266,10 @@ class Singles:
             return [parameter.unseen()]
         values = [best]
         if (pose := pose_at(best)) is not None and bench.is_near(pose):
+            best = bench.polish(pose_at, best, self._width(pose_at, best))
+            pose = pose_at(best)
+        if pose is not None and bench.is_near(pose):
+            values.append(best)
             spread = max(abs(best), 1.0)
             values += [best + step * spread for step in _NEIGHBOURS]
             values += [round(best, digits) for digits in range(3, 12)]
@@ -282,8 +286,12 @@ class Singles:
                 low, high = cell_about(value, is_equal, parameter.low, parameter.high)
                 return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
         # Where no value gives the record's bits, it is known as well as the misfit lets it be.
-        width = max(_LEAST_WIDTH, 2.0 * self._resolution(), bench.looseness(pose_at, best))
+        width = self._width(pose_at, best)
         return [parameter.at(value, width) for value in sorted(set(values))]
+
+    def _width(self, pose_at: Callable[[float], Floats | None], best: float) -> float:
+        """Return how far a constant may be from the best value that the misfit alone finds."""
+        return max(_LEAST_WIDTH, 2.0 * self._resolution(), self.bench.looseness(pose_at, best))
 
     def _resolution(self) -> float:
         """Return about how finely the record tells a constant: a digit over path and turn."""

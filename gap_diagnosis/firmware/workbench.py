@@ -36,6 +36,8 @@ NOTHING_LEARNT: Final[Mapping[str, float]] = {
 """Changes of a program that never learns an offset at rest."""
 
 _ODD_LSB: Final = 0.3717
+_GRID: Final = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
+_FINEST: Final = 1e-15
 _NEWTON_STEPS: Final = 12
 _LEAST_CHANGE: Final = 1e-6
 _NEAR_QUANTA: Final = 50.0
@@ -216,4 +218,26 @@ class Workbench:
             was, ours = ours, self.signals(pose)
             if abs(value - before) > _LEAST_CHANGE:
                 slope = (ours - was) / (value - before)
+        return value
+
+    def polish(self, pose_at: PoseAt, value: float, width: float) -> float:
+        """Return the value within *width* whose pose has the fewest other digits than the record.
+
+        A kernel's rounding scatters poses by more than its constants are fine, but the ticks that
+        round to another digit are the fewer the nearer a value is: a search on ever finer grids.
+        """
+
+        def others(at: float) -> int:
+            pose = pose_at(at)
+            if pose is None:
+                return 3 * len(self.windows.rows)
+            off = np.abs(self.windows.pose - pose[self.windows.rows])
+            return int(np.count_nonzero(off > 0.5 * self.windows.quantum))
+
+        fewest = others(value)
+        while fewest and width > _FINEST:
+            for at in value + width * _GRID:
+                if (count := others(float(at))) < fewest:
+                    value, fewest = float(at), count
+            width *= 0.4
         return value

@@ -7,6 +7,7 @@ import pytest
 from simulated import kernel_pose, plant_runs, recording_of, robot, wire
 
 from gap_diagnosis.firmware import firmware_block
+from gap_diagnosis.recording import Floats
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios.named import square
@@ -55,3 +56,20 @@ def test_a_threshold_is_found_whose_neighbours_all_fail_at_the_same_turn(
     threshold = fit.parameters["auto_zero.threshold"].samples
     assert threshold is not None
     assert threshold.min() < rate_rad_s < threshold.max()
+
+
+def test_a_constant_is_polished_until_every_digit_is_the_records() -> None:
+    runs, true = plant_runs(TICKS), 0.00023982455649637006
+    pose = kernel_pose(runs, constant="wheel_radius", constant_scale=true)
+    block = firmware_block(recording_of(runs, pose), robot(), wire())
+    assert block is not None
+    bench = block._bench
+
+    def pose_at(scale: float) -> Floats:
+        program = bench.program({"constant": "wheel_radius", "constant_scale": scale})
+        assert program is not None
+        return bench.poses(program)
+
+    for off in (-2e-11, 7e-12, 5e-11):
+        assert not bench.is_equal(pose_at(true + off))
+        assert bench.is_equal(pose_at(bench.polish(pose_at, true + off, 6.5e-11)))

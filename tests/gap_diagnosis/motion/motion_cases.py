@@ -42,18 +42,20 @@ def without_noise(robot: Robot) -> Robot:
     return replace(robot, plant=plant.model_copy(update=quiet))
 
 
-def nodes_of(recording: Recording) -> Nodes:
+def nodes_of(recording: Recording, robot: Robot = ROBOT) -> Nodes:
     """Return a recording in blocks, about its estimated motion."""
-    delay_s = coarse_delay_s(recording, ROBOT)
-    motion = estimate_motion(recording, ROBOT, reference_delay_s=delay_s)
+    delay_s = coarse_delay_s(recording, robot)
+    motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
     return make_nodes(motion, recording.reference, np.ones(len(motion.t_s), dtype=np.bool_))
 
 
 def misfit(
-    recording: Recording, explain: Callable[[Motion], Sequence[Setting]] = lambda motion: ()
+    recording: Recording,
+    explain: Callable[[Motion], Sequence[Setting]] = lambda motion: (),
+    robot: Robot = ROBOT,
 ) -> Floats:
     """Return the whitened residual of a recording with effects explained."""
-    nodes = nodes_of(recording)
+    nodes = nodes_of(recording, robot)
     left = residuals(nodes, predict(nodes.motion, explain(nodes.motion)))
     columns = np.ascontiguousarray(left[..., np.newaxis])
     return whiten(columns, course_of(nodes, 0.0), LEVELS, nodes.ticks)[0][:, 0]

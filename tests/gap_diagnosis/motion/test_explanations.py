@@ -9,7 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 from motion_cases import EXACT, ROBOT, WIRE, Floats, misfit, setting_of, without_noise
+from scipy.special import ndtr
 
+from gap_diagnosis.explanations.gyro import chance_of_bit
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.recording import Recording
@@ -74,7 +76,6 @@ LEFT: dict[str, float] = {
     "longitudinal_slip": 0.12,
     "missed_ticks": 0.2,
     "extra_ticks": 0.2,
-    "adc_stuck_bit": 0.2,
 }
 """Share of the misfit that may be left where counts come at random, codes have no noise, or a
 smoothed acceleration rounds off what the drive's first moments are like."""
@@ -118,7 +119,7 @@ def explained(recording: Recording, effect: str, values: Values, sign: float = 1
             for variant, sizes in setting_of(motion, effect, values)
         ]
 
-    return misfit(recording, settings)
+    return misfit(recording, settings, without_noise(ROBOT))
 
 
 def energy(white: Floats) -> float:
@@ -197,3 +198,14 @@ def test_lost_counts_at_rest_are_told_from_spurious_ones():
     gap = energy(misfit(recording)) - floor
     backwards = energy(explained(recording, "extra_ticks", SIZED["extra_ticks"], -1.0)) - floor
     assert backwards > 2.0 * gap
+
+
+@pytest.mark.parametrize("bit", [0, 3, 6])
+@pytest.mark.parametrize("noise_lsb", [0.0, 0.4, 7.5, 40.0])
+def test_a_stuck_bit_adds_what_its_codes_lose_on_average(bit: int, noise_lsb: float) -> None:
+    mean = np.linspace(32760.3, 32790.7, 23)
+    whole = np.arange(32768 - 400, 32768 + 400)
+    sd = max(noise_lsb, 1e-9)
+    share = np.diff(ndtr((np.append(whole, whole[-1] + 1) - 0.5 - mean[:, None]) / sd), axis=1)
+    brute = share @ (whole >> bit & 1)
+    assert chance_of_bit(mean, noise_lsb, bit) == pytest.approx(brute, abs=1e-7)
