@@ -109,6 +109,14 @@ def build_config(
     w_shift = w_narrowing - w_pre_shift
     bounds.require_w_fits(asked, w_shift, one_tick_turn)
     velocity_low, velocity_high = scales.word(_VELOCITY_WORD_BITS)
+    longest_step = min(half_tick.bound(2 * max_step_ticks), -step_low)
+    fastest_turn = min(tick_turn.bound(2 * max_step_ticks), -turn_low)
+    bounds.require_velocity_fits(
+        asked,
+        speed=(longest_step * v_rate >> v_shift) + 1,
+        turn_rate=(((fastest_turn >> w_pre_shift) + 1) * w_rate >> w_shift) + 1,
+        velocity_high=velocity_high,
+    )
 
     return KernelConfig(
         mode=_MODES[one.mode],

@@ -137,6 +137,26 @@ def require_w_fits(asked: Asked, shift: int, one_tick_turn: int) -> None:
         )
 
 
+def require_velocity_fits(asked: Asked, speed: int, turn_rate: int, velocity_high: int) -> None:
+    """Refuse a speed or a turn rate that the output's word does not hold.
+
+    Args:
+        asked: with the fraction bits.
+        speed, turn_rate: of wheels as fast as is believed [2^-velocity_frac_bits m/s and rad/s]. A
+            gyro may tell more than its robot can do; that saturates, as `chiplog ranges` says.
+        velocity_high: of the word.
+    """
+    frac_bits = asked.description.velocity.frac_bits
+    for name, fastest, unit in (("speed", speed, "m/s"), ("turn", turn_rate, "rad/s")):
+        if fastest > velocity_high and not asked.allow_overflow:
+            excess = fastest.bit_length() - velocity_high.bit_length()
+            raise FirmwareError(
+                f"firmware.velocity.frac_bits = {frac_bits}: the fastest {name}, "
+                f"{fastest / (1 << frac_bits):.4g} {unit}, does not fit "
+                f"{velocity_high.bit_length() + 1} bits: expected at most {frac_bits - excess}"
+            )
+
+
 def stuck_span_ticks(asked: Asked) -> int:
     """Return the span of block sums that a live gyro could not have missed.
 

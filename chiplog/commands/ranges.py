@@ -11,7 +11,7 @@ from chiplog.commands.output import STANDARD_OUTPUT, write_json
 
 if TYPE_CHECKING:
     from firmware_model import KernelConfig
-    from precision_study.ranges import Finding
+    from precision_study.ranges import Finding, Intermediate
     from precision_study.ranges.stretches import Stretch
 
 
@@ -34,11 +34,12 @@ def command(
     From the speed and acceleration of a wheel, the turn rate and the length of a mission, as
     [drive] and [design] of robot.toml say, from rest at power-on; its way is what the wheels go, to
     and fro. What encoders count on top of that at an edge, tick after tick, is included, and six
-    standard deviations of their noise_ticks; edges missed, counted twice or spaced unevenly are
-    not. Where overflow is not impossible, a drive that overflows the word is run through the
-    kernel; where a position's bound is beyond its word by less than its slack, that drive may last
-    longer than the mission, or none is known, as is then said. Exit status 1 if a word can
-    overflow.
+    standard deviations of their noise_ticks, and of the gyro's noise, and frames that are lost;
+    frames that come late and edges missed, counted twice or spaced unevenly are not, nor is noise
+    that adds up (encoder model lesson_counter). Where overflow is not impossible, a drive that
+    overflows the word is run through the kernel; where a position's bound is beyond its word by
+    less than its slack, that drive may last longer than the mission, or none is known, as is then
+    said. Exit status 1 if a word can overflow.
     """
     from chiplog.commands.kernel_config import kernel_config
     from chiplog.terminal import show_line, show_table
@@ -82,10 +83,20 @@ def answer(findings: list[Finding], config: KernelConfig) -> str:
     wrong = [one for one in findings if one.verdict != "impossible"]
     if not wrong:
         return "No word can overflow."
-    return "\n".join(
-        f"{one.intermediate.name}: {one.intermediate.field} = {one.intermediate.word_bits}, "
-        f"expected at least {one.intermediate.least_word_bits}{shown(one, config)}"
-        for one in wrong
+    return "\n".join(f"{to_mend(one.intermediate)}{shown(one, config)}" for one in wrong)
+
+
+def to_mend(value: Intermediate) -> str:
+    """Return a word that can overflow with its field and what would be right."""
+    missing = value.least_word_bits - value.word_bits
+    if value.word == "velocity":  # its word is 32 bits wide, where its point is can be chosen
+        return (
+            f"{value.name}: {value.field} = {value.frac_bits}, expected at most "
+            f"{value.frac_bits - missing}"
+        )
+    return (
+        f"{value.name}: {value.field} = {value.word_bits}, expected at least "
+        f"{value.least_word_bits}"
     )
 
 

@@ -175,7 +175,7 @@ def _velocity(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate
     yield kept(name, "m", one.step.frac_bits, -bound, bound, "v_filter_q")
     speed = (step + 1) * config.tick_rate_hz_q
     yield register("step times tick rate", "m/s", one.step.frac_bits + 16, speed)
-    field, frac_bits = "int32_t", config.velocity_frac_bits
+    field, frac_bits = "firmware.velocity.frac_bits", config.velocity_frac_bits
     bound = (speed >> config.v_shift) + 1
     yield Intermediate("speed", field, "m/s", frac_bits, 32, -bound, bound, "velocity")
     turn = _limited(config, _wheel_turn(config, envelope, 1))

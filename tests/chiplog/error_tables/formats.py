@@ -123,6 +123,13 @@ FORMATS: tuple[Row, ...] = (
         "turn_step.frac_bits",
     ),
     _robot(
+        "a turn rate that its 32 bits do not hold",
+        "[wheels]\nradius_m = 0.02\nwheelbase_m = 0.05\n[drive]\nmax_wheel_rate_rad_s = 200.0\n"
+        "[firmware.velocity]\nfrac_bits = 24\n",
+        "robot.toml:7: firmware.velocity.frac_bits = 24: the fastest turn, 200.5 rad/s, does not "
+        "fit 32 bits: expected at most 23",
+    ),
+    _robot(
         "a filter that leaves 64 bits",
         "[gyro]\nsensitivity_lsb_per_rad_s = 30.0\nrange_rad_s = 1000.0\n"
         "[firmware.turn_step]\nword_bits = 63\nfrac_bits = 52\n"
