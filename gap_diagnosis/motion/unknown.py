@@ -8,7 +8,7 @@ library's on equal terms; what wins says on what the leftover depends, without n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,7 +18,7 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.evidence import gram_of
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
@@ -97,6 +97,10 @@ def _gyro(p: Prediction, f: Floats) -> None:
     p.gyro_rad_s = p.gyro_rad_s + f
 
 
+def _gyro_gain(p: Prediction, f: Floats) -> None:
+    p.gyro_rad_s = p.gyro_rad_s * (1 + f)
+
+
 def _reference_along(p: Prediction, f: Floats) -> None:
     p.reference_forward_m = p.reference_forward_m + f
 
@@ -109,6 +113,8 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
     p.reference_heading_rad = p.reference_heading_rad + f
 
 
+_GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, needs_gyro=True),)
+_DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, needs_gyro=True))
 _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
         Way("wheel", _forward, 1e-3, 0.1),
@@ -117,15 +123,22 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     ),
     "encoder": (Way("encoder", _left, 1e-3, 0.1), Way("encoder", _right, 1e-3, 0.1)),
     # From three tolerances of the bias on: every gyro's bias wanders by less.
-    "gyro": (Way("gyro", _gyro, 1e-3, 0.1, needs_gyro=True),),
+    "gyro": _GYRO,
     "reference": (
         Way("reference", _reference_along, 1e-3, 0.2, needs_reference=True),
         Way("reference", _reference_across, 1e-3, 0.2, needs_reference=True),
         Way("reference", _reference_heading, 1e-3, 0.1, needs_reference=True),
     ),
 }
-_OF_EACH_WHEEL: Final = {("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1),)}
-"""What depends on each wheel's own motion, not on the body's."""
+_OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
+    # On each wheel's own motion, not on the body's.
+    ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1),),
+    # What drifts with its surroundings may be the scale as well as the bias.
+    ("gyro", "temperature"): _DRIFTING,
+    ("gyro", "supply"): _DRIFTING,
+    ("gyro", "time"): _DRIFTING,
+}
+"""Ways in which a variable acts where they are not the stage's."""
 _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "wheel": (
         "speed",
@@ -165,17 +178,11 @@ def alternatives(
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     plans: list[tuple[str, str, list[tuple[int, Way]]]] = []
     for stage, ways in _WAYS.items():
-        usable = [
-            way
-            for way in ways
-            if (nodes.has_reference or not way.needs_reference)
-            and (nodes.has_gyro or not way.needs_gyro)
-        ]
         for variable in _VARIABLES[stage]:
-            own = _OF_EACH_WHEEL.get((stage, variable))
-            functions = basis(smooth, variable) if own is None else _by_acceleration(smooth)
+            of_each_wheel = (stage, variable) == ("wheel", "acceleration")
+            functions = _by_acceleration(smooth) if of_each_wheel else basis(smooth, variable)
             placed: list[tuple[int, Way]] = []
-            for way in own or usable:
+            for way in _usable(nodes, _OWN_WAYS.get((stage, variable), ways)):
                 for function in functions:
                     step = math.sqrt(way.low * way.high)
                     prediction = predict(smooth, settings)
@@ -213,6 +220,15 @@ def alternatives(
             # there are would explain their noise with itself.
             found.append(replace(found[-1], variable="adc_code"))
     return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
+    return [
+        way
+        for way in ways
+        if (nodes.has_reference or not way.needs_reference)
+        and (nodes.has_gyro or not way.needs_gyro)
+    ]
 
 
 def basis(motion: Motion, variable: str) -> list[Floats]:
