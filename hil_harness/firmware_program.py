@@ -48,6 +48,7 @@ class FirmwareProgram:
 
     Attributes:
         described: the configuration without changes.
+        held: what runs at some time, but for words that an effect narrows in order to overflow.
         kernel: what runs.
         is_constant: it is stepped in every tick, under one configuration.
 
@@ -85,6 +86,7 @@ class FirmwareProgram:
                 pieces.append((first, config, changes))
         except FirmwareError as error:
             raise HarnessError(f"{robot.where(str(error))}: {error}") from error
+        self.held = tuple(config for _, config, changes in pieces if changes.overflow_bits == 0)
         first_changes = pieces[0][2]
         self.is_constant = (
             len(pieces) == 1

@@ -17,6 +17,7 @@ from hil_harness.effects.setup_mistakes import SensorMistakes
 from hil_harness.errors import HarnessError
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
+from hil_harness.wheel_counter import over_the_bus
 from sim_plant import simulate
 
 Counts = NDArray[np.int64]
@@ -72,6 +73,11 @@ def require_drive_fits(
     )
     left, right, _ = SensorMistakes(settings.setup, robot.plant).apply_columns(
         runs.left_count[0], runs.right_count[0], runs.gyro_code[0]
+    )
+    names = ("left_count", "right_count")
+    left, right = (
+        over_the_bus(wire.signal_map[name], robot.plant, counts)
+        for name, counts in zip(names, (left, right), strict=True)
     )
     require_counts_fit(robot, kernel, left, right)
 

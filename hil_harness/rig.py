@@ -385,7 +385,8 @@ class Rig:
                 allow_overflow=self._force,
             )
             if not self._force:
-                self._plant.require_fits(program.described)
+                for kernel in program.held:
+                    self._plant.require_fits(kernel)
             shipped = FirmwareNode(
                 self.robot,
                 database=self.database,

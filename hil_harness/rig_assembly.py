@@ -50,7 +50,7 @@ class RigPlant:
     pose: Callable[[], tuple[float, float, float]]
     message_names: frozenset[str]
     settings: Settings = field(default_factory=Settings)
-    require_fits: Callable[[KernelConfig], None] = lambda described: None
+    require_fits: Callable[[KernelConfig], None] = lambda kernel: None
 
 
 def no_plant() -> RigPlant:
@@ -102,12 +102,10 @@ def simulated_plant(
     )
     names = frozenset(spec.name for spec in signal_map.messages(roles))
 
-    def require_fits(described: KernelConfig) -> None:
+    def require_fits(kernel: KernelConfig) -> None:
         if drive is not None:
             ticks = drive.tick_count(tick_period_us)
-            require_drive_fits(
-                drive, robot, wire, described, ticks=ticks, settings=applied, seed=seed
-            )
+            require_drive_fits(drive, robot, wire, kernel, ticks=ticks, settings=applied, seed=seed)
 
     return RigPlant(node, lambda: plant.pose, names, applied, require_fits)
 

@@ -93,7 +93,8 @@ def run(config: RunConfig, progress: Progress | None = None, tell: Tell | None =
     _refuse_in_real_time(config, settings, wire)
     plant = build_plant_node(config, wire, ticks)
     program = _program(config, settings, wire)
-    require_run_fits(config, wire, program.described, ticks)
+    for kernel in program.held:
+        require_run_fits(config, wire, kernel, ticks)
     shadow = FirmwareNode(
         config.robot,
         database=wire.database,

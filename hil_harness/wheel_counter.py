@@ -9,6 +9,9 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil_harness.errors import HarnessError
 from hil_harness.signal_map import MappedSignal
 from sim_plant import PlantDescription
@@ -100,6 +103,27 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
         return (ticks - beyond) % counter_period
 
     return to_count
+
+
+def rounding_ticks(mapped: MappedSignal, plant: PlantDescription) -> float:
+    """Return by how much more than a count a reading off the bus may be beside the wheel's way.
+
+    A signal in steps of its own is as much off as such a step, and the nearest count is taken.
+    """
+    return 0.0 if _is_the_count(mapped, plant) else abs(_ticks_per_lsb(mapped, plant)) + 1.0
+
+
+def over_the_bus(
+    mapped: MappedSignal, plant: PlantDescription, counts: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return what a kernel counts, int64[ticks], where a wheel counts so, with the signal between.
+
+    Raises HarnessError for a signal too narrow for the robot's counter.
+    """
+    to_raw, to_count = count_to_raw(mapped, plant), raw_to_count(mapped, plant)
+    if to_raw is None or to_count is None:
+        return counts
+    return np.array([to_count(to_raw(one)) for one in counts.tolist()], dtype=np.int64)
 
 
 def _refuse_speed(mapped: MappedSignal) -> None:

@@ -31,7 +31,7 @@ def command(
     and tick are those of [design] in robot.toml; a position that does not hold the mission is
     refused.
     """
-    from chiplog.commands.kernel_config import kernel_config
+    from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
     from chiplog.terminal import show_line
     from firmware_model.c99_export import export_files
     from hil_harness.errors import HarnessError
@@ -41,7 +41,8 @@ def command(
     proved, forced = None, ""
     try:
         config = kernel_config(described, dbc, signals)
-        proved = proved_mission(described, config)
+        rounding_ticks = wheel_rounding_ticks(described, dbc, signals)
+        proved = proved_mission(described, config, rounding_ticks)
     except HarnessError as error:
         if not force:
             raise
@@ -53,7 +54,7 @@ def command(
         show_line(f"by force, although {forced}; the state's overflow_count counts overflows")
 
 
-def proved_mission(robot: Robot, config: KernelConfig) -> str:
+def proved_mission(robot: Robot, config: KernelConfig, rounding_ticks: float) -> str:
     """Return the mission of [design], in words; raises HarnessError where x and y do not hold it.
 
     What is held against the word is the bound of `chiplog ranges`.
@@ -63,14 +64,14 @@ def proved_mission(robot: Robot, config: KernelConfig) -> str:
     from precision_study.ranges import envelope_of, trembling, way
     from precision_study.ranges.reach import require_mission_fits
 
-    envelope = envelope_of(robot, config)
+    envelope = envelope_of(robot, config, rounding_ticks=rounding_ticks)
     mission = way(config, envelope)
     try:
         require_mission_fits(config, envelope, mission)
     except FirmwareError as error:
         message = f"{error}, or less in [design]"
         raise HarnessError(f"{robot.where(message)}: {message}") from error
-    return f"{mission}, {trembling(robot)}"
+    return f"{mission}, {trembling(robot, envelope)}"
 
 
 def write_files(folder: Path, texts: dict[str, str]) -> None:

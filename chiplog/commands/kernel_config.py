@@ -26,3 +26,12 @@ def kernel_config(
     if dbc is not None:
         robot.require_tick(wire.tick_period_us, wire.database.path.name)
     return firmware_config(robot, wire.signal_map, tick_period_us, allow_overflow=force)
+
+
+def wheel_rounding_ticks(robot: Robot, dbc: Path | None, signals: Path | None) -> float:
+    """Return by how much the bus rounds a wheel's count; 0 where it carries counts."""
+    from hil_harness.assembly import load_wire
+    from hil_harness.wheel_counter import rounding_ticks
+
+    wheels = [load_wire(dbc, signals).signal_map[name] for name in ("left_count", "right_count")]
+    return max(rounding_ticks(one, robot.plant) for one in wheels)

@@ -41,7 +41,7 @@ def command(
     less than its slack, that drive may last longer than the mission, or none is known, as is then
     said. Exit status 1 if a word can overflow.
     """
-    from chiplog.commands.kernel_config import kernel_config
+    from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
     from chiplog.terminal import show_line, show_table
     from hil_harness.errors import HarnessError
     from hil_harness.robot import load_robot
@@ -52,7 +52,13 @@ def command(
         config = kernel_config(described, dbc, signals)
     except HarnessError:  # a word may be too narrow: which, and when, is what is asked here
         config = kernel_config(described, dbc, signals, force=True)
-    envelope = envelope_of(described, config, mission_s=mission_s, speed_m_s=speed_m_s)
+    envelope = envelope_of(
+        described,
+        config,
+        mission_s=mission_s,
+        speed_m_s=speed_m_s,
+        rounding_ticks=wheel_rounding_ticks(described, dbc, signals),
+    )
     findings = find_ranges(config, envelope)
     if json_file is not None:
         write_json(json_file, to_json(config, envelope, findings))
@@ -60,7 +66,7 @@ def command(
         head = ["intermediate", "at most", "bits", "needed", "overflow"]
         show_table(head, [row(one, config) for one in findings])
         show_line()
-        asked = f"{way(config, envelope)}, {trembling(described)}."
+        asked = f"{way(config, envelope)}, {trembling(described, envelope)}."
         show_line(asked[0].upper() + asked[1:])
         show_line(answer(findings, config))
     if any(one.verdict != "impossible" for one in findings):

@@ -104,6 +104,8 @@ def _trembling(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
     ticks = envelope.mission_ticks
     for lead in range(1, min(envelope.trembling_ticks, _LEADS) + 1):
         spare = envelope.wheel_ticks(1) - (lead + 1) // 2
+        if spare < 0:
+            return
         rate = min(envelope.rate, Fraction(envelope.way_ticks, 2 * ticks), Fraction(spare))
         for on in dict.fromkeys((Fraction(0), rate)):
             for sign in (1, -1):

@@ -37,7 +37,8 @@ class Envelope:
         gap_ticks: longest stretch without encoder frames that is bridged [ticks].
         mission_ticks: length of the mission [ticks].
         way_ticks: the mission's way, Σ|left + right| of what the wheels go [encoder ticks].
-        noise_ticks: by how much the noise of two readings of a counter may differ [encoder ticks].
+        noise_ticks: by how much the noise of two readings of a counter may differ, and what a
+            signal with steps of its own adds [encoder ticks].
         believed_ticks: largest increment of a wheel in a tick that is believed [encoder ticks].
         code_low, code_high: smallest and largest code of the gyro that is believed [LSB].
         offset_low_q, offset_high_q: range of the zero-rate offset, as it may be learnt at rest.
@@ -96,6 +97,7 @@ class Envelope:
         distance_m: float | None = None,
         noise_ticks: float = 0.0,
         gyro_noise_rad_s: float = 0.0,
+        rounding_ticks: float = 0.0,
     ) -> Envelope:
         """Return the envelope of the configured robot.
 
@@ -111,6 +113,8 @@ class Envelope:
             noise_ticks: standard deviation of a reading of an encoder [encoder ticks]; six of them
                 either way are asked about.
             gyro_noise_rad_s: standard deviation of a reading of the gyro [rad/s]; likewise.
+            rounding_ticks: by how much more than a count a reading may be beside the way, where a
+                signal has steps of its own [encoder ticks].
 
         Raises:
             StudyError: a mission, a speed, a rate or a way that is none.
@@ -162,7 +166,7 @@ class Envelope:
             gap_ticks=min(config.gap_limit_ticks, mission_ticks),
             mission_ticks=mission_ticks,
             way_ticks=way_ticks,
-            noise_ticks=2 * NOISE_DEVIATIONS * Fraction(noise_ticks),
+            noise_ticks=2 * NOISE_DEVIATIONS * Fraction(noise_ticks) + Fraction(rounding_ticks),
             believed_ticks=config.max_step_ticks,
             code_low=low,
             code_high=high,
@@ -177,8 +181,15 @@ def envelope_of(
     *,
     mission_s: float | None = None,
     speed_m_s: float | None = None,
+    rounding_ticks: float = 0.0,
 ) -> Envelope:
     """Return the envelope that robot.toml describes in [drive] and [design], or part of it.
+
+    Args:
+        robot: described.
+        config: from `build_config`.
+        mission_s, speed_m_s: other than described.
+        rounding_ticks: as in `Envelope.of`; of the bus that the counts come over.
 
     Raises:
         StudyError: a mission or a speed that is none.
@@ -193,6 +204,7 @@ def envelope_of(
         distance_m=design.distance_m,
         noise_ticks=robot.plant.encoder.noise_ticks,
         gyro_noise_rad_s=gyro.noise_density_rad_per_sqrt_s / config.constants.tick_period_s**0.5,
+        rounding_ticks=rounding_ticks,
     )
 
 
@@ -203,11 +215,14 @@ def way(config: KernelConfig, envelope: Envelope) -> str:
     return f"{way_m:.4g} m in a mission of {mission_s:g} s"
 
 
-def trembling(robot: Robot) -> str:
+def trembling(robot: Robot, envelope: Envelope) -> str:
     """Return what encoders may count beyond the way, in words."""
+    noise_ticks = robot.plant.encoder.noise_ticks
+    rounding = float(envelope.noise_ticks - 2 * NOISE_DEVIATIONS * Fraction(noise_ticks))
+    step = f" and rounded by the bus to {rounding:.3g} counts" if rounding > 0.0 else ""
     return (
         "and wheels that tremble on a count's edge, with readings "
-        f"{NOISE_DEVIATIONS} × {robot.plant.encoder.noise_ticks:g} counts off"
+        f"{NOISE_DEVIATIONS} × {noise_ticks:g} counts off{step}"
     )
 
 

@@ -20,6 +20,9 @@ from hil_harness import (
 )
 from hil_harness.effects import combine_effects, parse_effect
 from hil_harness.robot import Robot
+from hil_harness.scenarios import load_scenario
+
+FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"
 
 TEN_METRES = r"^robot\.toml: firmware\.position\.word_bits = 25: 10\.0\d m by the wheels do not fit"
 
@@ -48,6 +51,42 @@ def test_only_as_far_as_the_run_lasts_is_asked_and_what_effects_add() -> None:
     effects = combine_effects(*((one,) for one in twice_as_far))
     with pytest.raises(HarnessError, match=r"= 26: 20\.\d+ m by the wheels do not fit"):
         run(RunConfig(scenario=straight, robot=narrow(26), effects=effects))
+
+
+def test_the_program_that_runs_is_held_against_the_drive_not_the_described_one() -> None:
+    """It takes a count for more than described; a word that an effect narrows is to overflow."""
+    straight = scenario("straight")
+
+    def with_effects(*texts: str) -> RunConfig:
+        effects = combine_effects(*((parse_effect(one),) for one in texts))
+        return RunConfig(scenario=straight, robot=narrow(), duration_s=14.0, effects=effects)
+
+    scale = "firmware_constant.constant=ticks_per_rev", "firmware_constant.scale=-0.3"
+    with pytest.raises(HarnessError, match=r"= 25: 8\.\d+ m by the wheels do not fit"):
+        run(with_effects(*scale))
+    on_purpose = "firmware_overflow.variable=position", "firmware_overflow.bits=22"
+    assert run(with_effects(*on_purpose)).kernel_state["overflow_count"] > 0
+
+
+def test_what_a_bus_makes_of_the_counts_is_held_against_the_word(tmp_path: Path) -> None:
+    """The wheels count 7.996 m and the word holds 8 m; in steps of 30 mm the bus tells of 8.01."""
+    for name in ("vehicle.dbc", "map.toml"):
+        text = (FOREIGN / name).read_text()
+        for place in ('7|16@0+ (1,0) [0|65535] "pulses"', '23|16@0+ (1,0) [0|65535] "pulses"'):
+            coarse = place.replace("(1,0) [0|65535]", "(30,0) [0|1966050]")
+            text = text.replace(place, coarse.replace("pulses", "mm"))
+        (tmp_path / name).write_text(text)
+    drive = tmp_path / "drive.toml"
+    drive.write_text(
+        'name = "drive"\nduration_s = 20.0\n[[segments]]\nv_m_s = 0.5\nduration_s = 15.991\n'
+        "[[segments]]\nduration_s = 1.0\n"
+    )
+    plant = narrow().plant
+    still = plant.encoder.model_copy(update={"noise_ticks": 0.0})
+    robot = replace(narrow(), plant=plant.model_copy(update={"encoder": still}))
+    dbc, signals = tmp_path / "vehicle.dbc", tmp_path / "map.toml"
+    with pytest.raises(HarnessError, match=r"= 25: 8\.0\d+ m by the wheels do not fit"):
+        run(RunConfig(scenario=load_scenario(drive), robot=robot, dbc=dbc, signals=signals))
 
 
 def test_a_batch_is_refused_and_by_force_it_counts() -> None:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from chiplog.commands.kernel_config import kernel_config
+from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
 from firmware_model import FRESH, INVALID, STALE, Kernel, KernelConfig
+from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
+from hil_harness.wheel_counter import over_the_bus
 from precision_study.ranges import (
     Envelope,
     Intermediate,
@@ -20,6 +22,7 @@ from precision_study.ranges import (
     find_ranges,
     intermediates,
 )
+from precision_study.ranges.drives import drives
 
 COARSE = 'rounding = "floor"\ncarry_remainder = false\n'
 RESTS = {
@@ -86,13 +89,17 @@ def test_a_count_taken_forward_and_given_back_backward_overflows_and_no_less_is_
     assert kernel.overflow_count > 0
 
 
-def described(tmp_path: Path, tables: str) -> tuple[KernelConfig, Envelope, Intermediate]:
+def described(
+    tmp_path: Path, tables: str, bus: tuple[Path, Path] | None = None
+) -> tuple[KernelConfig, Envelope, Intermediate]:
     """Return a robot's configuration, its envelope, and the bound of x and y."""
     file = tmp_path / "robot.toml"
     file.write_text(tables)
     robot = load_robot(file)
-    config = kernel_config(robot, None, None)
-    envelope = envelope_of(robot, config)
+    dbc, signals = bus or (None, None)
+    config = kernel_config(robot, dbc, signals)
+    rounding_ticks = wheel_rounding_ticks(robot, dbc, signals)
+    envelope = envelope_of(robot, config, rounding_ticks=rounding_ticks)
     rows = intermediates(config, envelope)
     return config, envelope, next(one for one in rows if one.word == "position")
 
@@ -168,3 +175,55 @@ def test_ticks_without_a_sample_of_the_gyro_are_none_of_a_block_that_trembling_a
     (row,) = (one for one in rows if "turn_block_high" in one.holds)
     assert envelope.turn_ticks(config.stuck_block_ticks) < kernel.state()["turn_block_high"]
     assert kernel.state()["turn_block_high"] <= row.high
+
+
+def test_trembling_too_wide_for_a_counted_step_makes_no_drive(tmp_path: Path) -> None:
+    """Of 64 counts a turn few are believed in a tick, and noise of a whole one shakes by more."""
+    config, envelope, said = described(
+        tmp_path,
+        "[encoder]\nticks_per_rev = 64\nnoise_ticks = 1.0\n[drive]\nmax_wheel_rate_rad_s = 3.0\n"
+        "[firmware.position]\nword_bits = 15\nfrac_bits = 9\ncarry_remainder = false\n"
+        "[design]\nmission_s = 60.0\ndistance_m = 1.0\n",
+    )
+    assert envelope.trembling_ticks > 2 * envelope.wheel_ticks(1)
+    for drive in drives(config, envelope, said):
+        assert all(one.ticks > 0 and one.ramp_ticks >= 0 for one in drive)
+
+
+FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"
+
+
+def in_steps_of(way_mm: int, folder: Path) -> tuple[Path, Path]:
+    """Write a bus on which a wheel's way stands in such steps; return DBC and map."""
+    text = (FOREIGN / "vehicle.dbc").read_text()
+    for name in ("LeftPulses : 7", "RightPulses : 23"):
+        before = f'{name}|16@0+ (1,0) [0|65535] "pulses"'
+        assert before in text
+        text = text.replace(before, f'{name}|16@0+ ({way_mm},0) [0|{65535 * way_mm}] "mm"')
+    (folder / "vehicle.dbc").write_text(text)
+    (folder / "map.toml").write_text((FOREIGN / "map.toml").read_text())
+    return folder / "vehicle.dbc", folder / "map.toml"
+
+
+def test_a_wheel_whose_signal_has_steps_of_a_centimetre_trembles_by_those(tmp_path: Path) -> None:
+    """A reading ahead by the step of the signal facing one way, back facing the other."""
+    bus = in_steps_of(10, tmp_path)
+    config, envelope, said = described(
+        tmp_path,
+        "[encoder]\nnoise_ticks = 0.0\n[firmware.position]\nword_bits = 22\nfrac_bits = 20\n"
+        "[design]\nmission_s = 600.0\ndistance_m = 0.5\nturn_rate_rad_s = 1.0\n",
+        bus,
+    )
+    plant, wheel = load_robot(tmp_path / "robot.toml").plant, load_wire(*bus).signal_map
+    readings = over_the_bus(wheel["left_count"], plant, np.arange(140))
+    edge = int(np.flatnonzero(np.diff(readings))[0])
+    assert np.diff(readings)[edge] > 60
+    ticks = np.arange(envelope.mission_ticks)
+    code = envelope.code_high - 300
+    known = config.constants
+    rate_rad_s = (code - known.gyro_zero_rate_code) * known.gyro_sensitivity_rad_s_per_lsb
+    turn_rad = rate_rad_s * known.tick_period_s
+    is_ahead = np.cos(turn_rad * ticks) >= 0
+    inputs = np.full((ticks.size, 5), [0, 0, FRESH, code, FRESH], dtype=np.int64)
+    inputs[:, 0] = inputs[:, 1] = np.where(is_ahead, readings[edge + 1], readings[edge])
+    require_no_less_is_said(config, said, inputs)
