@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
@@ -137,7 +137,7 @@ def build_columns(
                 if effect in _DELAYS:
                     step = _DELAY_S
                 steps[index] = step
-                to_both = effect in _DELAYS
+                to_both = effect in _DELAYS or effect == _SKEW
                 change = _change(nodes, variant, steps, nominal, to_both=to_both) / step
                 if not _says_something(change * step):
                     break
@@ -154,7 +154,21 @@ def build_columns(
             if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(values, tuple(terms), tuple(nuisances))
+    return Columns(values, tuple(_late_alone(terms, {index for index, _ in nuisances})), tuple(nuisances))
+
+
+def _late_alone(terms: Sequence[Term], free: Set[int]) -> Iterable[Term]:
+    """Return the terms; beside late counts no tolerance of the reference's clock is *free*.
+
+    The two are one delay: counts late by much, and put back by the tolerance's straight line, are
+    the way without its bends, and so without the rows' own noise.
+    """
+    offsets = [one for one in terms if one.variant.effect == _OFFSET]
+    little = tuple((i, 0.0) for one in offsets for i, _ in one.weights[0] if i in free)
+    for term in terms:
+        late = term.variant.effect == _LATENCY and term.variant.report["frame"] != "IMU"
+        weights = tuple((*parts, *little) if late else parts for parts in term.weights)
+        yield replace(term, weights=weights)
 
 
 def _near(
@@ -218,7 +232,10 @@ def _reach_m(nodes: Nodes) -> float:
 
 _LEAST_REACH_M: Final = 0.2
 """On the spot, what scales with the place is the reference's own noise."""
-_DELAYS: Final = frozenset({"reference_time_offset", "frame_latency"})
+_OFFSET: Final = "reference_time_offset"
+_SKEW: Final = "reference_clock_skew"
+_LATENCY: Final = "frame_latency"
+_DELAYS: Final = frozenset({_OFFSET, _LATENCY})
 """Late counts are an early reference: along chords to either side, or of other lengths, the two
 would leave the way's bends between them, and in these stands the rows' own noise."""
 _DELAY_S: Final = 0.02

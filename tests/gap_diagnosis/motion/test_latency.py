@@ -8,6 +8,7 @@ import pytest
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import coarse_gyro_delay_s
 from gap_diagnosis.priors import default_prior
@@ -110,3 +111,47 @@ def test_a_long_delay_beside_a_bias_is_told_where_gyro_and_wheels_are_all_there_
     (delay_s,), (bias,) = found.coefficients
     assert abs(delay_s - 0.08) < 0.004
     assert abs(bias - 0.01) < 0.0005
+
+
+@pytest.fixture(scope="module")
+def trembling() -> MotionModel:
+    """A drive of whose every third row alone is left, and that a little beside its time."""
+    whole = synthetic_recording(
+        load_robot(),
+        load_wire(),
+        scenario("calibration"),
+        (),
+        seed=5,
+        reference=ReferenceNoise(position_m=2e-4, heading_rad=4e-4),
+        contact_noise_m_per_sqrt_m=3e-4,
+        duration_s=60.0,
+    )
+    rate, t_s = whole.gyro_rate_rad_s, whole.t_s[::3]
+    assert rate is not None  # the shipped robot has a gyro
+    beside_s = 1e-3 * np.random.default_rng(5).standard_normal(len(t_s))
+    rows = Recording(
+        name="rows",
+        tick_period_s=3 * whole.tick_period_s,
+        t_s=t_s + beside_s,
+        stamp_s=t_s,
+        tick=np.arange(len(t_s)),
+        left_ticks=whole.left_ticks[::3],
+        right_ticks=whole.right_ticks[::3],
+        gyro_rate_rad_s=np.convolve(rate, np.full(3, 1 / 3))[: len(rate) : 3],
+        reference=whole.reference,
+    )
+    return MotionModel(rows, load_robot(), default_prior())
+
+
+def test_a_way_without_its_bends_passes_for_no_delay(trembling):
+    levels = trembling.levels_for((), trembling.level_prior.median)
+    terms = {
+        term.variant.effect: term
+        for term in trembling.columns.terms
+        if term.variant.report.get("frame", "sensors") == "sensors"
+    }
+    skew = score(trembling.gram(levels), [terms["reference_clock_skew"]], trembling.prior)
+    assert skew.log_evidence < 6.0
+    late = trembling.evidence_about([terms["frame_latency"]], [(0.015,)], levels)
+    nothing = trembling.evidence_at((), levels) + trembling.level_prior.log_density(np.log(levels))
+    assert late.log_likelihood < nothing + 3.0
