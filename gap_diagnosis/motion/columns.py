@@ -154,7 +154,9 @@ def build_columns(
             if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(values, tuple(_late_alone(terms, {index for index, _ in nuisances})), tuple(nuisances))
+    return Columns(
+        values, tuple(_late_alone(terms, {index for index, _ in nuisances})), tuple(nuisances)
+    )
 
 
 def _late_alone(terms: Sequence[Term], free: Set[int]) -> Iterable[Term]:
