@@ -62,7 +62,8 @@ def build_config(
         description: the table [firmware] of `robot.toml`.
         constants: the described robot.
         allow_overflow: accept words that normal use overflows; the kernel then wraps or
-            saturates as configured and counts. 64-bit intermediates stay proved.
+            saturates as configured and counts. Accept constants that round to zero: what they
+            scale then stands still. 64-bit intermediates stay proved.
 
     Raises:
         FirmwareError: a scale that rounds to zero, a format whose step does not fit, or an

@@ -86,7 +86,7 @@ class Asked:
     Attributes:
         description: the table [firmware] of `robot.toml`.
         constants: the described robot.
-        allow_overflow: words that normal use overflows are accepted.
+        allow_overflow: words that normal use overflows are accepted, and constants that are zero.
     """
 
     description: FirmwareDescription
@@ -101,7 +101,10 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A positive constant as an integer, and how many bits its products are narrowed by."""
+    """A constant as an integer and how many bits its products are narrowed by.
+
+    It is positive, or zero where that is allowed.
+    """
 
     value_q: int
     shift: int
@@ -253,7 +256,7 @@ def to_scale(
             "no more than a product of 64 bits bears"
         )
     value_q = rounded(value, bits)
-    if value_q == 0:
+    if value_q == 0 and not asked.allow_overflow:
         raise FirmwareError(
             f"{name} = {bits}: the constant {float(value):.4g} {unit} rounds to zero: "
             f"expected at least {math.ceil(-math.log2(value))}"

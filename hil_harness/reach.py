@@ -74,11 +74,8 @@ def require_drive_fits(
     left, right, _ = SensorMistakes(settings.setup, robot.plant).apply_columns(
         runs.left_count[0], runs.right_count[0], runs.gyro_code[0]
     )
-    names = ("left_count", "right_count")
-    left, right = (
-        over_the_bus(wire.signal_map[name], robot.plant, counts)
-        for name, counts in zip(names, (left, right), strict=True)
-    )
+    left = over_the_bus(wire.signal_map["left_count"], robot.plant, left)
+    right = over_the_bus(wire.signal_map["right_count"], robot.plant, right)
     require_counts_fit(robot, kernel, left, right)
 
 

@@ -124,7 +124,9 @@ KernelOption = Annotated[
 ForceOption = Annotated[
     bool,
     typer.Option(
-        "--force", help="Take firmware formats that overflow in normal use; overflows are counted."
+        "--force",
+        help="Take firmware formats that overflow in normal use, and constants that round to "
+        "zero; overflows are counted.",
     ),
 ]
 JsonFileOption = Annotated[

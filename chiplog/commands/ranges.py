@@ -52,6 +52,8 @@ def command(
         config = kernel_config(described, dbc, signals)
     except HarnessError:  # a word may be too narrow: which, and when, is what is asked here
         config = kernel_config(described, dbc, signals, force=True)
+        if 0 in (config.half_tick_m_q, config.tick_turn_q, config.sensitivity_turn_q):
+            raise  # whose scale is zero overflows nowhere
     envelope = envelope_of(
         described,
         config,

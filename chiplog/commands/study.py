@@ -81,7 +81,11 @@ def command(
     ] = 65_536,
     force: Annotated[
         bool,
-        typer.Option("--force", help="Run configurations that overflow, and count how often."),
+        typer.Option(
+            "--force",
+            help="Run configurations that overflow, and count how often; tables that do not fit "
+            "and constants that round to zero are run as well.",
+        ),
     ] = False,
     workers: Annotated[
         int | None, typer.Option("--workers", help="Threads; default: one per core.")
@@ -203,6 +207,7 @@ def _study(
         build_points,
         parse_axis,
         refuse_unfit,
+        require_drives_fit,
     )
 
     axes: dict[str, Sequence[Any]] = {}
@@ -227,7 +232,7 @@ def _study(
         table_bytes=table_bytes,
         force=force,
     )
-    return Study(
+    study = Study(
         robot=described,
         wire=wire,
         points=tuple(points),
@@ -235,7 +240,10 @@ def _study(
         seeds=tuple(range(1, seeds + 1)),
         course=course,
         force=force,
+        table_bytes=table_bytes,
     )
+    require_drives_fit(study)
+    return study
 
 
 def _mission(scenarios: Sequence[Scenario], course: Course, wire: Wire) -> tuple[float, float]:

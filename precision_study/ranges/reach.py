@@ -187,7 +187,9 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
         return per_tick * ticks + share * float(per_count) * float(counts)
 
     # A count may be worth more than its way, where rounding always lengthens it.
-    dearest = max(1.0, float((moved / asked).max()) / float(per_count))
+    dearest = 1.0  # of a constant that is zero no count goes any way
+    if per_count > 0:
+        dearest = max(dearest, float((moved / asked).max()) / float(per_count))
     low, high = 0.0, dearest
     for _ in range(_SEARCHES):  # the total is convex in the price
         first, second = low + (high - low) / 3, high - (high - low) / 3

@@ -10,6 +10,7 @@ from precision_study.study.answer import (
 )
 from precision_study.study.cost import Cost, CostTable, cost_table
 from precision_study.study.engine import Study, cores, run_study
+from precision_study.study.reach import require_drives_fit
 from precision_study.study.requirement import (
     Course,
     Requirement,
@@ -47,5 +48,6 @@ __all__ = [
     "parse_course",
     "parse_requirement",
     "refuse_unfit",
+    "require_drives_fit",
     "run_study",
 ]

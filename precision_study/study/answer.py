@@ -53,6 +53,7 @@ class Outcome:
     point: Point
     cost: Cost
     scenarios: tuple[ScenarioOutcome, ...]
+    has_room: bool = True
 
     def worst(self, what: str) -> ScenarioOutcome:
         """Return the scenario with the largest error of a kind, as in "arithmetic position"."""
@@ -65,6 +66,11 @@ class Outcome:
     def bound(self, quantity: str) -> float:
         """Return the guaranteed bound of the arithmetic error on any of the scenarios."""
         return max(one.bound[quantity] for one in self.scenarios)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether no word has overflowed and the table has room: others are never chosen."""
+        return self.overflows == 0 and self.has_room
 
     @property
     def overflows(self) -> int:
@@ -89,7 +95,8 @@ def outcomes(study: Study, store: Store) -> list[Outcome]:
             for scenario in study.scenarios
         )
         cost = table.cost(build(point, study.robot, force=study.force))
-        found.append(Outcome(point, cost, by_scenario))
+        has_room = study.table_bytes is None or cost.table_bytes <= study.table_bytes
+        found.append(Outcome(point, cost, by_scenario, has_room))
     return found
 
 
@@ -145,9 +152,9 @@ def _scenario(
 def pareto_front(found: Sequence[Outcome], what: str) -> list[Outcome]:
     """Return the configurations that none beats in error, instructions a second and memory.
 
-    None of them overflows; of equals the first stays. From the cheapest to the most exact.
+    All of them are sound; of equals the first stays. From the cheapest to the most exact.
     """
-    sound = [one for one in found if one.overflows == 0]
+    sound = [one for one in found if one.is_sound]
     if not sound:
         return []
     values = np.array(
@@ -161,9 +168,9 @@ def pareto_front(found: Sequence[Outcome], what: str) -> list[Outcome]:
 
 
 def holds(one: Outcome, requirement: Requirement, margin: float) -> bool:
-    """Tell whether a configuration stays *margin* times below the limit, without overflow."""
+    """Tell whether a configuration stays *margin* times below the limit, and is sound."""
     what = f"{requirement.kind} {requirement.quantity}"
-    return one.overflows == 0 and one.error(what) * margin <= requirement.limit
+    return one.is_sound and one.error(what) * margin <= requirement.limit
 
 
 def cheapest(found: Sequence[Outcome], requirement: Requirement, margin: float) -> Outcome | None:

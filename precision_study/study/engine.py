@@ -41,6 +41,7 @@ class Study:
         seeds: of the noise, for every scenario.
         course: how far the robots drive.
         force: run configurations that overflow, and count.
+        table_bytes: room for a table; None: any.
     """
 
     robot: Robot
@@ -50,12 +51,18 @@ class Study:
     seeds: tuple[int, ...]
     course: Course
     force: bool = False
+    table_bytes: int | None = None
     _laps: dict[tuple[str, int], str] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def runs(self) -> int:
         """How many runs the whole study has."""
         return len(self.points) * len(self.scenarios) * len(self.seeds)
+
+    def ticks(self, scenario: Scenario, point: Point) -> int:
+        """Return how many ticks surely do the course. Raises StudyError as `course_ticks`."""
+        lap = lap_commands(scenario, self.wire, point.tick_period_us)
+        return course_ticks(scenario, lap, self.course, point.tick_period_us)
 
     def unit(self, point: Point, scenario: Scenario) -> str:
         """Return the name of one configuration on one scenario: equal only for equal runs."""

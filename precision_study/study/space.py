@@ -224,7 +224,7 @@ def refuse_unfit(
         distance_m: longest way of a drive.
         mission_s: longest time that it takes.
         table_bytes: largest table that fits.
-        force: let words that overflow pass.
+        force: let words that overflow pass, tables without room and constants of zero.
 
     Raises:
         StudyError: field, value and what would be right, for the first such configuration.
@@ -249,7 +249,7 @@ def _unfit(
     except FirmwareError as error:
         return str(error)
     size = bytes_of_table(config)
-    if size > table_bytes:
+    if size > table_bytes and not force:
         trig = point.firmware.trig
         field = "iterations" if trig.method == "cordic" else "entries"
         value = getattr(trig, field)

@@ -44,6 +44,17 @@ def test_a_run_is_refused_and_nothing_is_written_and_by_force_it_counts(tmp_path
     assert wide.kernel_state["overflow_count"] == 0
 
 
+def test_a_constant_that_rounds_to_zero_is_refused_and_by_force_the_robot_stands_still() -> None:
+    step = {"frac_bits": 2, "constant_frac_bits": 5}
+    table = {"step": step, "position": {"frac_bits": 20}, "velocity": {"frac_bits": 4}}
+    robot = replace(load_robot(), firmware=FirmwareDescription.from_table(table))
+    with pytest.raises(HarnessError, match=r"constant_frac_bits = 5: .* rounds to zero"):
+        run(RunConfig(scenario=scenario("straight"), robot=robot, duration_s=2.0))
+    forced = run(RunConfig(scenario=scenario("straight"), robot=robot, duration_s=2.0, force=True))
+    found = forced.kernel_state
+    assert (found["x_m_q"], found["overflow_count"]) == (0, 0)
+
+
 def test_only_as_far_as_the_run_lasts_is_asked_and_what_effects_add() -> None:
     straight = scenario("straight")
     run(RunConfig(scenario=straight, robot=narrow(), duration_s=14.0))

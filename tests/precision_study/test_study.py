@@ -287,6 +287,36 @@ def test_forced_configurations_run_and_their_overflows_are_counted_but_never_cho
     assert "Cheapest that holds “position 1 mm after 8 m”: position.word_bits = 48" in said
 
 
+def test_a_table_without_room_is_run_by_force_and_never_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["study", "--sweep", "trig.entries=16,64", "--table-bytes", "100", "--seeds", "1"]
+    words += ["--scenario", "straight", "--out", str(tmp_path)]
+    words += ["--meet", "position 1 mm after 2 m"]
+    assert main(words) == 2
+    assert "a table of 260 bytes does not fit --table-bytes 100" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    assert "trig.entries = 16" in capsys.readouterr().out
+
+
+def test_what_effects_make_the_wheels_count_is_held_against_the_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Wheels 5 % smaller than described count 16.3 m of 15.5 m; the word holds 16 m."""
+    monkeypatch.chdir(tmp_path)
+    drive = 'name = "mine"\nduration_s = 60.0\n[[segments]]\nv_m_s = 0.5\nduration_s = 60.0\n'
+    words = ["study", "--after", "15.5 m", "--seeds", "1", "--sweep", "position.word_bits=25"]
+    words += ["--sweep", "position.frac_bits=20", "--scenario", "mine.toml"]
+    Path("mine.toml").write_text(drive)
+    assert main(words) == 0
+    Path("mine.toml").write_text(f"{drive}[effects.radius_scale]\nscale = -0.05\n")
+    capsys.readouterr()
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "position.word_bits = 25: 16.3" in said
+    assert "m by the wheels on mine do not fit with 20 fraction bits: expected at least 26" in said
+
+
 def test_another_tick_has_its_dbc(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "dbc" / "chiplog.dbc").read_text()
     halved = dbc_at_tick(text, 10_000, 5_000)
