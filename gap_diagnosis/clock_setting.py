@@ -15,7 +15,7 @@ from scipy.signal import correlate
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.offset import SEARCH_S
+from gap_diagnosis.motion.offset import SEARCH_S, turns_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
@@ -55,20 +55,22 @@ def with_clock_set(recording: Recording, robot: Robot) -> tuple[Recording, float
 
 def _late_s(motion: Motion, reference: Reference) -> float:
     """Return by how much the stamps are late, to a hundredth of a second, if by more than an
-    effect: what the wheels turn (or go, where there is no orientation) is laid over the reference.
+    effect: what wheels or gyro turn (or go, where there is no orientation) is laid over the
+    reference.
     """
     ours_t_s = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
     theirs_t_s = np.arange(reference.t_s[0], reference.t_s[-1], _STEP_S)
     if min(len(ours_t_s), len(theirs_t_s)) * _STEP_S < _LEAST_S:
         return 0.0
     if reference.heading_rad is not None:
-        ours = _turns(ours_t_s, motion.t_s, motion.heading_rad)
+        sources = [_turns(ours_t_s, motion.t_s, turn) for turn in turns_of(motion)]
         theirs = _turns(theirs_t_s, reference.t_s, reference.heading_rad)
     else:
-        ours = _ways(ours_t_s, motion.t_s, motion.x_m, motion.y_m)
+        sources = [_ways(ours_t_s, motion.t_s, motion.x_m, motion.y_m)]
         theirs = _ways(theirs_t_s, reference.t_s, reference.x_m, reference.y_m)
-    alike = _alike(ours, theirs)
-    late_s = theirs_t_s[0] - ours_t_s[0] + _STEP_S * (np.arange(len(alike)) - (len(ours) - 1))
+    alike = max((_alike(ours, theirs) for ours in sources), key=lambda one: float(one.max()))
+    first = theirs_t_s[0] - ours_t_s[0]
+    late_s = first + _STEP_S * (np.arange(len(alike)) - (len(sources[0]) - 1))
     best = float(alike.max())
     near = float(alike[np.abs(late_s) <= SEARCH_S].max(initial=0.0))
     if best < max(_ALIKE, near + _BETTER):

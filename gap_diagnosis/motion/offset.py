@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -24,38 +25,31 @@ _ALIKE: Final = 0.8
 def coarse_delay_s(recording: Recording, robot: Robot) -> float:
     """Return reference stamp - log time, roughly; 0 where it is small or cannot be told.
 
-    The turn of the reference over a fifth of a second is laid over the wheels' turn (or the
-    speeds, where there is no orientation); the shift with the best correlation wins. The fit
+    The turn of the reference over a fifth of a second is laid over the wheels' and the gyro's (or
+    the speeds, where there is no orientation); the shift with the best correlation wins. The fit
     itself is never made on differentiated signals: this only chooses where it starts.
     """
     reference = recording.reference
     if reference is None or len(reference.t_s) < 20:
         return 0.0
-    motion = estimate_motion(
-        Recording(
-            name=recording.name,
-            tick_period_s=recording.tick_period_s,
-            t_s=recording.t_s,
-            stamp_s=recording.stamp_s,
-            tick=recording.tick,
-            left_ticks=recording.left_ticks,
-            right_ticks=recording.right_ticks,
-        ),
-        robot,
-    )
+    motion = estimate_motion(replace(recording, reference=None), robot)
     grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
     if len(grid) < 100:
         return 0.0
-    ours = np.diff(np.interp(grid, motion.t_s, motion.heading_rad))
-    if reference.heading_rad is not None:
-        theirs = np.diff(np.interp(grid, reference.t_s, reference.heading_rad))
-    else:
+    if reference.heading_rad is None:
         path = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m))
         theirs = np.diff(np.interp(grid, reference.t_s[1:], np.cumsum(path)))
-        ours = np.abs(
-            np.diff(np.interp(grid, motion.t_s, np.cumsum(motion.speed_m_s * motion.dt_s)))
-        )
-    return _shift_s(ours, theirs, 0.0)
+        way = np.cumsum(motion.speed_m_s * motion.dt_s)
+        return _best_shift([np.abs(np.diff(np.interp(grid, motion.t_s, way)))], theirs)
+    theirs = np.diff(np.interp(grid, reference.t_s, reference.heading_rad))
+    ours = [np.diff(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
+    return _best_shift(ours, theirs)
+
+
+def turns_of(motion: Motion) -> list[Floats]:
+    """Return the headings that wheels and gyro give, each by itself: one of them may be broken."""
+    wheels = motion.radius_m * (motion.right_angle_rad - motion.left_angle_rad) / motion.wheelbase_m
+    return [wheels] if motion.gyro_turn_rad is None else [wheels, motion.gyro_turn_rad]
 
 
 def coarse_gyro_delay_s(motion: Motion) -> float:
@@ -68,19 +62,22 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
     grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
     if len(grid) < 100:
         return 0.0
-    wheels = motion.radius_m * (motion.right_angle_rad - motion.left_angle_rad) / motion.wheelbase_m
-    ours = np.diff(np.interp(grid, motion.t_s, wheels))
-    return _shift_s(ours, np.diff(np.interp(grid, motion.t_s, motion.gyro_turn_rad)), _ALIKE)
+    wheels, gyro = (np.diff(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
+    late_s, alike = _shift(wheels, gyro)
+    return late_s if alike > _ALIKE else 0.0
 
 
-def _shift_s(ours: Floats, theirs: Floats, least: float) -> float:
-    """Return by how much *theirs*, steps on a grid of _STEP_S, come later than *ours*.
+def _best_shift(ours: Sequence[Floats], theirs: Floats) -> float:
+    """Return by how much *theirs* come later than those of *ours* that are most like them."""
+    return max((_shift(one, theirs) for one in ours), key=lambda found: found[1])[0]
 
-    0 where it is small, or where they do not agree by a correlation of *least*.
-    """
+
+def _shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
+    """Return by how much *theirs*, steps on a grid of _STEP_S, come later than *ours* (0 where it
+    is small or no better than none), and how alike they are then."""
     ours, theirs = (gaussian_filter1d(one, 0.1 / _STEP_S) for one in (ours, theirs))
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
-        return 0.0
+        return 0.0, 0.0
     shifts = range(-round(SEARCH_S / _STEP_S), round(SEARCH_S / _STEP_S) + 1)
     edge = len(shifts)
     scores = []
@@ -89,8 +86,8 @@ def _shift_s(ours: Floats, theirs: Floats, least: float) -> float:
         scores.append(abs(float(np.corrcoef(ours[edge:-edge], moved)[0, 1])))
     peak = int(np.argmax(scores))
     best = (shifts[peak] + _between(scores, peak)) * _STEP_S
-    is_told = max(scores) > max(scores[len(scores) // 2] + 1e-3, least)
-    return best if abs(best) >= _WORTH_S and is_told else 0.0
+    is_told = max(scores) > scores[len(scores) // 2] + 1e-3
+    return best if abs(best) >= _WORTH_S and is_told else 0.0, max(scores)
 
 
 def _between(scores: Sequence[float], peak: int) -> float:

@@ -9,15 +9,15 @@ import pytest
 from diagnosed import ROBOT, WIRE
 
 from gap_diagnosis.clock_setting import UNSET_S, with_clock_set
+from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import parse_effect
+from hil_harness.effects import EffectSetting, parse_effect
 from hil_harness.scenarios import scenario
 
 
 @cache
-def drive(effect: str = "") -> Recording:
-    effects = (parse_effect(effect),) if effect else ()
+def drive(*effects: EffectSetting) -> Recording:
     return synthetic_recording(
         ROBOT, WIRE, scenario("random"), effects, 3, reference=ReferenceNoise(), duration_s=60.0
     )
@@ -47,6 +47,14 @@ def test_a_clock_that_was_never_set_is_found(late_s: float, has_heading: bool) -
 
 
 def test_beside_a_large_effect_it_is_found_to_what_is_free_from_then_on() -> None:
-    recording = drive("turn_scrub.scrub=0.3")
+    recording = drive(parse_effect("turn_scrub.scrub=0.3"))
     _, found_s = with_clock_set(late(recording, 8.0), ROBOT)
     assert found_s == pytest.approx(8.0, abs=0.5 * UNSET_S)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 8.0])
+def test_a_dead_encoder_does_not_move_the_clock_for_the_gyro_knows_the_turns(late_s: float) -> None:
+    recording = drive(EffectSetting("encoder_dead", (("side", "left"), ("start_s", 10.0))))
+    _, found_s = with_clock_set(late(recording, late_s), ROBOT)
+    assert found_s == pytest.approx(late_s, abs=0.5 * UNSET_S)
+    assert coarse_delay_s(recording, ROBOT) == 0.0
