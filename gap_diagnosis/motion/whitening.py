@@ -17,6 +17,7 @@ from typing import Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.explanations.choices import dead_ticks
 from gap_diagnosis.motion.nodes import Nodes
@@ -39,6 +40,8 @@ _LEAST_TURN_RAD: Final = 1e-6
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
 beats with the samples."""
+_AROUND: Final = 5
+"""Blocks, a quarter of a second."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
@@ -58,6 +61,8 @@ class Course:
     right_path_m: Floats
     left_moved: Floats
     right_moved: Floats
+    left_kept: Floats
+    right_kept: Floats
     left_scatter_m2: Floats
     right_scatter_m2: Floats
     cosine: Floats
@@ -86,7 +91,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     t_s = nodes.mean(motion.t_s)
     radius = motion.radius_m
     # A wheel that is not counted slips as much as the other one.
-    steps = np.abs([motion.left_step_rad, motion.right_step_rad])
+    signed = np.array([motion.left_step_rad, motion.right_step_rad])
+    steps = np.abs(signed)
     dead = dead_ticks(motion)
     steps[:, dead] = steps[:, dead].max(axis=0)
     paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
@@ -95,14 +101,20 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     per_count_m = radius * motion.rad_per_count
     heading = nodes.mean(motion.heading_rad)
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
+    moved = [path / per_count_m for path in (left_path, right_path)]
+    net = [
+        np.diff(nodes.mean(np.cumsum(one)), prepend=0.0) / motion.rad_per_count for one in signed
+    ]
     return Course(
         dt_s=np.diff(t_s, prepend=t_s[0]),
         step_x_m=np.diff(x_m, prepend=x_m[0]),
         step_y_m=np.diff(y_m, prepend=y_m[0]),
         left_path_m=left_path,
         right_path_m=right_path,
-        left_moved=left_path / per_count_m,
-        right_moved=right_path / per_count_m,
+        left_moved=moved[0],
+        right_moved=moved[1],
+        left_kept=_kept(moved[0], net[0]),
+        right_kept=_kept(moved[1], net[1]),
         left_scatter_m2=np.zeros(nodes.count),
         right_scatter_m2=np.zeros(nodes.count),
         cosine=np.cos(heading),
@@ -113,6 +125,17 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         samples=samples,
         gyro_floor_rad=_gyro_floor(nodes),
     )
+
+
+def _kept(moved: Floats, net: Floats) -> Floats:
+    """Return which share of a count's error stays from block to block, float64[m].
+
+    *moved* is how many counts came, *net* how many forwards. Between two counts of a slow wheel its
+    count stands, but the wheel does not: what it goes is the mean of the blocks around. A
+    sawtooth's correlation after a share m of its period is 1 - 6 m (1 - m).
+    """
+    slow = np.minimum(np.abs(uniform_filter1d(net, _AROUND)), 0.5)
+    return np.asarray(np.clip(np.minimum(1.0 - moved, 1.0 - 6.0 * slow * (1.0 - slow)), 0.0, 1.0))
 
 
 def _gyro_floor(nodes: Nodes) -> Floats:
@@ -140,6 +163,8 @@ def whiten(
         course.right_path_m,
         course.left_moved,
         course.right_moved,
+        course.left_kept,
+        course.right_kept,
         course.left_scatter_m2,
         course.right_scatter_m2,
         course.cosine,
@@ -165,6 +190,8 @@ def _whiten(
     right_path: Floats,
     left_moved: Floats,
     right_moved: Floats,
+    left_kept: Floats,
+    right_kept: Floats,
     left_scatter: Floats,
     right_scatter: Floats,
     cosine: Floats,
@@ -266,7 +293,8 @@ def _whiten(
             averaged = min(max(moved, 1.0), ticks[k])
             mean_variance = quantum_variance / averaged
             in_step = stays * min(beat_m * beat_m / mean_variance, 1.0) / ticks[k]
-            keep = 0.0 if k == 0 else max(1.0 - moved, in_step)
+            kept = left_kept[k] if q == 5 else right_kept[k]
+            keep = 0.0 if k == 0 else max(kept, in_step)
             for j in range(width):
                 state[q, j] *= keep
             _scale_state(covariance, q, keep)

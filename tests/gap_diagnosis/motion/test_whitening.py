@@ -14,6 +14,7 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.nodes import CHANNELS, residuals
 from gap_diagnosis.motion.whitening import LEVELS as NAMES
 from gap_diagnosis.motion.whitening import QUANTUM_S, course_of, whiten
+from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
@@ -107,7 +108,7 @@ def dense_covariance() -> Floats:
             whole = COURSE.quantum_m**2 / averaged
             share = min(COURSE.beat_m**2 / whole, 1.0) / NODES.ticks[k]
             in_step = share * math.exp(-COURSE.dt_s[k] / QUANTUM_S)
-            keep = max(1.0 - moved[wheel], in_step) if k else 0.0
+            keep = max((COURSE.left_kept, COURSE.right_kept)[wheel][k], in_step) if k else 0.0
             quantum[wheel] = plus((keep, quantum[wheel]), (1.0, draw((1 - keep**2) * whole)))
             few += COURSE.quantum_m**2 / min(max(COURSE.samples[k], 1.0), averaged) - whole
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
@@ -202,3 +203,37 @@ def test_counting_errors_of_a_drive_come_out_with_unit_variance_at_rest_and_in_m
             gyro_part = white[part & (channel == 3), 0]
             away = (np.mean(gyro_part**2) - 1) / math.sqrt(2 / len(gyro_part))
             assert abs(away) < 4
+
+
+def test_a_wheel_that_counts_in_every_third_row_goes_on_between():
+    encoder = ROBOT.plant.encoder.model_copy(update={"ticks_per_rev": 60, "noise_ticks": 0.0})
+    robot = replace(ROBOT, plant=ROBOT.plant.model_copy(update={"encoder": encoder}))
+    wheels = robot.plant.wheels
+    t_s = np.arange(0, 60, 0.05)
+    goes = np.where(t_s % 20 > 4, 1.0, 0.0)
+    left, right = (0.5 + np.cumsum(rate * goes) for rate in (0.3, 0.37))
+    count_m = math.tau / 60 * wheels.radius_m
+    heading = (right - left) * count_m / wheels.wheelbase_m
+    ahead_m = np.diff((left + right) * count_m / 2, prepend=0.5 * count_m)
+    noise = np.random.default_rng(3).standard_normal((3, len(t_s))) * 5e-4
+    log = Recording(
+        name="slow",
+        tick_period_s=0.05,
+        t_s=t_s,
+        stamp_s=t_s,
+        tick=np.arange(len(t_s)),
+        left_ticks=np.floor(left),
+        right_ticks=np.floor(right),
+        reference=Reference(
+            t_s,
+            np.cumsum(ahead_m * np.cos(heading)) + noise[0],
+            np.cumsum(ahead_m * np.sin(heading)) + noise[1],
+            heading + noise[2],
+        ),
+    )
+    nodes = nodes_of(log, robot)
+    data = residuals(nodes, predict(nodes.motion))
+    levels = np.array([1e-4, 2e-5, 1e-4, 1e-6, 5e-4, 5e-4, 1e-5, 1e-5, 1.0])
+    course = course_of(nodes, encoder.noise_ticks)
+    white, _, _ = whiten(np.ascontiguousarray(data[..., None]), course, levels, nodes.ticks)
+    assert np.mean(white**2) < 2.0
