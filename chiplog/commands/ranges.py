@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -138,5 +139,17 @@ def stretch(one: Stretch) -> str:
         lead_ticks = one.lead_ticks / one.lead_over
         counts = "a count" if one.lead_counts == 1 else f"{one.lead_counts} counts"
         steps += f", {counts} ahead and back in turn each {lead_ticks:.6g}"
+    if one.pattern:
+        steps += ", ahead of that left and right by " + " then ".join(runs_of(one.pattern))
     ticks = "a tick" if one.ticks == 1 else f"{one.ticks:,} ticks"
     return f"{ticks} of {steps}, {frames}, {gyro}"
+
+
+def runs_of(pattern: tuple[tuple[int, int, bool], ...]) -> list[str]:
+    """Return the places of a pattern in words, those that are alike together."""
+    said = []
+    for (left, right, arrives), places in groupby(pattern):
+        ticks = len(list(places))
+        often = f" for {ticks} ticks" if ticks > 1 else ""
+        said.append(f"{left:+d}, {right:+d}{often}{'' if arrives else ' without a frame'}")
+    return said

@@ -17,6 +17,7 @@ from typing import Final
 from firmware_model import FRESH, KernelConfig
 from firmware_model.config import MODE_WHEEL
 from firmware_model.integers import FLOOR, TOWARD_ZERO, shift_round
+from precision_study.ranges.dithers import dithers, losses
 from precision_study.ranges.envelope import Envelope, learning_ticks
 from precision_study.ranges.intermediate import Intermediate
 from precision_study.ranges.reach import extremes, position_reach
@@ -34,6 +35,8 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
     if value.word == "position":
         yield from _far(config, envelope)
         yield from _trembling(config, envelope)
+        yield from losses(config, envelope)
+        yield from dithers(config, envelope)
         yield from swings(config, envelope)
     elif value.word == "step":
         yield from _wheels(config, envelope, forward=True)

@@ -32,6 +32,8 @@ class Stretch:
         lead_ticks, lead_over: for lead_ticks / lead_over ticks each.
         lead_start: how much of the first lead is over when the stretch begins [ticks / lead_over].
         is_swing: the wheels go to and fro, lead_ticks each way, with a ramp at both ends.
+        pattern: over and over, a tick each: by how many counts left and right are ahead of that,
+            and whether an encoder frame arrives; empty: none.
     """
 
     ticks: int
@@ -48,14 +50,32 @@ class Stretch:
     lead_over: int = 1
     lead_start: int = 0
     is_swing: bool = False
+    pattern: tuple[tuple[int, int, bool], ...] = ()
 
     def left_count(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the left counter's gain after so many ticks, rounded up, with its lead."""
-        return -self._gained(-self.left_step, ticks, -self._lead(ticks))
+        return -self._gained(-self.left_step, ticks, -self._lead(ticks)) + self._ahead(ticks, 0)
 
     def right_count(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the right counter's gain after so many ticks, rounded down, with its lead."""
-        return self._gained(self.right_step, ticks, self._lead(ticks))
+        return self._gained(self.right_step, ticks, self._lead(ticks)) + self._ahead(ticks, 1)
+
+    def _ahead(self, ticks: NDArray[np.int64], wheel: int) -> NDArray[np.int64]:
+        """Return by how many counts the pattern has a wheel ahead after so many ticks."""
+        if not self.pattern:
+            return np.zeros_like(ticks)
+        one = np.array([place[wheel] for place in self.pattern], dtype=np.int64)
+        return one[(ticks - 1) % len(one)]
+
+    def arrivals(self, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return in which ticks an encoder frame arrives."""
+        if self.frame_every == 0:
+            return np.zeros(ticks.shape, dtype=np.bool_)
+        arrives: NDArray[np.bool_] = ticks % self.frame_every == 0
+        if self.pattern:
+            one = np.array([place[2] for place in self.pattern])
+            arrives &= one[(ticks - 1) % len(one)]
+        return arrives
 
     def _lead(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return twice the lead of each wheel after so many ticks."""
@@ -113,8 +133,7 @@ def drive_chunks(drive: Sequence[Stretch]) -> Iterator[NDArray[np.int64]]:
             part[:, 0] = left + one.left_count(ticks)
             part[:, 1] = right + one.right_count(ticks)
             part[:, 2] = STALE
-            if one.frame_every > 0:
-                part[ticks % one.frame_every == 0, 2] = FRESH
+            part[one.arrivals(ticks), 2] = FRESH
             part[:, 3], part[:, 4] = one.codes(ticks), one.gyro_validity
             yield part
         gains = gain(one)

@@ -49,9 +49,7 @@ class _Turning:
 
 
 def swings(config: KernelConfig, envelope: Envelope) -> Iterator[Drive]:
-    """Yield drives that move x by remainders; none where none is given back."""
-    if not is_given_back(config):
-        return
+    """Yield drives that move x by remainders, or by the counts that tremble."""
     for lead in dict.fromkeys((1, envelope.trembling_ticks, _longest_lead(envelope))):
         for turning in (*_by_wheels(config, envelope, lead), *_by_gyro(config, envelope, lead)):
             if turning.turn > 0:
@@ -123,7 +121,7 @@ def _turned(
     if on.left_step == on.right_step and ramp_ticks:
         return  # the code turns at once
     often = math.ceil(Fraction(envelope.mission_ticks * on.lead_counts, envelope.way_ticks))
-    lengths = [round(swing_rad / (2 * PI) / turn) for swing_rad in _SWINGS_RAD]
+    lengths = [max(round(swing_rad / (2 * PI) / turn), 1) for swing_rad in _SWINGS_RAD]
     for length in dict.fromkeys((*lengths, often)):
         cruise = max(length, ramp_ticks, 1)  # as far as so many ticks of it turn
         to_start = round(Fraction(1, 4) / turn - Fraction(cruise, 2))
@@ -166,7 +164,7 @@ def _whole(
             ),
         )
     counts = sum(sum(gain(one)) for one in ahead)
-    creep = _creep(config, on.lead_counts, counts)
+    creep = creep_counts(config, on.lead_counts, counts) if is_given_back(config) else 0
     if creep is None:
         return
     slowly = max(math.floor(envelope.rate / (envelope.ramp_ticks + 1)), 1)
@@ -218,7 +216,7 @@ def _heading_turn(config: KernelConfig, product: int, shift: int) -> Fraction:
     return turn / (1 << (config.heading_frac_bits + config.heading_shift))
 
 
-def _creep(config: KernelConfig, lead: int, counts: int) -> int | None:
+def creep_counts(config: KernelConfig, lead: int, counts: int) -> int | None:
     """Return how many counts of each wheel leave a remainder that a lead makes a unit.
 
     Other counts of the way are added to theirs. None where no such number is near.

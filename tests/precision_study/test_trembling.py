@@ -22,7 +22,9 @@ from precision_study.ranges import (
     find_ranges,
     intermediates,
 )
+from precision_study.ranges.dithers import dithers, losses
 from precision_study.ranges.drives import drives
+from precision_study.ranges.stretches import drive_chunks
 
 COARSE = 'rounding = "floor"\ncarry_remainder = false\n'
 RESTS = {
@@ -188,6 +190,40 @@ def test_trembling_too_wide_for_a_counted_step_makes_no_drive(tmp_path: Path) ->
     assert envelope.trembling_ticks > 2 * envelope.wheel_ticks(1)
     for drive in drives(config, envelope, said):
         assert all(one.ticks > 0 and one.ramp_ticks >= 0 for one in drive)
+
+
+@pytest.mark.parametrize(
+    ("tables", "share"),
+    [
+        (
+            "[firmware.step]\nfrac_bits = 6\n[firmware.trig]\nentries = 16\ninterpolated = false\n",
+            0.6,
+        ),
+        ('[firmware.position]\nfrac_bits = 8\nrounding = "floor"\ncarry_remainder = false\n', 0.6),
+        ("[encoder]\ncounter_bits = 8\n", 0.5),
+    ],
+    ids=["nearest entries", "a rounding for each tick", "frames that are lost"],
+)
+def test_wheels_at_rest_come_near_to_the_bound_as_the_kernel_confirms(
+    tables: str, share: float, tmp_path: Path
+) -> None:
+    """About the edge of a table's entry or of a rounding, which the kernel itself has told."""
+    if "[encoder]" not in tables:
+        tables += "[encoder]\n"
+    tables = tables.replace("[encoder]\n", "[encoder]\nnoise_ticks = 0.0\n")
+    rest = '[firmware]\nmode = "wheel"\n[firmware.velocity]\nfrac_bits = 8\n'
+    design = "[design]\nmission_s = 300.0\ndistance_m = 0.05\nturn_rate_rad_s = 0.5\n"
+    config, envelope, said = described(tmp_path, rest + tables + design)
+    wide = replace(config, position_low_q=-(1 << 60), position_high_q=1 << 60)
+    farthest = 0
+    for drive in (*dithers(config, envelope), *losses(config, envelope)):
+        kernel = Kernel(wide)
+        for inputs in drive_chunks(drive):
+            way = np.abs(np.diff(inputs[:, :2], axis=0)).max(initial=0)
+            assert way <= envelope.wheel_ticks(1)
+            kernel.run(inputs)
+        farthest = max(farthest, abs(kernel.x_m_q), abs(kernel.y_m_q))
+    assert share * said.bound < farthest <= said.bound
 
 
 FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"
