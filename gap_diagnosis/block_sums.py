@@ -61,13 +61,19 @@ def _concerned(
 def _doubtful(blocks: Sequence[Block]) -> Effects:
     """Return the counting errors that the motion denies: the drive must not name them alone."""
     motion = next((block for block in blocks if block.name == "motion"), None)
-    if motion is None:
+    drive = next((block for block in blocks if block.name == "drive"), None)
+    if motion is None or drive is None:
         return frozenset()
-    return frozenset(
-        effect
-        for effect in _COUNTING & motion.effects
-        if motion.fit(frozenset({effect})).log_evidence <= 0
-    )
+    both = _COUNTING & motion.effects & drive.effects
+    return frozenset(effect for effect in both if _denies(motion, drive, frozenset({effect})))
+
+
+def _denies(motion: Block, drive: Block, effect: Effects) -> bool:
+    """Tell whether the motion, which measures counts more finely than commands do, hardly shows
+    what they tell clearly: it is of another size then."""
+    seen, told = motion.fit(effect), drive.fit(effect)
+    hardly = min(_CLEARLY, told.log_likelihood - seen.log_likelihood)
+    return seen.log_evidence <= max(hardly, 0.0)
 
 
 def _of_block(block: Block, effects: Effects) -> tuple[float, float]:

@@ -201,6 +201,14 @@ def test_what_a_counting_error_explains_faintly_does_not_bring_in_a_drive_effect
     assert odds(ranking, ["ticks_per_rev"], ["drive_gain", "ticks_per_rev"]) > 10
 
 
+def test_wheels_that_turn_less_than_told_are_no_counting_error_that_the_motion_hardly_shows() -> (
+    None
+):
+    motion = FakeBlock({"ticks_per_rev": 0.5, "radius_mismatch": 8.0})
+    drive = FakeBlock({"drive_gain": 87.0, "ticks_per_rev": 90.0}, name="drive")
+    assert ranked(motion, drive).best.effects == {"drive_gain", "radius_mismatch"}
+
+
 def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_told() -> None:
     motion = FakeBlock({"setup_swapped": 5000.0, "gyro_bias": 40.0})
     drive = FakeBlock({"drive_gain": 30.0}, name="drive")
