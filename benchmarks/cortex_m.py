@@ -51,6 +51,18 @@ def drive(max_step_ticks: int) -> np.ndarray[Any, np.dtype[np.int64]]:
     return inputs
 
 
+def straight(max_step_ticks: int) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Return int64[TICKS, 5]: on and on without a standstill, hardly turning."""
+    tick = np.arange(TICKS)
+    speed = 0.5 * max_step_ticks * (1.0 + 0.2 * np.sin(tick / 300.0))
+    turn = 0.005 * max_step_ticks * np.sin(tick / 500.0)
+    inputs = np.zeros((TICKS, 5), dtype=np.int64)
+    inputs[:, 0] = np.floor(np.cumsum(speed - turn))
+    inputs[:, 1] = np.floor(np.cumsum(speed + turn))
+    inputs[:, 3] = 32768 + np.rint(60.0 * turn).astype(np.int64) + (tick * 7919) % 5 - 2
+    return inputs
+
+
 def main() -> None:
     """Print one table per level of optimisation."""
     robot, wire = load_robot(None), load_wire()

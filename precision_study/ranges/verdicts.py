@@ -128,10 +128,14 @@ def _test(kernel: Kernel, config: KernelConfig, value: Intermediate) -> Callable
     """Return what tells whether this word of the kernel has overflowed."""
 
     def position() -> bool:
-        x_m_q = kernel.pose_q[0]
-        if config.position_high_q == _WIDEST:
-            return x_m_q in (-_WIDEST - 1, _WIDEST)
-        return not config.position_low_q <= x_m_q <= config.position_high_q
+        low, high = config.position_low_q, config.position_high_q
+        for place_m_q in kernel.pose_q[:2]:
+            if high == _WIDEST:
+                if place_m_q in (-_WIDEST - 1, _WIDEST):
+                    return True
+            elif not low <= place_m_q <= high:
+                return True
+        return False
 
     def velocity() -> bool:
         found = kernel.v_m_s_q if value.name == "speed" else kernel.w_rad_s_q
