@@ -42,6 +42,8 @@ QUANTUM_S: Final = 0.5
 beats with the samples."""
 _AROUND: Final = 5
 """Blocks, a quarter of a second."""
+_TO_AND_FRO: Final = 1.5
+"""A wheel that stands on an edge of its encoder never counts two forwards."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
@@ -135,6 +137,7 @@ def _kept(moved: Floats, net: Floats) -> Floats:
     sawtooth's correlation after a share m of its period is 1 - 6 m (1 - m).
     """
     slow = np.minimum(np.abs(uniform_filter1d(net, _AROUND)), 0.5)
+    slow = np.where(slow * _AROUND > _TO_AND_FRO, slow, 0.0)
     return np.asarray(np.clip(np.minimum(1.0 - moved, 1.0 - 6.0 * slow * (1.0 - slow)), 0.0, 1.0))
 
 
