@@ -26,6 +26,7 @@ from gap_diagnosis.motion.unknown import Alternative, alternatives
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
 from gap_diagnosis.traces import traces
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
@@ -83,6 +84,7 @@ def analyse(
     *library* a user's own."""
     motion, gross = None, False
     blocks: list[Block] = []
+    recording, mistake = with_reference_put_right(recording, robot, without)
     recording, late_s = with_clock_set(recording, robot)
     recording, lost = with_tracking(recording, robot)
     # What a stale producer said again, only the ECU took for news.
@@ -125,6 +127,10 @@ def analyse(
             if firmware.knows_arrivals or not _is_disturbed(bus)
             else Reduced(firmware, firmware.effects - _LATE)
         )
+    if mistake is not None:
+        # No second mistake of the same kind is looked for.
+        blocks = [_without(one, MistakeBlock(mistake).effects) for one in blocks]
+        blocks.append(MistakeBlock(mistake))
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
     others = [] if motion is None else _alternatives(motion, burst)

@@ -23,6 +23,7 @@ from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.reference_mistakes import with_reference_put_right
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
 from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
 from gap_diagnosis.structure import structure_of
@@ -95,6 +96,7 @@ def diagnose_recordings(
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
     if held is not None:
+        held = with_reference_put_right(held, robot, without)[0]
         held = with_tracking(with_clock_set(held, robot)[0], robot)[0]
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []

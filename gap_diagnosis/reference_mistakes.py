@@ -1,0 +1,170 @@
+"""A reference connected wrongly: degrees for radians, millimetres for metres, a heading mirrored.
+
+Wheels and gyro agree and the reference alone is off by a known factor. Nothing else of it can be
+looked at before that is put right; what it says then is as good as any.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.offset import turns_of
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Floats, Recording, Reference
+from gap_diagnosis.setup_mistakes import FACTORS
+from hil_harness.robot import Robot
+
+_STEP_S: Final = 2.0
+"""So long that half a second between two clocks matters little."""
+_LEAST_STEPS: Final = 8
+_ALIKE: Final = 0.8
+_SAME: Final = math.log(1.2)
+"""Effects of the robot change a way or a turn by less."""
+_LEAST_TURN_RAD: Final = 0.05
+_LEAST_WAY_M: Final = 0.01
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A signal of the reference that reads *factor* times what it should.
+
+    Attributes:
+        signal: reference_position or reference_heading.
+        factor: a known one; -1 for a mirrored heading.
+        log_evidence: of the log without it, less that with it.
+    """
+
+    signal: str
+    factor: float
+    log_evidence: float
+
+    @property
+    def effect(self) -> str:
+        """Its name."""
+        return "setup_sign" if self.factor < 0 else "setup_unit"
+
+
+class MistakeBlock:
+    """What the reference shows of a mistake that was put right (a `Block`)."""
+
+    name = "reference"
+
+    def __init__(self, mistake: Mistake) -> None:
+        self._mistake = mistake
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """The mistake."""
+        return frozenset({self._mistake.effect})
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Return the mistake's fit."""
+        if not effects:
+            return Fit((), 0.0, 0.0)
+        one = self._mistake
+        told: dict[str, float | str] = {"signal": one.signal}
+        if one.effect == "setup_unit":
+            told["factor"] = one.factor
+        parameters = {
+            f"{one.effect}.{name}": Estimate(value, probabilities={str(value): 1.0})
+            for name, value in told.items()
+        }
+        return Fit((one.effect,), one.log_evidence, one.log_evidence, parameters)
+
+
+def with_reference_put_right(
+    recording: Recording, robot: Robot, without: frozenset[str] = frozenset()
+) -> tuple[Recording, Mistake | None]:
+    """Return the recording without its reference's mistake, and the mistake if there is one.
+
+    *without* are effects that are not to be named.
+    """
+    found = _found(recording, robot)
+    reference = recording.reference
+    if found is None or reference is None:
+        return recording, None
+    (signal, factor), prior = found, default_prior()
+    right = replace(recording, reference=_divided(reference, signal, factor))
+    before, after = MotionModel(recording, robot, prior), MotionModel(right, robot, prior)
+    # The same numbers in a larger unit are less likely each, by as much.
+    residuals = [(0, 1), (2,)][signal == "reference_heading"]
+    values = np.isfinite(after.columns.values[residuals, :, 0]).sum()
+    gain = _log_evidence(after) - _log_evidence(before)
+    mistake = Mistake(signal, factor, gain - float(values) * math.log(abs(factor)))
+    if mistake.effect in without or mistake.log_evidence <= 0:
+        return recording, None
+    return right, mistake
+
+
+def _found(recording: Recording, robot: Robot) -> tuple[str, float] | None:
+    """Return the signal that alone is off by a known factor, and the factor."""
+    reference = recording.reference
+    if reference is None or len(reference.t_s) < _LEAST_STEPS:
+        return None
+    motion = estimate_motion(replace(recording, reference=None), robot)
+    first, last = (f(motion.t_s[place], reference.t_s[place]) for f, place in ((max, 0), (min, -1)))
+    grid_s = np.arange(first, last, _STEP_S)
+    if len(grid_s) <= _LEAST_STEPS:
+        return None
+
+    def steps(t_s: Floats, values: Floats) -> Floats:
+        return np.asarray(np.diff(np.interp(grid_s, t_s, values)))
+
+    turns = [steps(motion.t_s, turn) for turn in turns_of(motion)]
+    gyro = _ratio(turns[0], turns[1], _LEAST_TURN_RAD) if len(turns) > 1 else None
+    wheels_are_right = _is_same(gyro)
+    heading = None
+    if reference.heading_rad is not None:
+        heading = _ratio(turns[0], steps(reference.t_s, reference.heading_rad), _LEAST_TURN_RAD)
+        if wheels_are_right and (factor := _known(heading)) is not None:
+            return "reference_heading", factor
+    ours = np.hypot(steps(motion.t_s, motion.x_m), steps(motion.t_s, motion.y_m))
+    theirs = np.hypot(steps(reference.t_s, reference.x_m), steps(reference.t_s, reference.y_m))
+    factor = _known(_ratio(ours, theirs, _LEAST_WAY_M))
+    if factor is not None and factor > 0 and (wheels_are_right or _is_same(heading)):
+        return "reference_position", factor
+    return None
+
+
+def _ratio(ours: Floats, theirs: Floats, least: float) -> float | None:
+    """Return how many times *ours* *theirs* are; None where too little moves or they differ."""
+    power = float(np.mean(ours**2)), float(np.mean(theirs**2))
+    if power[0] < least**2 or power[1] <= 0.0:
+        return None
+    alike = float(np.mean(ours * theirs)) / math.sqrt(power[0] * power[1])
+    if abs(alike) < _ALIKE:
+        return None
+    return math.copysign(math.sqrt(power[1] / power[0]), alike)
+
+
+def _is_same(ratio: float | None) -> bool:
+    return ratio is not None and ratio > 0 and abs(math.log(ratio)) < _SAME
+
+
+def _known(ratio: float | None) -> float | None:
+    """Return the known factor other than 1 that a ratio is; None where it is none."""
+    if ratio is None:
+        return None
+    factors = [-1.0, *(value for factor in FACTORS for value in (factor, 1 / factor))]
+    same = [one for one in factors if _is_same(ratio / one)]
+    return min(same, key=lambda one: abs(math.log(ratio / one)), default=None)
+
+
+def _divided(reference: Reference, signal: str, factor: float) -> Reference:
+    if signal == "reference_position":
+        return replace(reference, x_m=reference.x_m / factor, y_m=reference.y_m / factor)
+    heading = reference.heading_rad
+    return reference if heading is None else replace(reference, heading_rad=heading / factor)
+
+
+def _log_evidence(model: MotionModel) -> float:
+    """Return the log evidence of the motion without any effect."""
+    levels = model.no_effect_levels
+    return model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
