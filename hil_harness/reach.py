@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_model import FirmwareError, KernelConfig
 from firmware_model.build_scales import exact
+from firmware_model.counting import NOISE_DEVIATIONS, require_told_apart
 from firmware_model.reach import Demand, position_reach, require_position_holds
 from hil_harness.assembly import RunConfig, Wire, commands_on_the_wire
 from hil_harness.effects import Settings
@@ -17,7 +18,7 @@ from hil_harness.effects.setup_mistakes import SensorMistakes
 from hil_harness.errors import HarnessError
 from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
-from hil_harness.wheel_counter import over_the_bus
+from hil_harness.wheel_counter import over_the_bus, rounding_ticks
 from sim_plant import simulate
 
 Counts = NDArray[np.int64]
@@ -54,10 +55,12 @@ def require_drive_fits(
 
     What the firmware believes in so many ticks at most is enough for wide words. For others the
     robot is driven beforehand, without a bus: no frame that is late or lost lengthens the way that
-    the counters tell.
+    the counters tell. A counter that may take one way of a wheel for the other tells none, however
+    wide the word is.
 
     Raises HarnessError.
     """
+    require_counters_tell(robot, wire, kernel, ticks)
     if position_reach(kernel, Demand.believed(kernel, ticks)) <= kernel.position_high_q:
         return
     runs = simulate(
@@ -77,6 +80,21 @@ def require_drive_fits(
     left = over_the_bus(wire.signal_map["left_count"], robot.plant, left)
     right = over_the_bus(wire.signal_map["right_count"], robot.plant, right)
     require_counts_fit(robot, kernel, left, right)
+
+
+def require_counters_tell(robot: Robot, wire: Wire, kernel: KernelConfig, ticks: int) -> None:
+    """Refuse counters too narrow for the described wheels with their noise, over the longest gap.
+
+    Raises HarnessError.
+    """
+    wheels = [wire.signal_map["left_count"], wire.signal_map["right_count"]]
+    rounding = Fraction(max(rounding_ticks(one, robot.plant) for one in wheels))
+    noise = 2 * NOISE_DEVIATIONS * Fraction(robot.plant.encoder.noise_ticks)
+    rate = min(exact(kernel.constants).fastest_ticks, Fraction(kernel.max_step_ticks))
+    try:
+        require_told_apart(kernel, rate, noise + rounding, ticks)
+    except FirmwareError as error:
+        raise HarnessError(f"{robot.where(str(error))}: {error}") from error
 
 
 def require_counts_fit(robot: Robot, kernel: KernelConfig, left: Counts, right: Counts) -> None:

@@ -40,7 +40,9 @@ def command(
     that adds up (encoder model lesson_counter). Where overflow is not impossible, a drive that
     overflows the word is run through the kernel; where a position's bound is beyond its word by
     less than its slack, that drive may last longer than the mission, or none is known, as is then
-    said. Exit status 1 if a word can overflow.
+    said. A counter overflows where noise makes it take a wheel's way forward for one backward that
+    is believed; then the other words are held against any way that is. Exit status 1 if a word can
+    overflow.
     """
     from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
     from chiplog.terminal import show_line, show_table
@@ -103,9 +105,10 @@ def to_mend(value: Intermediate) -> str:
             f"{value.name}: {value.field} = {value.frac_bits}, expected at most "
             f"{value.frac_bits - missing}"
         )
+    other = ", less encoder.noise_ticks or a slower wheel" if value.word == "counter" else ""
     return (
         f"{value.name}: {value.field} = {value.word_bits}, expected at least "
-        f"{value.least_word_bits}"
+        f"{value.least_word_bits}{other}"
     )
 
 

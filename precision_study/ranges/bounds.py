@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from firmware_model import KernelConfig
 from firmware_model.config import MODE_BLEND, MODE_WHEEL
+from firmware_model.counting import least_counter_bits, told_apart
 from precision_study.ranges.envelope import Envelope
 from precision_study.ranges.intermediate import Intermediate, in_c, kept, register
 from precision_study.ranges.reach import extremes, largest_rate_q, position_reach, step_bound
@@ -24,9 +25,16 @@ from precision_study.ranges.registers import (
 
 
 def intermediates(config: KernelConfig, envelope: Envelope) -> list[Intermediate]:
-    """Return every intermediate, in the order in which the kernel forms them."""
+    """Return every intermediate, in the order in which the kernel forms them.
+
+    Where a counter may take one way of a wheel for the other, the rest is of any way.
+    """
+    counted = _counted(config, envelope)
+    if not counted.is_proved:
+        envelope = envelope.as_believed()
     return [
         *counters(config, envelope),
+        counted,
         *gyro_watch(config, envelope),
         *standstill(config, envelope),
         *_step(config, envelope),
@@ -43,17 +51,23 @@ def _word_bits(high: int) -> int:
     return high.bit_length() + 1
 
 
+def _counted(config: KernelConfig, envelope: Envelope) -> Intermediate:
+    """Return what a counter has to tell apart: a wheel's way, and what is believed backward."""
+    rate, noise_ticks = envelope.rate, envelope.noise_ticks
+    counts = told_apart(config, rate, noise_ticks, envelope.gap_ticks)
+    least = least_counter_bits(config, rate, noise_ticks, envelope.mission_ticks)
+    return Intermediate(
+        "increments over the longest gap, both ways",
+        *("encoder.counter_bits", "ticks", 0, config.counter_bits, 0),
+        counts,
+        "counter",
+        is_signed=False,
+        at_least_bits=least if least > config.counter_bits else 0,
+    )
+
+
 def _step(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     counts = envelope.wheel_ticks(envelope.gap_ticks)
-    yield Intermediate(
-        "increment of a wheel over the longest gap",
-        "encoder.counter_bits",
-        "ticks",
-        0,
-        config.counter_bits,
-        -counts,
-        counts,
-    )
     frac_bits = config.description.step.frac_bits
     product = 2 * counts * config.half_tick_m_q
     yield register(

@@ -38,6 +38,8 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
         yield from losses(config, envelope)
         yield from dithers(config, envelope)
         yield from swings(config, envelope)
+    elif value.word == "counter":
+        yield _mistaken(config, envelope)
     elif value.word == "step":
         yield from _wheels(config, envelope, forward=True)
     elif value.word == "turn_step":
@@ -185,6 +187,16 @@ def _wheels(config: KernelConfig, envelope: Envelope, *, forward: bool) -> Itera
                     by_wheels(config, gap, sign * left, sign * right, gap, gap),
                 ]
                 yield tuple(one for one in drive if one.ticks > 0)
+
+
+def _mistaken(config: KernelConfig, envelope: Envelope) -> Drive:
+    """Return a drive at top speed whose last frame, after the longest gap, has all of the noise."""
+    gap = envelope.gap_ticks
+    counts = math.ceil(envelope.rate * gap + envelope.noise_ticks)
+    forward = envelope.turn_rate < 2 * envelope.rate
+    *ramp, _ = _up_to_speed(config, envelope, 1, 1, 1, forward=forward)
+    left = counts if forward else -counts
+    return (*ramp, by_wheels(config, gap, left, counts, gap, gap))
 
 
 def _least(holds: Callable[[int], bool], most: int) -> int:

@@ -9,13 +9,11 @@ from typing import Final
 
 from firmware_model import KernelConfig
 from firmware_model.build_scales import PI, exact
+from firmware_model.counting import NOISE_DEVIATIONS
 from firmware_model.reach import counts_of
 from hil_harness.robot import LONGEST_MISSION_S, Robot
 from precision_study.errors import StudyError
 
-NOISE_DEVIATIONS: Final = 6
-"""So many standard deviations a reading's noise may be off; a normal one is beyond that in two of
-a thousand million readings."""
 _RATE_STEPS: Final = 10_000
 """Rates are rounded up to this part of a count per tick: a drive is then told in short numbers."""
 
@@ -84,6 +82,17 @@ class Envelope:
         """Return the same robot in a mission of twice as many ticks."""
         farther = self.way_ticks + 2 * math.ceil(self.rate * self.mission_ticks)
         return replace(self, mission_ticks=2 * self.mission_ticks, way_ticks=farther)
+
+    def as_believed(self) -> Envelope:
+        """Return what the kernel believes, whichever way its counters take the wheels to go."""
+        fastest = self.believed_ticks
+        return replace(
+            self,
+            rate=Fraction(fastest),
+            turn_rate=Fraction(2 * fastest),
+            way_ticks=2 * fastest * self.mission_ticks,
+            noise_ticks=Fraction(0),
+        )
 
     @classmethod
     def of(

@@ -8,7 +8,7 @@ from typing import Literal
 
 from firmware_model.c99_layout import c_types
 
-Word = Literal["register", "step", "turn_step", "position", "velocity"]
+Word = Literal["register", "counter", "step", "turn_step", "position", "velocity"]
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class Intermediate:
         word: which overflow the kernel would report.
         holds: fields of the kernel's state that are such a value.
         is_signed: its word is two's complement.
+        at_least_bits: a narrower word would not do, where the range depends on the word.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Intermediate:
     word: Word = "register"
     holds: tuple[str, ...] = ()
     is_signed: bool = True
+    at_least_bits: int = 0
 
     @property
     def bound(self) -> int:
@@ -45,6 +47,11 @@ class Intermediate:
 
     @property
     def least_word_bits(self) -> int:
+        """The narrowest word that would do."""
+        return max(self.range_bits, self.at_least_bits)
+
+    @property
+    def range_bits(self) -> int:
         """The narrowest word that holds the range."""
         if not self.is_signed:
             return max(self.high.bit_length(), 1)
@@ -53,7 +60,7 @@ class Intermediate:
     @property
     def is_proved(self) -> bool:
         """Whether overflow is impossible."""
-        return self.least_word_bits <= self.word_bits and (self.is_signed or self.low >= 0)
+        return self.range_bits <= self.word_bits and (self.is_signed or self.low >= 0)
 
 
 def in_c(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from firmware_model import KernelConfig, reach
 from firmware_model.config import TRIG_CORDIC
+from firmware_model.counting import require_told_apart
 from firmware_model.integers import FLOOR, TOWARD_ZERO, WRAP, limit, shift_round
 from firmware_model.tables import CORDIC_GUARD_BITS
 from precision_study.ranges.envelope import Envelope
@@ -122,9 +123,12 @@ class Reach:
 def require_mission_fits(config: KernelConfig, envelope: Envelope, mission: str) -> None:
     """Refuse a position that does not hold a mission, which is called so in the message.
 
+    And a counter that may take one way of a wheel for the other: then no way is known.
+
     Raises:
         FirmwareError: field, value and what would be right.
     """
+    require_told_apart(config, envelope.rate, envelope.noise_ticks, envelope.mission_ticks)
     if reach.position_reach(config, demand(config, envelope)) > config.position_high_q:
         found = position_reach(config, envelope)
         reach.require_position_holds(config, max(found.high, -found.low - 1), mission)

@@ -141,7 +141,11 @@ def _test(kernel: Kernel, config: KernelConfig, value: Intermediate) -> Callable
         found = kernel.v_m_s_q if value.name == "speed" else kernel.w_rad_s_q
         return found in (config.velocity_low_q, config.velocity_high_q)
 
+    def counter() -> bool:  # in a drive whose right wheel goes forward
+        return kernel.state()["right_step_ticks"] < 0
+
     def word() -> bool:
         return kernel.overflow_count > 0
 
-    return {"position": position, "velocity": velocity}.get(value.word, word)
+    tests = {"counter": counter, "position": position, "velocity": velocity}
+    return tests.get(value.word, word)

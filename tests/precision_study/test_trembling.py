@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from chiplog.commands.export_c import proved_mission
 from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
-from firmware_model import FRESH, INVALID, STALE, Kernel, KernelConfig
+from firmware_model import FRESH, INVALID, STALE, Kernel, KernelConfig, StatusBit
+from hil_harness import HarnessError, RunConfig, run, scenario
 from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
 from hil_harness.wheel_counter import over_the_bus
@@ -224,6 +226,56 @@ def test_wheels_at_rest_come_near_to_the_bound_as_the_kernel_confirms(
             kernel.run(inputs)
         farthest = max(farthest, abs(kernel.x_m_q), abs(kernel.y_m_q))
     assert share * said.bound < farthest <= said.bound
+
+
+SPINNING = (
+    "[encoder]\ncounter_bits = 8\n[drive]\nmax_wheel_rate_rad_s = 38.9\n"
+    '[firmware]\nmode = "wheel"\n[firmware.plausibility]\nrate_margin = 1.0\nextra_ticks = 0\n'
+    "[firmware.position]\nword_bits = 20\nfrac_bits = 15\n"
+    "[design]\nmission_s = 60.0\ndistance_m = 0.5\n"
+)
+
+
+def test_noise_that_takes_an_increment_for_one_backward_is_told_and_nothing_else_is_proved(
+    tmp_path: Path,
+) -> None:
+    """A robot spins in place: one wheel's 130 counts are 126 backward, and that is believed."""
+    file = tmp_path / "robot.toml"
+    file.write_text(SPINNING)
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None)
+    rounding_ticks = wheel_rounding_ticks(robot, None, None)
+    envelope = envelope_of(robot, config, rounding_ticks=rounding_ticks)
+    inputs = np.full((2 * 3000, 5), [0, 0, FRESH, 32768, INVALID], dtype=np.int64)
+    kernel = Kernel(config)
+    kernel.step(0, 0, FRESH, 32768, INVALID)
+    way = np.arange(1, len(inputs) + 1) * float(envelope.rate)
+    deviations = 6 * robot.plant.encoder.noise_ticks
+    sign = np.where(np.arange(len(inputs)) % 2, 1.0, -1.0)
+    inputs[:, 0] = np.floor(-way - sign * deviations)
+    inputs[:, 1] = np.floor(way + sign * deviations)
+    half = 1 << (config.counter_bits - 1)
+    believed = (np.diff(inputs[:, 1]) + half) % (2 * half) - half
+    assert believed.min() >= -config.max_step_ticks, "each is believed"
+    assert (believed < 0).any(), "and some are backward"
+    kernel.run(inputs)
+    assert StatusBit.ENCODER_JUMP not in kernel.status
+    found = find_ranges(config, envelope)
+    (counter,) = (one for one in found if one.intermediate.field == "encoder.counter_bits")
+    (position,) = (one for one in found if one.intermediate.word == "position")
+    assert counter.verdict == "overflows"
+    assert counter.intermediate.least_word_bits == 10
+    assert position.verdict != "impossible"
+    told = r"^.*robot\.toml:2: encoder\.counter_bits = 8: .* expected at least 10, less "
+    with pytest.raises(HarnessError, match=told):
+        proved_mission(robot, config, rounding_ticks)
+    with pytest.raises(HarnessError, match=told):
+        run(RunConfig(scenario=scenario("straight"), robot=robot, duration_s=0.1))
+    file.write_text(SPINNING.replace("counter_bits = 8", "counter_bits = 10"))
+    wider = load_robot(file)
+    config = kernel_config(wider, None, None)
+    found = find_ranges(config, envelope_of(wider, config, rounding_ticks=rounding_ticks))
+    assert {one.verdict for one in found} == {"impossible"}
 
 
 FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_dbc"

@@ -175,4 +175,11 @@ FORMATS: tuple[Row, ...] = (
         "s, but a counter of 8 bits tells at most 127 apart: expected a wider counter, "
         "fewer ticks_per_rev, a shorter tick or a slower wheel",
     ),
+    _robot(
+        "a counter whose noise makes a way forward one backward",
+        "[encoder]\ncounter_bits = 8\nnoise_ticks = 3.0\n",
+        "robot.toml:2: encoder.counter_bits = 8: with noise a wheel counts up to 136 in a gap of 1 "
+        "tick, of which 8 bits make 120 backward that are believed: expected at least 9, less "
+        "encoder.noise_ticks or a slower wheel",
+    ),
 )
