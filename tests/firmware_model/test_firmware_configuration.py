@@ -38,7 +38,8 @@ DESCRIPTION_ROWS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"position": {"word_bits": 65}},
-        "firmware.position.word_bits = 65: expected less than or equal to 64",
+        "firmware.position.word_bits = 65: expected at most 64, the width that the kernel has for "
+        "it in C: no --force makes that wider",
     ),
     (
         {"step": {"rounding": "nearest"}},

@@ -21,6 +21,13 @@ FORMATS: tuple[Row, ...] = (
         '[firmware]\nmode = "compass"\n',
         'robot.toml:2: firmware.mode = "compass": expected one of "wheel", "gyro", "blend"',
     ),
+    Row(
+        "a word wider than C's",
+        "chiplog run --robot robot.toml --force",
+        "robot.toml:2: firmware.step.word_bits = 40: expected at most 32, the width that the "
+        "kernel has for it in C: no --force makes that wider",
+        {"robot.toml": "[firmware.step]\nword_bits = 40\n"},
+    ),
     _robot(
         "a step too long for its word",
         "[firmware.step]\nfrac_bits = 40\n",

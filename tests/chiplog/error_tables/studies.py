@@ -75,7 +75,8 @@ STUDIES: tuple[Row, ...] = (
     Row(
         "a format that C does not have",
         "chiplog study --sweep position.word_bits=64,128",
-        "firmware.position.word_bits = 128: expected less than or equal to 64",
+        "firmware.position.word_bits = 128: expected at most 64, the width that the kernel has for "
+        "it in C: no --force makes that wider",
     ),
     Row(
         "a tick rate without a whole period",
