@@ -88,8 +88,9 @@ def build_config(
     tick_turn = scales.tick_turn(asked, count_limit)
     rate_bound_q = scales.rate_bound_q(asked)
     sensitivity = scales.sensitivity(asked, rate_bound_q)
+    longest = count_limit // max_step_ticks * max_step_ticks
     bounds.require_turns_fit(
-        asked, max(tick_turn.bound(2 * count_limit), sensitivity.bound(rate_bound_q)), turn_high
+        asked, bounds.largest_turn(tick_turn, longest, sensitivity, rate_bound_q), turn_high
     )
     wheel_turn = min(tick_turn.bound(2 * count_limit), -turn_low)
     gyro_turn = min(sensitivity.bound(rate_bound_q), -turn_low)

@@ -18,6 +18,11 @@ _MAX_BLEND_FRAC_BITS: Final = 30
 _MIN_BLEND_FRAC_BITS: Final = 8
 
 
+def largest_turn(tick_turn: Scale, counts: int, sensitivity: Scale, rate_q: int) -> int:
+    """Return a bound of the turn of a frame by wheels of so many counts each, or by the gyro."""
+    return max(tick_turn.bound(2 * counts), sensitivity.bound(rate_q))
+
+
 def require_turns_fit(asked: Asked, largest: int, turn_high: int) -> None:
     """Prove that the largest turn fits its word, and that the heading is no finer than it."""
     turn, heading = asked.description.turn_step, asked.description.heading

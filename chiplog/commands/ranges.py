@@ -41,8 +41,9 @@ def command(
     overflows the word is run through the kernel; where a position's bound is beyond its word by
     less than its slack, that drive may last longer than the mission, or none is known, as is then
     said. A counter overflows where noise makes it take a wheel's way forward for one backward that
-    is believed; then the other words are held against any way that is. Exit status 1 if a word can
-    overflow.
+    is believed; then the other words are held against any way that is. A word may hold the
+    mission and not what the firmware believes at most: no kernel is built with it but by --force,
+    as is then said. Exit status 1 if a word can overflow, or no kernel is built.
     """
     from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
     from chiplog.terminal import show_line, show_table
@@ -51,9 +52,11 @@ def command(
     from precision_study.ranges import envelope_of, find_ranges, to_json, trembling, way
 
     described = load_robot(robot)
+    refused = ""
     try:
         config = kernel_config(described, dbc, signals)
-    except HarnessError:  # a word may be too narrow: which, and when, is what is asked here
+    except HarnessError as error:  # a word may be too narrow: which, and when, is asked here
+        refused = f"Refused without --force: {error}"
         config = kernel_config(described, dbc, signals, force=True)
         if 0 in (config.half_tick_m_q, config.tick_turn_q, config.sensitivity_turn_q):
             raise  # whose scale is zero overflows nowhere
@@ -73,8 +76,9 @@ def command(
         show_line()
         asked = f"{way(config, envelope)}, {trembling(described, envelope)}."
         show_line(asked[0].upper() + asked[1:])
-        show_line(answer(findings, config))
-    if any(one.verdict != "impossible" for one in findings):
+        for line in filter(None, (answer(findings, config, refused), refused)):
+            show_line(line)
+    if refused or any(one.verdict != "impossible" for one in findings):
         raise typer.Exit(1)
 
 
@@ -89,10 +93,10 @@ def row(finding: Finding, config: KernelConfig) -> list[str]:
     return [value.name, f"{bound:.4g} {value.unit}", *widths, said]
 
 
-def answer(findings: list[Finding], config: KernelConfig) -> str:
+def answer(findings: list[Finding], config: KernelConfig, refused: str) -> str:
     """Return the answer: a sentence, or a line for each word that can overflow."""
     wrong = [one for one in findings if one.verdict != "impossible"]
-    if not wrong:
+    if not wrong and not refused:
         return "No word can overflow."
     return "\n".join(f"{to_mend(one.intermediate)}{shown(one, config)}" for one in wrong)
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from firmware_model import KernelConfig
+from firmware_model.build_bounds import largest_turn
+from firmware_model.build_scales import Scale
 from firmware_model.config import MODE_BLEND, MODE_WHEEL
 from firmware_model.counting import least_counter_bits, told_apart
 from precision_study.ranges.envelope import Envelope
@@ -100,10 +102,21 @@ def _limited(config: KernelConfig, turn: tuple[int, int]) -> int:
     return min(max(turn[1], -turn[0]), -config.turn_low_q)
 
 
+def _least_turn_bits(config: KernelConfig) -> int:
+    """Return how wide a turn's word is at least: a kernel is built for whatever it believes."""
+    largest = largest_turn(
+        Scale(config.tick_turn_q, config.wheel_turn_shift),
+        config.max_step_ticks * config.gap_limit_ticks,
+        Scale(config.sensitivity_turn_q, config.gyro_turn_shift),
+        (config.gyro_max_code + 1) << config.offset_frac_bits,
+    )
+    return _word_bits(largest)
+
+
 def _turns(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     frac_bits = config.description.turn_step.frac_bits
     bits = _word_bits(config.turn_high_q)
-    field = "firmware.turn_step.word_bits"
+    field, least = "firmware.turn_step.word_bits", _least_turn_bits(config)
     product = envelope.turn_ticks(envelope.gap_ticks) * config.tick_turn_q
     yield register(
         "right − left times a tick's turn, with remainder",
@@ -113,7 +126,9 @@ def _turns(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     )
     name = "turn by the wheels in a tick or in the longest gap"
     wheel = _wheel_turn(config, envelope, envelope.gap_ticks)
-    yield Intermediate(name, field, "turn", frac_bits, bits, *wheel, "turn_step")
+    yield Intermediate(
+        name, field, "turn", frac_bits, bits, *wheel, "turn_step", at_least_bits=least
+    )
     if config.mode == MODE_WHEEL:
         return
     rate_q = largest_rate_q(config, envelope)
@@ -126,7 +141,9 @@ def _turns(config: KernelConfig, envelope: Envelope) -> Iterator[Intermediate]:
     )
     gyro = _gyro_turn(config, envelope)
     name = "turn by the gyro in a tick"
-    yield Intermediate(name, field, "turn", frac_bits, bits, *gyro, "turn_step")
+    yield Intermediate(
+        name, field, "turn", frac_bits, bits, *gyro, "turn_step", at_least_bits=least
+    )
     if config.mode == MODE_BLEND:
         by_wheels = _wheel_turn(config, envelope, 1)
         difference = _limited(config, by_wheels) + _limited(config, gyro)

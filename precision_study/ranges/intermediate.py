@@ -25,7 +25,8 @@ class Intermediate:
         word: which overflow the kernel would report.
         holds: fields of the kernel's state that are such a value.
         is_signed: its word is two's complement.
-        at_least_bits: a narrower word would not do, where the range depends on the word.
+        at_least_bits: a narrower word would not do, although it may hold the range: the range
+            depends on the word, or no kernel is built with it.
     """
 
     name: str

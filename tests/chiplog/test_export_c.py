@@ -245,6 +245,24 @@ def test_a_position_that_does_not_hold_the_mission_is_refused_and_the_header_tel
     assert (ranges.status, "No word can overflow." in ranges.out) == (0, True)
 
 
+def test_ranges_asks_for_the_bits_without_which_no_firmware_is_built(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    """A word that holds the turns of a slow robot, and not those that its firmware believes."""
+    (tmp_path / "robot.toml").write_text(
+        "[firmware.turn_step]\nword_bits = 48\n[design]\nturn_rate_rad_s = 0.5\nmission_s = 1.0\n"
+    )
+    refused = chiplog("export-c", "--robot", "robot.toml", "--out", "c").err
+    (said,) = re.findall(
+        r"firmware\.turn_step\.word_bits = 48: .* expected at least (\d+)", refused
+    )
+    ranges = chiplog("ranges", "--robot", "robot.toml")
+    assert (ranges.status, "No word can overflow." in ranges.out) == (1, False)
+    assert refused.removeprefix("chiplog: ").strip() in ranges.out
+    turns = re.findall(r"^turn by the .*? 48 +(\d+) ", ranges.out, re.MULTILINE)
+    assert turns == [said, said]
+
+
 def test_the_tick_that_the_firmware_was_made_for_is_the_headers(
     chiplog: Chiplog, tmp_path: Path
 ) -> None:

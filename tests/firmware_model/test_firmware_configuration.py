@@ -92,7 +92,7 @@ BUILD_ROWS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"turn_step": {"word_bits": 32}},
-        "firmware.turn_step.word_bits = 32: the largest turn, 5.387 turn, does not fit: "
+        "firmware.turn_step.word_bits = 32: the largest turn, 5.384 turn, does not fit: "
         "expected at least 52, or fewer frac_bits",
     ),
     (

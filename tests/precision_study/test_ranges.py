@@ -213,7 +213,7 @@ def test_a_word_of_any_robot_is_proved_or_overflowed_by_a_drive_that_the_kernel_
     envelope = Envelope.of(config, mission_s=mission_s)
     if narrowed:
         word_bits = max(
-            one.least_word_bits for one in intermediates(config, envelope) if one.word == narrowed
+            one.range_bits for one in intermediates(config, envelope) if one.word == narrowed
         )
         word_bits = min(max(word_bits - missing, 8), {"step": 32}.get(narrowed, 64))
         table = config.description.model_dump()

@@ -55,7 +55,7 @@ FORMATS: tuple[Row, ...] = (
     _robot(
         "a turn too long for its word",
         "[firmware.turn_step]\nword_bits = 16\n",
-        "robot.toml:2: firmware.turn_step.word_bits = 16: the largest turn, 5.387 turn, "
+        "robot.toml:2: firmware.turn_step.word_bits = 16: the largest turn, 5.384 turn, "
         "does not fit: expected at least 52, or fewer frac_bits",
     ),
     _robot(
