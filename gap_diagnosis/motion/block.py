@@ -260,8 +260,10 @@ class MotionBlock:
         again = found.refitted or self.model.refit(found.terms, found.levels)
         parameters, windows = self._estimates(found, again)
         for alias in effects & ALIASES.keys():
-            known = parameters.pop(f"{ALIASES[alias]}.scale")
-            samples = 1 / (1 + np.asarray(known.samples)) - 1
+            own = {name.split(".")[1]: name for name in parameters if _is_of(name, ALIASES[alias])}
+            for name, known in own.items():
+                parameters[f"{alias}.{name}"] = parameters.pop(known)
+            samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
             parameters[f"{alias}.scale"] = _estimate("scale", samples)
         fit = self.fit(effects)
         return replace(fit, parameters=parameters, windows=tuple(windows))
@@ -343,6 +345,10 @@ class MotionBlock:
             term.variant.report[name],
             probabilities={key: weight / total for key, weight in weights.items()},
         )
+
+
+def _is_of(parameter: str, effect: str) -> bool:
+    return parameter.partition(".")[0] == effect
 
 
 def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:

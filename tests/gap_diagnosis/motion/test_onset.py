@@ -10,6 +10,7 @@ from motion_cases import EXACT, ROBOT, WIRE, nodes_of
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.onset import windowed
 from gap_diagnosis.motion.scan import Scan
@@ -72,3 +73,17 @@ def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
     assert float(term.variant.report["start_s"]) == pytest.approx(onset_s, abs=1.0)
     assert best.refitted is not None
     assert best.refitted.coefficients[0][0] == pytest.approx(bias, rel=0.1)
+
+
+def test_an_effect_under_another_name_keeps_its_window() -> None:
+    setting = EffectSetting("radius_scale", (("scale", 0.02), ("start_s", 25.0)))
+    recording = synthetic_recording(
+        ROBOT, WIRE, STILL, (setting,), 11, reference=ReferenceNoise(), duration_s=50.0
+    )
+    block = MotionBlock(MotionModel(recording, ROBOT, default_prior()))
+    own = block.detail(frozenset({"radius_scale"})).parameters
+    other = block.detail(frozenset({"ticks_per_rev"})).parameters
+    assert float(own["radius_scale.start_s"].value) == pytest.approx(25.0, abs=1.0)
+    assert {name.split(".")[0] for name in other} == {"ticks_per_rev"}
+    assert other["ticks_per_rev.start_s"].value == own["radius_scale.start_s"].value
+    assert float(other["ticks_per_rev.scale"].value) == pytest.approx(1 / 1.02 - 1, rel=0.1)
