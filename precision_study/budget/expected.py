@@ -2,8 +2,10 @@
 
 What fixed-point arithmetic drops follows from what it is given. So every narrowing is followed
 along the float twin's path of a drive, with the values that the firmware has there, and what each
-cause makes adds up as a vector, to first order. Only the float twin's own rounding is noise. What
-is left to chance is which drive it is: the root of the mean square over some drives.
+cause makes adds up as a vector, to first order. All together have besides what that leaves out: the
+firmware's directions are known, and so where the twin's steps would end along them. Only the float
+twin's own rounding is noise. What is left to chance is which drive it is: the root of the mean
+square over some drives.
 
 A drive comes some ticks at a time. What is kept of it are sums over its ticks, for turns with the
 moments that make the lever of each when the end is known (`levered_m`).
@@ -18,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_model import KernelConfig
+from precision_study.budget.bound import relative_errors
 from precision_study.budget.causes import CAUSES, Share
 from precision_study.budget.heading import FirmwareHeading
 from precision_study.budget.parts import Part
@@ -78,6 +81,7 @@ class _Along:
     """What is expected along one drive."""
 
     def __init__(self, config: KernelConfig) -> None:
+        self._step_off, *_ = relative_errors(config)
         self._heading = FirmwareHeading(config)
         self._constants, self._direction = Constants(config), Direction(config)
         self._turns, self._steps = Turns(config), Steps(config)
@@ -92,9 +96,13 @@ class _Along:
 
     def result(self) -> Expected:
         parts = {name: Part() for name in CAUSES}
-        for term in (self._constants, self._direction, self._turns, self._steps):
+        for term in (self._constants, self._direction, self._turns):
             term.close(parts, self._end_m)
-        shift = np.sum([one.shift_m for one in parts.values()], axis=0)
+        off_m = self._direction.off_m
+        off_m = off_m + self._step_off * (self._end_m + off_m)
+        higher_m = off_m - np.sum([one.shift_m for one in parts.values()], axis=0)
+        self._steps.close(parts, self._end_m)
+        shift = higher_m + np.sum([one.shift_m for one in parts.values()], axis=0)
         noise = sum(one.noise_m2 for one in parts.values())
         turn = sum(one.turn_rad for one in parts.values())
         turn_noise = sum(one.noise_rad2 for one in parts.values())

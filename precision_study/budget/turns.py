@@ -64,10 +64,16 @@ class Constants:
 
 
 class Direction:
-    """The direction of each step: the heading's quantum, sine and cosine."""
+    """The direction of each step: the heading's quantum, sine and cosine.
+
+    Attributes:
+        off_m: float64[2], how far off the twin's steps have come along the firmware's directions,
+            whatever the cause.
+    """
 
     def __init__(self, config: KernelConfig) -> None:
         """Begin a drive."""
+        self.off_m = np.zeros(2)
         self._config = config
         self._unit = _TURN * math.ldexp(1.0, -config.heading_frac_bits)
         self._quantum, self._table, self._chord = np.zeros((3, 2))
@@ -87,7 +93,9 @@ class Direction:
         angle_rad = phase * math.ldexp(_TURN, -32)
         direction = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1) + table + chord
         fine = math.ldexp(1.0, config.trig_frac_bits)
-        return np.asarray(np.rint(direction * fine) / fine)
+        direction = np.asarray(np.rint(direction * fine) / fine)
+        self.off_m += path.step_m @ (direction - path.along)
+        return direction
 
     def close(self, parts: dict[str, Part], end_m: Floats) -> None:
         """Add what it makes by the end."""
