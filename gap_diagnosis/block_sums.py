@@ -23,16 +23,16 @@ amplitude. At ten detection limits an effect gains 1,450."""
 
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     """Return log evidence and log likelihood of a set, over all logs and blocks."""
-    return _sum(_of_block(block, own) for block, own in _concerned(logs, effects))
+    return _sum(_of_block(*one) for one in _concerned(logs, effects))
 
 
 def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, float]:
     """Return a pair's; a block that owns both is asked for both only where that costs nothing."""
     return _sum(
-        max(_of_block(block, frozenset({effect})) for effect in own)
+        max(_of_block(block, frozenset({effect}), shown) for effect in own)
         if len(own) == 2 and block.name != "motion"
-        else _of_block(block, own)
-        for block, own in _concerned(logs, pair)
+        else _of_block(block, own, shown)
+        for block, own, shown in _concerned(logs, pair)
     )
 
 
@@ -46,26 +46,30 @@ def _sum(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
 
 def _concerned(
     logs: Sequence[Sequence[Block]], effects: Effects
-) -> Iterator[tuple[Block, Effects]]:
-    """Yield every block that speaks of some of these effects, with those."""
+) -> Iterator[tuple[Block, Effects, Effects]]:
+    """Yield every block that speaks of some of these effects, with those, and with the errors of
+    counting that the motion shows clearly."""
     for blocks in logs:
-        doubtful = _doubtful(blocks)
+        doubtful, shown = _counting(blocks)
         for block in blocks:
             own = effects & block.effects
             if block.name == "drive":
                 own = own - doubtful
             if own:
-                yield block, own
+                yield block, own, shown
 
 
-def _doubtful(blocks: Sequence[Block]) -> Effects:
-    """Return the counting errors that the motion denies: the drive must not name them alone."""
+def _counting(blocks: Sequence[Block]) -> tuple[Effects, Effects]:
+    """Return the counting errors that the motion denies, so that the drive must not name them
+    alone, and those that it shows clearly."""
     motion = next((block for block in blocks if block.name == "motion"), None)
     drive = next((block for block in blocks if block.name == "drive"), None)
     if motion is None or drive is None:
-        return frozenset()
-    both = _COUNTING & motion.effects & drive.effects
-    return frozenset(effect for effect in both if _denies(motion, drive, frozenset({effect})))
+        return frozenset(), frozenset()
+    both = [frozenset({effect}) for effect in _COUNTING & motion.effects & drive.effects]
+    denied = [one for one in both if _denies(motion, drive, one)]
+    shown = [one for one in both if motion.fit(one).log_evidence > _CLEARLY]
+    return frozenset[str]().union(*denied), frozenset[str]().union(*shown)
 
 
 def _denies(motion: Block, drive: Block, effect: Effects) -> bool:
@@ -76,15 +80,17 @@ def _denies(motion: Block, drive: Block, effect: Effects) -> bool:
     return seen.log_evidence <= max(hardly, 0.0)
 
 
-def _of_block(block: Block, effects: Effects) -> tuple[float, float]:
+def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, float]:
     """Return what a block says; a mistake of the set-up may lie where it cannot see.
+
+    Commands count for errors of counting that the motion has *shown*, else only if they are clear.
 
     Beside a dead encoder the commands tell nothing of other errors of counting.
     """
     if block.name == "drive" and "encoder_dead" in effects:
         effects = effects - _COUNTING
     fit = block.fit(effects)
-    if block.name == "drive" and effects & _COUNTING:
+    if block.name == "drive" and effects & _COUNTING and not effects & shown:
         fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
         return fit.log_evidence - _allowance(block, effects), fit.log_likelihood

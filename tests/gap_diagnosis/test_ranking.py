@@ -209,6 +209,15 @@ def test_wheels_that_turn_less_than_told_are_no_counting_error_that_the_motion_h
     assert ranked(motion, drive).best.effects == {"drive_gain", "radius_mismatch"}
 
 
+def test_what_the_commands_tell_faintly_counts_for_a_counting_error_that_the_motion_shows() -> None:
+    alike = frozenset({"drive_gain", "ticks_per_rev"})
+    motion = FakeBlock({"ticks_per_rev": 150.0, "radius_scale": 150.0})
+    drive = FakeBlock({"drive_gain": 9.0, "ticks_per_rev": 10.0}, pairs={alike: 10.5}, name="drive")
+    ranking = ranked(motion, drive)
+    assert ranking.best.effects == {"ticks_per_rev"}
+    assert odds(ranking, ["ticks_per_rev"], ["drive_gain", "radius_scale"]) > 10
+
+
 def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_told() -> None:
     motion = FakeBlock({"setup_swapped": 5000.0, "gyro_bias": 40.0})
     drive = FakeBlock({"drive_gain": 30.0}, name="drive")
