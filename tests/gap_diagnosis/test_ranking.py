@@ -211,7 +211,8 @@ def test_wheels_that_turn_less_than_told_are_no_counting_error_that_the_motion_h
 
 def test_what_the_commands_tell_faintly_counts_for_a_counting_error_that_the_motion_shows() -> None:
     alike = frozenset({"drive_gain", "ticks_per_rev"})
-    motion = FakeBlock({"ticks_per_rev": 150.0, "radius_scale": 150.0})
+    twins = frozenset({"radius_scale", "ticks_per_rev"})
+    motion = FakeBlock({"ticks_per_rev": 150.0, "radius_scale": 150.0}, pairs={twins: 150.0})
     drive = FakeBlock({"drive_gain": 9.0, "ticks_per_rev": 10.0}, pairs={alike: 10.5}, name="drive")
     ranking = ranked(motion, drive)
     assert ranking.best.effects == {"ticks_per_rev"}
