@@ -98,7 +98,8 @@ class FirmwareHeading:
             return np.rint(angle).astype(np.int64), error
         exact = self._exact.add(taken.values) if carries else heading
         half = 1 << (config.heading_frac_bits - 1)
-        angle = self._before.through(exact) + config.integration / 2.0 * taken.values
-        angle = (angle + half) % (2.0 * half) - half
+        wrapped = (heading + half) % (2.0 * half) - half  # the remainder is not
+        start = self._before.through(wrapped + (exact - heading))
+        angle = start + config.integration / 2.0 * taken.values
         error = rounding_error(angle, config.heading_rounding)
         return np.rint(angle + error).astype(np.int64), error

@@ -174,6 +174,14 @@ def test_causes_that_cancel_leave_what_a_turned_heading_bends() -> None:
     assert compared[0] == pytest.approx((1.0, 1.0), rel=1e-3)
 
 
+def test_a_heading_at_half_a_turn_is_rounded_as_the_kernel_has_it_there() -> None:
+    """Wrapped without its remainder: toward zero is the other way there, by a unit of 12 bits."""
+    those = drives("square_ccw", tuple(range(101, 105)))
+    compared = compare(5008, those, those)
+    assert compared is not None
+    assert compared[0] == pytest.approx((1.0, 1.0), rel=1e-3)
+
+
 def test_counts_and_codes_tell_the_heading_to_the_bit() -> None:
     left, right, gyro = (one[0] for one in inputs(drives("random", (1,), 5.0)))
     ticks = apart = 0
