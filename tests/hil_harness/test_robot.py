@@ -162,8 +162,8 @@ def test_what_plant_and_firmware_share_is_written_once(tmp_path: Path) -> None:
         ),
         (
             "[firmware.position]\nword_bits = 65",
-            "robot.toml:2: firmware.position.word_bits = 65: "
-            "expected a whole number from 8 to 64, for example 64",
+            "robot.toml:2: firmware.position.word_bits = 65: expected at most 64, "
+            "the width that the kernel has for it in C: no --force makes that wider",
         ),
         (
             "[tolerance]\nradius_scale = 0",
