@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
@@ -25,19 +26,13 @@ def looks_gross(recording: Recording, robot: Robot) -> bool:
     t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
     if len(t_s) < 8:
         return False
-    wheels = motion.radius_m * (motion.right_angle_rad - motion.left_angle_rad) / motion.wheelbase_m
-    turn = np.diff(np.interp(t_s, motion.t_s, wheels))
-    ratios = []
-    if motion.gyro_turn_rad is not None:
-        gyro = np.diff(np.interp(t_s, motion.t_s, motion.gyro_turn_rad))
-        ratios.append(_slope(turn, gyro))
+    turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
+    ratios = [_slope(turn, one) for one in gyro]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
         if reference.heading_rad is not None:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
-            ratios.append(_slope(turn, heading))
-            if motion.gyro_turn_rad is not None:
-                ratios.append(_slope(gyro, heading))
+            ratios += [_slope(one, heading) for one in (turn, *gyro)]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(np.interp(t_s, motion.t_s, way))
         moved = np.hypot(
