@@ -2,8 +2,8 @@
 
 A frame of k ticks goes at most k times the way of a tick, along a direction of which the axis sees
 the share c, |c| ≤ D. From one frame to the next c changes by d at most, by what the robot turns in
-the longer of the two, and each change is worth half a `play` for each unit of it (the sums of
-`reach`). A price p for each unit of way leaves of a pair of frames, half of each taken,
+the longer of the two, and each change is worth half of what a run of `play` has, for each unit of
+it. A price p for each unit of way leaves of a pair of frames, half of each taken,
 
 ½(|c₁| − p)⁺·k₁·pace + ½(|c₂| − p)⁺·k₂·pace + ½·play·|c₂ − c₁|,
 
@@ -14,11 +14,10 @@ way there is, any price gives a bound; the least of them is taken.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 _SEARCHES: Final = 60
 _CAREFUL: Final = 1.0 + 1e-9
@@ -51,28 +50,48 @@ class Pace:
             ticks: that there are.
             play: what a change of c by 2 is worth, in the unit of the result.
         """
-        largest = self.largest_share
-        high_ticks = self.longest_ticks
-        if self.turn_rad * high_ticks > 2.0 * largest:
-            high_ticks = int(2.0 * largest / self.turn_rad) + 1
-        longer = np.arange(1, high_ticks + 1, dtype=np.float64)
-        change = np.minimum(longer * self.turn_rad + self.jump, 2.0 * largest)
-        before = np.concatenate([longer, longer, np.ones_like(longer)])
-        after = np.concatenate([longer, np.ones_like(longer), longer])
-        change = np.tile(change, 3)
-        turned_away = np.abs(largest - change)
+        largest, turn_rad = self.largest_share, self.turn_rad
+        most_ticks = self.longest_ticks
+        if turn_rad * most_ticks > 2.0 * largest:
+            most_ticks = int(2.0 * largest / turn_rad) + 1
+
+        def of_a_pair(price: float, before: int, after: int) -> float:
+            change = min(max(before, after) * turn_rad + self.jump, 2.0 * largest)
+            straight = before * self.way * (largest - price)
+            turned_away = after * self.way * max(abs(largest - change) - price, 0.0)
+            return (straight + turned_away + play * change) / (before + after)
 
         def total(price: float) -> float:
-            straight = self.way * (largest - price)
-            of_a_pair: NDArray[np.float64] = (
-                before * straight
-                + after * self.way * np.maximum(turned_away - price, 0.0)
-                + play * change
-            ) / (before + after)
-            return ticks * max(straight, float(of_a_pair.max())) + price * way
+            longer = dict.fromkeys(self._corners(price, play, most_ticks))
+            pairs = (pair for one in longer for pair in ((one, one), (one, 1), (1, one)))
+            most = max(of_a_pair(price, *pair) for pair in pairs)
+            return ticks * max(self.way * (largest - price), most) + price * way
 
         low, high = 0.0, largest
         for _ in range(_SEARCHES):  # the total is convex in the price
             first, second = low + (high - low) / 3.0, high - (high - low) / 3.0
             low, high = (low, second) if total(first) <= total(second) else (first, high)
         return min(total(one) for one in (0.0, low, largest)) * _CAREFUL
+
+    def _corners(self, price: float, play: float, most_ticks: int) -> Iterator[int]:
+        """Yield the ticks of a pair's longer frame that can be worth most, of 1 to *most_ticks*.
+
+        What a pair leaves for each of its ticks is a convex function of k over a line, and so
+        largest at an end of a stretch; but for the second frame's way, k·(D − change − p), while
+        there is any: a concave one over a line has one top, where its slope is zero.
+        """
+        largest, turn_rad, jump = self.largest_share, self.turn_rad, self.jump
+        found = [1.0, float(most_ticks)]
+        if turn_rad > 0.0:
+            ends = largest - price, largest + price, 2.0 * largest
+            found += [(one - jump) / turn_rad for one in ends]
+        steep = self.way * turn_rad
+        if steep > 0.0:
+            linear = self.way * (largest - price - jump) + play * turn_rad
+            constant = self.way * (largest - price) + play * jump
+            square = 1.0 + (linear - constant) / steep
+            found.append(math.sqrt(max(square, 0.0)) - 1.0)
+        for one in found:
+            least = math.floor(min(max(one, 1.0), most_ticks))
+            yield least
+            yield min(least + 1, most_ticks)

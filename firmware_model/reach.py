@@ -3,34 +3,28 @@
 The one word that grows for as long as the robot drives: the longest step says nothing about it, a
 mission does. The heading wraps at one turn, which is what an angle does.
 
-What carried remainders add. A step s of n counts, each h long, takes a remainder r and leaves r′:
-s = n·h + r − r′. Along an axis, of which frame i sees the share c_i (|c_i| ≤ 1), they add up to
-Σ c_i·(r_{i−1} − r_i) = c_1·r_0 − c_N·r_N + Σ r_i·(c_{i+1} − c_i). The sum on the left stays if the
-same is taken off every r. Those of floor and of rounding to nearest lie within one unit, so within
-half a unit of its middle: together they add at most ½·(2 + Σ|c_{i+1} − c_i|) units. A frame without
-counts changes no remainder and is not looked at. From one of the others to the next, c changes by
-the angle between them at most, and by what rounding of angle and sine adds. So remainders add half
-a unit for each radian that the robot turns, to and fro, where that is less than one for each frame.
+What carried remainders and trembling add. A step s of n counts, each h long, takes a remainder r
+and leaves r′: s = n·h + r − r′. A counter tells how many edges were passed: its reading is the
+wheel's way and an error e, which lies within an interval of one count, and of the noise of a
+reading. A wheel that stands on an edge counts to and fro, tick after tick, without any way: n = m +
+e′ − e, where m is of the way. Both wheels' e, added or subtracted, lie within `jitter` counts.
+Along an axis, of which frame i sees the share c_i (|c_i| ≤ 1), steps add up to the way along it and
+to half of what e and r can be together for each of 2 + Σ|c_{i+1} − c_i|: `play` has the proof, and
+that it is whole units. A frame without counts has no step and is not looked at. From one of the
+others to the next, c changes by the angle between them at most, and by what rounding of angle and
+sine adds.
 
-Rounding toward zero keeps no remainder against its step: |s| ≤ |n|·h + |r| − |r′|, so that steps
-add up to no more than |n|·h. A step that leaves its word is cut after its remainder was taken, and
-what is cut may be given back: then a unit for each frame is what is known.
-
-What trembling adds. A counter tells how many edges were passed: its reading is the wheel's way and
-an error e, which lies within an interval of one count, and of the noise of a reading. A wheel that
-stands on an edge counts to and fro, tick after tick, without any way: n = m + e′ − e, where m is of
-the way. Both wheels' e, added or subtracted, lie within `jitter` counts, and Σ c_i·(e_i − e_{i−1})
-is the same sum as that of remainders: trembling adds ½·jitter·(2 + Σ|c_{i+1} − c_i|) counts to x or
-y. A new baseline of the counters begins that sum again: a stretch without frames that is too long
-to be bridged is one, and the heading keeps what the wheels had trembled. Rounding without carry
-does not know of this: every tick is a frame whose step may be rounded, and each may err by all that
-rounding drops. Otherwise each count of a trembling wheel is way: `jitter` more of them in a tick.
+A new baseline of the counters begins e anew: a stretch without frames that is too long to be
+bridged is one, and the heading keeps what the wheels had trembled. Rounding without carry does not
+know of this: every tick is a frame whose step may be rounded, and each may err by all that rounding
+drops. Otherwise each count of a trembling wheel is way: `jitter` more of them in a tick.
 
 A step that leaves its word is cut: it goes no farther than uncut, and both sums begin again after
 it. It has so many counts that a mission's way has few of them.
 
-Rounding toward zero with carry has play: after a step forward its remainder is forward, and a step
-back takes a whole unit of counts back. Where trembling is less than that, each unit takes way.
+Rounding toward zero keeps no remainder against its step: |s| ≤ |n|·h + |r| − |r′|, so that steps
+add up to no more than |n|·h. After a step forward its remainder is forward, and a step back takes a
+whole unit of counts back. Where trembling is less than that, each unit takes way.
 """
 
 from __future__ import annotations
@@ -45,6 +39,7 @@ from firmware_model.config import MODE_WHEEL, TRIG_CORDIC, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.integers import FLOOR, TOWARD_ZERO
 from firmware_model.pace import Pace
+from firmware_model.play import Play
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 
 _WIDEST: Final = 64
@@ -208,24 +203,27 @@ def _summed(config: KernelConfig, asked: Demand, unit: Fraction, cuts: int) -> F
     """Return that bound by the sums of the module's text; so many steps may leave their word."""
     one = Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
     change, frames = _change(config, asked), asked.frames
-    trembling = asked.jitter * _count_steps(config)
-    carried = 0
-    if config.step_carry and config.step_shift > 0:
-        carried = 1 if is_given_back(config) else 2  # toward zero, of either sign
-    play = (trembling + carried) * one
-    ends = (1 + 2 * cuts) * play + asked.baselines * trembling * one
     way = asked.counts * _count_steps(config)
-    both = way * unit + change / 2 * play
-    pace = _pace(config, asked, unit)
-    if pace is not None:
-        paced = Fraction(pace.bound(float(way * one), asked.ticks, float(play)))
-        turned = 2 * PI * asked.baselines * _turn(config, asked)[1]
-        both = min(both, paced + asked.baselines * carried * one + turned / 2 * play)
+    # What the turns of new baselines change is not in the pace.
+    turned = 2 * PI * asked.baselines * _turn(config, asked)[1]
+    pace, trembling = _pace(config, asked, unit), asked.jitter * _count_steps(config)
+    sums = []
+    for play in Play.of(config, asked.jitter):
+        for price in play.prices():
+            each = play.each(price) * one
+            both = price * way * unit + change / 2 * each
+            if pace is not None and not play.is_one_way:
+                paced = Fraction(pace.bound(float(way * one), asked.ticks, float(each)))
+                both = min(both, paced + (price - 1) * way * unit + turned / 2 * each)
+            # The runs that are not of a change, and those that new baselines part.
+            parted = min(each, trembling * one) if price == 1 and not play.once else each
+            both += (1 + 2 * cuts) * each + asked.baselines * parted
+            sums.append(both + (1 + 2 * cuts + asked.baselines) * play.once * one)
     error = frames * rounding_error(config.step_shift, config.step_rounding, config.step_carry)
     gain = frames * rounding_error(
         config.position_shift, config.position_rounding, config.position_carry
     )
-    return both + error * unit + ends + gain
+    return min(sums) + error * unit + gain
 
 
 def _pace(config: KernelConfig, asked: Demand, unit: Fraction) -> Pace | None:
