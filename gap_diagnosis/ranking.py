@@ -82,7 +82,8 @@ class Ranking:
         """Return the other sets of at most as many effects that are not told apart from this.
 
         Where one effect of a pair may as well be missing, the other one stands for itself with any
-        third that gains no more than chance gives: those name no further cause.
+        third that gains no more than chance gives: those name no further cause. Nor, where no
+        effect at all may be the answer, do effects that gain no more than chance over that.
         """
         own = self.of(effects)
         near = [
@@ -92,8 +93,7 @@ class Ranking:
             and len(one.effects) <= len(effects)
             and 2 * (own.explained - one.explained) < THRESHOLD
         ]
-        named = [one for one in (own, *near) if one.effects]
-        return [one for one in near if not any(_adds_nothing(one, less) for less in named)]
+        return [one for one in near if not any(_adds_nothing(one, less) for less in (own, *near))]
 
 
 def rank(

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from gap_diagnosis.trials.case import Case
 from gap_diagnosis.trials.sizes import UNLISTED
-from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical, stages_of
+from gap_diagnosis.trials.truth import UNKNOWN, Answer, can_be_said, canonical, stages_of
 from gap_diagnosis.trials.yardsticks import brier, rank_bin
 
 LIMIT: Final = 2.0
@@ -152,7 +152,7 @@ def judge(
     gone = frozenset(case.true_effects & (UNLISTED | frozenset(case.without)))
     if gone:
         truth = UNKNOWN
-        oracle = frozenset(one for one in oracle if not one & canonical(gone)) | {UNKNOWN}
+        oracle = frozenset(one for one in oracle if can_be_said(one, gone)) | {UNKNOWN}
     if "error" in found:
         return Judged(
             case, over_limit, truth, oracle, "error", frozenset(), "", 0.0, 0.0, 0.0, 2.0,

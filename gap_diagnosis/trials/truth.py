@@ -57,6 +57,17 @@ def canonical(effects: Iterable[str]) -> Answer:
     return frozenset(names)
 
 
+def can_be_said(answer: Answer, without: Iterable[str]) -> bool:
+    """Tell whether an answer has names left in a library *without* some effects.
+
+    A payload is told by itself, or as a radius scale with a mismatch.
+    """
+    gone = frozenset(without)
+    if answer == _PAYLOAD and "payload" not in gone:
+        return True
+    return not answer & {canonical_name(one) for one in gone}
+
+
 def stages_of(answer: Answer) -> frozenset[str]:
     """Return the stages in which an answer's names or their twins act; ``none`` for no gap."""
     known = catalogue()

@@ -108,6 +108,13 @@ def test_an_effect_hardly_seen_is_grouped_with_no_gap() -> None:
     assert [one.effects for one in ranking.group(frozenset({"gyro_bias"}))] == [frozenset()]
 
 
+def test_where_no_effect_may_be_the_answer_none_that_gains_nothing_is_in_the_group() -> None:
+    gains = {"gyro_bias": 8.0, "gyro_scale": 5.0, "radius_scale": 0.0}
+    likelihood = {"gyro_bias": 11.0, "gyro_scale": 8.0, "radius_scale": 2.0}
+    group = ranked(FakeBlock(gains, likelihood=likelihood)).group(frozenset({"gyro_bias"}))
+    assert {one.effects for one in group} == {frozenset(), frozenset({"gyro_scale"})}
+
+
 def test_an_unlisted_drive_does_not_hide_what_the_wheels_show() -> None:
     """No real drive answers as described; a wheelbase is told beside it, and alone of its group."""
     motion = FakeBlock({"wheelbase_scale": 100.0, "gyro_bias": 0.0})

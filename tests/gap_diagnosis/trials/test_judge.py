@@ -106,6 +106,16 @@ def test_what_the_library_can_imitate_is_counted_apart() -> None:
     assert scores(Opened((judged,), 0))["parts"]["all"]["imitable"] == 1
 
 
+def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> None:
+    load = {"payload": {"compression_left": 0.01, "compression_right": 0.02}}
+    hidden = case(load, "withheld", without=("payload",))
+    told = answer({"radius_mismatch+ticks_per_rev": 1.0}, stage="wheel")
+    judged = seen(hidden, told)
+    assert judged.is_imitable
+    assert judged.in_group
+    assert not judged.confident_wrong
+
+
 def test_an_effect_that_the_library_does_not_have_is_rightly_unknown() -> None:
     play = case({"backlash": {"side": "left", "width": 0.03}})
     assert seen(play, answer({"unknown": 1.0}, stage="actuation")).top1
