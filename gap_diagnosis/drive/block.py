@@ -151,11 +151,18 @@ class DriveBlock:
     def unexplained(self) -> Fit:
         """Return the fit of a drive that follows its commands otherwise than any effect has it.
 
-        Linear dynamics of other time constants and a speed that bends with the command, all of
-        unknown size: what is left to a motor, a velocity loop or an engine not in the library.
+        Linear dynamics of other time constants with a speed that bends with the command, delays,
+        or a gain of each wheel, steady or some function of its speed, all of unknown size: what is
+        left to a motor, a velocity loop or an engine not in the library.
         """
-        shapes = Shapes(self._data, self._robot)
-        columns = shapes.foreign_columns()
+        found = [self._foreign(one) for one in Shapes(self._data, self._robot).foreign()]
+        evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(len(found))
+        if self._off() < _AS_TOLD:
+            evidence = min(evidence, 0.0)
+        return Fit((), evidence, max(likelihood for _, likelihood in found))
+
+    def _foreign(self, columns: Floats) -> tuple[float, float]:
+        """Return log evidence and log likelihood of columns of unknown size."""
         variant = Variant(self._data, columns, (prior.FOREIGN,) * len(columns))
         setting = self._setting(variant, frozenset())
         levels, free = self._fit_levels(setting, {}, self._levels)
@@ -165,10 +172,7 @@ class DriveBlock:
         evidence = self._evidence(setting, _giving_way(levels), rough=True)[0] - before
         # Effects of the list are weighed without that allowance: it must not favour what is not.
         strictly = self._evidence(setting, levels, rough=True)[0] - self._null_evidence
-        evidence = min(evidence, strictly)
-        if self._off() < _AS_TOLD:
-            evidence = min(evidence, 0.0)
-        return Fit((), evidence, max(free - self._null, 0.0))
+        return min(evidence, strictly), max(free - self._null, 0.0)
 
     def _off(self) -> float:
         """Return by which share of their rates the wheels do otherwise than they are told.

@@ -23,6 +23,8 @@ BENT: Final = (
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
+_FOREIGN_DELAYS_S: Final = (0.03, 0.12)
+_HATS: Final = 5
 
 PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
@@ -112,16 +114,35 @@ class Shapes:
         columns[0, 0], columns[1, 1] = change
         return columns
 
-    def foreign_columns(self) -> Floats:
-        """Return what dynamics beyond the described drive would add: float64[5, 2, m].
+    def foreign(self) -> list[Floats]:
+        """Return what a drive other than the described one would add, in several ways:
+        float64[c, 2, m] each.
 
         Responses with other lags less the described one (weighted, they make any stable linear
-        response of no overshoot or some), and a speed that bends with its size.
+        response of no overshoot or some), and a speed that bends with its size; later responses;
+        a gain of each wheel; and one that is any smooth function of its speed.
         """
         nominal = self.angle({})
-        made = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
+        lags = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
+        delays = [self.angle({"drive_delay": more}) - nominal for more in _FOREIGN_DELAYS_S]
+        rates, share = self._rates(nominal)
+        bend = np.cumsum(share * rates, axis=1) * self._data.block_s
+        bent = np.zeros((2, _HATS, *rates.shape))
+        for wheel in range(2):
+            for hat in range(_HATS):
+                height = np.maximum(0.0, 1 - np.abs(share[wheel] * (_HATS - 1) - hat))
+                bent[wheel, hat, wheel] = np.cumsum(height * rates[wheel]) * self._data.block_s
+        made = [
+            np.stack([*lags, bend]),
+            np.stack(delays),
+            bent.sum(axis=1),
+            bent.reshape(2 * _HATS, *rates.shape),
+        ]
+        return [np.where(self._data.seen, columns, 0.0) for columns in made]
+
+    def _rates(self, nominal: Floats) -> tuple[Floats, Floats]:
+        """Return the described rates, float64[2, m], and their sizes as shares of the largest."""
         steps = np.diff(nominal, axis=1, prepend=nominal[:, :1]) / self._data.block_s
-        steps = np.where(self._data.seen, steps, 0.0)
-        fastest = float(np.abs(steps).max()) or 1.0
-        made.append(np.cumsum(np.abs(steps) * steps, axis=1) * self._data.block_s / fastest)
-        return np.where(self._data.seen, np.stack(made), 0.0)
+        seen = self._data.seen
+        rates = np.where(seen & np.roll(seen, 1, axis=1), steps, 0.0)
+        return rates, np.abs(rates) / (float(np.abs(rates).max()) or 1.0)

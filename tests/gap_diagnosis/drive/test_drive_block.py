@@ -58,6 +58,23 @@ def test_a_described_drive_leaves_nothing_unexplained() -> None:
     assert block_of(simulated(seed=2)).unexplained().log_evidence < 0
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"drive_gain": {"left": 0.10, "right": -0.08}},
+        {"drive_lag": {"time_constant": 0.06}},
+        {"drive_delay": {"delay": 0.04}},
+        {"drive_saturation": {"limit": 10.0}},
+    ],
+)
+def test_a_drive_that_answers_otherwise_is_seen_without_a_name_for_it(
+    effect: dict[str, dict[str, float]],
+) -> None:
+    """And the name, where there is one, is likelier."""
+    block = block_of(simulated(effect, seed=3))
+    assert 10 < block.unexplained().log_evidence < evidence(block, *effect) - 3
+
+
 def test_a_loop_that_gives_way_on_a_slope_is_no_unlisted_cause() -> None:
     told = simulated(seed=2)
     # Downhill the wheels run ahead by a thousandth of their rate, uphill they fall behind.
