@@ -149,7 +149,7 @@ class Scan:
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
         for _ in range(_REFITTED):
-            head = self._ranked()[0]
+            head = max(self.found.values(), key=self._belief)
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
             if not unfitted:
                 break
@@ -161,10 +161,10 @@ class Scan:
         """Let no set win on straight lines alone: where those of one bent effect mislead, they do
         so beside every other effect, and no more fits are spent on them."""
         fitted = [one for one in self.found.values() if one.refitted or not one.effects]
-        best = max(one.log_evidence for one in fitted)
+        best = max(self._belief(one) for one in fitted)
         for effects, one in self.found.items():
-            if one.refitted is None and one.log_evidence > best:
-                less = one.log_evidence - (best - _NEAR)
+            if one.refitted is None and self._belief(one) > best:
+                less = self._belief(one) - (best - _NEAR)
                 self.found[effects] = replace(
                     one,
                     log_evidence=one.log_evidence - less,
@@ -379,6 +379,12 @@ class Scan:
         known = self.found.get(found.effects)
         if known is None or found.log_evidence > known.log_evidence:
             self.found[found.effects] = found
+
+    def _belief(self, one: Found) -> float:
+        """Return the log evidence with the prior of so many effects among those of the motion."""
+        count = len(one.effects)
+        prior = math.log(math.factorial(count) * self.model.prior.effects[count])
+        return one.log_evidence + prior - count * math.log(max(len(self.by_effect), 1))
 
     def _ranked(self) -> list[Found]:
         return sorted(self.found.values(), key=lambda one: -one.log_evidence)

@@ -5,7 +5,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Found, Scan
+from gap_diagnosis.priors import default_prior
 
 
 def found(evidence: float, *effects: str, fitted: bool = False) -> Found:
@@ -13,19 +15,33 @@ def found(evidence: float, *effects: str, fitted: bool = False) -> Found:
     return Found(frozenset(effects), (), evidence, evidence + 3.0, np.ones(9), again)
 
 
+def scan_of(*sets: Found) -> Scan:
+    scan = Scan.__new__(Scan)
+    scan.model = cast(MotionModel, SimpleNamespace(prior=default_prior()))
+    scan.by_effect = {f"effect {place}": [] for place in range(40)}
+    scan.found = {one.effects: one for one in sets}
+    return scan
+
+
 def test_a_set_that_was_never_fitted_again_does_not_win() -> None:
     """A line beside which every other effect shines cannot be followed for all of them."""
-    scan = Scan.__new__(Scan)
-    sets = [
+    scan = scan_of(
         found(0.0),
-        found(2.0, "radius_scale", fitted=True),
+        found(12.0, "radius_scale", fitted=True),
         found(58.0, "gyro_bias", "turn_scrub"),
         found(-1.0, "gyro_scale"),
-    ]
-    scan.found = {one.effects: one for one in sets}
+    )
     scan._hold_back_the_unfitted()
     best = max(scan.found.values(), key=lambda one: one.log_evidence)
     assert best.effects == {"radius_scale"}
     held = scan.found[frozenset({"gyro_bias", "turn_scrub"})]
     assert held.log_likelihood - held.log_evidence == 3.0
     assert scan.found[frozenset({"gyro_scale"})].log_evidence == -1.0
+
+
+def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_of_few() -> None:
+    """Six effects that were fitted gain more than four on lines; of four there are far fewer."""
+    six = tuple("abcdef")
+    scan = scan_of(found(0.0), found(1034.0, *six, fitted=True), found(1028.0, *"abgh"))
+    scan._hold_back_the_unfitted()
+    assert max(scan.found.values(), key=scan._belief).effects == frozenset(six)
