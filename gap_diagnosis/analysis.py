@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -22,10 +22,10 @@ from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import Alternative, alternatives
+from gap_diagnosis.motion.unknown import Alternative, alternatives, levels_beside
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
 from gap_diagnosis.traces import traces
 from hil_harness.assembly import Wire
@@ -186,21 +186,32 @@ def _without(block: Block, without: frozenset[str]) -> Block:
 
 
 def _alternatives(motion: MotionBlock, burst: Burst | None) -> list[Alternative]:
-    """Return unlisted causes at the noise levels of the best account, relative to no effect."""
-    levels = motion.levels
-    gain = motion.log_evidence_of_levels(levels)
-    found = [] if burst is None else [_rough(burst)]
-    found += [
-        Alternative(
-            one.stage,
-            one.variable,
-            one.log_evidence + gain,
-            one.log_likelihood + gain,
-            one.share,
+    """Return unlisted causes, each at the noise levels that suit it better: those of the best
+    account, or of the best of these causes; relative to no effect."""
+    found = _at(motion, motion.levels)
+    best = max(found, key=lambda one: one.log_evidence, default=None)
+    levels = None if best is None else levels_beside(motion.model, best, motion.levels)
+    if levels is not None:
+        both = zip(
+            sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
         )
+        found = [max(pair, key=lambda one: one.log_evidence) for pair in both]
+    if burst is not None:
+        found.append(_rough(burst))
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def _subject(one: Alternative) -> tuple[str, str]:
+    return one.stage, one.variable
+
+
+def _at(motion: MotionBlock, levels: Floats) -> list[Alternative]:
+    """Return unlisted causes at these noise levels, relative to no effect at its own."""
+    gain = motion.log_evidence_of_levels(levels)
+    return [
+        replace(one, log_evidence=one.log_evidence + gain, log_likelihood=one.log_likelihood + gain)
         for one in alternatives(motion.model, levels)
     ]
-    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 def _rough(burst: Burst) -> Alternative:

@@ -1,7 +1,9 @@
 """What no listed effect explains: a stage's residual plus a smooth function of a variable.
 
 Each alternative adds a few columns: a function of one variable (hats over its range, or two
-harmonics of an angle) on every way in which a stage can err. Its evidence is compared with the
+harmonics of an angle) on every way in which a stage can err, or on one of them, or the simplest
+such function there: proportional, one harmonic. These are weighed with equal odds, so that
+a plain cause does not pay for the bends that it could have had. The evidence is compared with the
 library's on equal terms; what wins says on what the leftover depends, without naming a cause.
 """
 
@@ -9,14 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.motion.evidence import gram_of
+from gap_diagnosis.motion.evidence import Gram, gram_of
+from gap_diagnosis.motion.levels import best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.whitening import whiten
@@ -26,6 +31,12 @@ from gap_diagnosis.recording import Floats
 _HATS: Final = 5
 _SCALES: Final = 4
 _HARMONICS: Final = 2
+_WORTH_LEVELS: Final = 6.0
+"""What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
+_ROUNDS: Final = 10
+_CODE: Final = ("adc_code", "turn_rate")
+"""Which code there should be, the wheels' turn rate says: a function of the codes that there are
+would explain their noise with itself."""
 _LEAST_RANGE: Final = {
     "speed": 0.05,
     "acceleration": 0.1,
@@ -161,14 +172,91 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "time",
     ),
     # Not with time: every reference wanders about slowly, and that is noise.
-    "reference": ("heading", "place"),
+    "reference": ("heading", "place", "speed", "turn_rate"),
 }
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Functions of a variable, and the simplest combinations of them.
+
+    Attributes:
+        functions: float64[n] each, or float64[2, n] of both wheels.
+        simple: float64[functions, k] each.
+    """
+
+    functions: list[Floats]
+    simple: list[Floats] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Where the columns of one stage and variable stand, and how they may act.
+
+    Attributes:
+        stage, variable: of the alternative.
+        columns: int64[k], where all of its columns stand.
+        scales: float64[k, 2], their usual sizes, from and to.
+        shapes: float64[k, s] each, combinations of the columns that are weighed.
+    """
+
+    stage: str
+    variable: str
+    columns: NDArray[np.int64]
+    scales: Floats
+    shapes: list[Floats]
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """Data, nuisances and columns of alternatives: float64[4, m, 1 + c] and where they stand."""
+
+    values: Floats
+    nuisances: list[tuple[int, float]]
+    plans: list[_Plan]
 
 
 def alternatives(
     model: MotionModel, levels: Floats, settings: tuple[Setting, ...] = ()
 ) -> list[Alternative]:
     """Return every stage and variable with its evidence beside *settings*, best first."""
+    laid, smooth = _lay_out(model, settings), model.nodes.smooth
+    white, log_determinant, rows = whiten(laid.values, model.course, levels, model.nodes.ticks)
+    gram = gram_of(white.T @ white, log_determinant, rows, laid.nuisances, levels)
+    above_noise = max(float(white[:, 0] @ white[:, 0]) - rows, 1.0)
+    found = []
+    for plan in laid.plans:
+        evidence, likelihood = _gain(gram, plan)
+        share = min(2 * likelihood / above_noise, 1)
+        found.append(Alternative(plan.stage, plan.variable, evidence, likelihood, share))
+        if (plan.stage, plan.variable) == ("gyro", _CODE[1]) and smooth.gyro_code is not None:
+            found.append(replace(found[-1], variable=_CODE[0]))
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats | None:
+    """Return the noise levels that suit an alternative best, sought from *start*; None where it
+    gains no more than its many columns gain from noise.
+
+    At the levels of no effect, noise has taken what the alternative explains.
+    """
+    variable = _CODE[1] if one.variable == _CODE[0] else one.variable
+    laid = _lay_out(model, (), only=(one.stage, variable))
+    if not laid.plans or one.log_likelihood < 0.5 * len(laid.plans[0].columns) + _WORTH_LEVELS:
+        return None
+
+    def evidence(levels: Floats) -> float:
+        white, log_determinant, rows = whiten(laid.values, model.course, levels, model.nodes.ticks)
+        gram = gram_of(white.T @ white, log_determinant, rows, laid.nuisances, levels)
+        return gram.log_nothing + _gain(gram, laid.plans[0])[0]
+
+    return best_levels(evidence, model.level_prior, start, rounds=_ROUNDS)
+
+
+def _lay_out(
+    model: MotionModel, settings: tuple[Setting, ...], only: tuple[str, str] | None = None
+) -> _Laid:
+    """Return the columns of all alternatives, or of one stage and variable."""
     nodes = model.nodes
     smooth = nodes.smooth
     nominal = residuals(nodes, predict(smooth, settings))
@@ -176,50 +264,63 @@ def alternatives(
     columns = [data, *(model.columns.values[..., index + 1] for index, _ in
                           model.columns.nuisances)]  # fmt: skip
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
-    plans: list[tuple[str, str, list[tuple[int, Way]]]] = []
+    plans: list[_Plan] = []
     for stage, ways in _WAYS.items():
         for variable in _VARIABLES[stage]:
-            of_each_wheel = (stage, variable) == ("wheel", "acceleration")
-            functions = _by_acceleration(smooth) if of_each_wheel else basis(smooth, variable)
-            placed: list[tuple[int, Way]] = []
-            for way in _usable(nodes, _OWN_WAYS.get((stage, variable), ways)):
-                for function in functions:
-                    step = math.sqrt(way.low * way.high)
+            if only is not None and (stage, variable) != only:
+                continue
+            base = _OWN_BASIS.get((stage, variable), partial(basis, variable=variable))(smooth)
+            usable = _usable(nodes, _OWN_WAYS.get((stage, variable), ways))
+            if not usable or not base.functions:
+                continue
+            first = len(columns) - 1
+            for way in usable:
+                step = math.sqrt(way.low * way.high)
+                for function in base.functions:
                     prediction = predict(smooth, settings)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
-                    placed.append((len(columns) - 2, way))
-            if placed:
-                plans.append((stage, variable, placed))
-    values = np.ascontiguousarray(np.stack(columns, axis=-1))
-    white, log_determinant, rows = whiten(values, model.course, levels, nodes.ticks)
-    gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
-    above_noise = max(float(white[:, 0] @ white[:, 0]) - rows, 1.0)
-    found = []
-    for stage, variable, placed in plans:
-        index = np.array([column for column, _ in placed])
-        inner, data = gram.inner[np.ix_(index, index)], gram.data[index]
-        evidences = []
-        likelihood = 0.0
-        for step in range(_SCALES):
-            share = step / (_SCALES - 1)
-            scale = np.array([way.low * (way.high / way.low) ** share for _, way in placed])
-            small = np.eye(len(index)) + scale[:, None] * inner * scale
-            solved = np.linalg.solve(small, scale * data)
-            evidences.append(
-                0.5 * float((scale * data) @ solved) - 0.5 * float(np.linalg.slogdet(small)[1])
-            )
-            mean = scale * solved
-            likelihood = max(likelihood, float(data @ mean - 0.5 * mean @ inner @ mean))
-        evidence = float(np.logaddexp.reduce(evidences)) - math.log(_SCALES)
-        found.append(
-            Alternative(stage, variable, evidence, likelihood, min(2 * likelihood / above_noise, 1))
+            plans.append(_planned(stage, variable, first, usable, base))
+    return _Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
+
+
+def _planned(stage: str, variable: str, first: int, ways: Sequence[Way], base: Basis) -> _Plan:
+    """Return a plan: all ways together, each by itself, and the simplest shapes of each."""
+    count = len(base.functions)
+    whole = np.eye(count * len(ways))
+    shapes = [whole]
+    for place in range(len(ways)):
+        own = whole[:, place * count : (place + 1) * count]
+        shapes += [own] if len(ways) > 1 else []
+        shapes += [own @ one for one in base.simple]
+    scales = np.repeat([(way.low, way.high) for way in ways], count, axis=0)
+    return _Plan(stage, variable, np.arange(first, first + len(whole)), scales, shapes)
+
+
+def _gain(gram: Gram, plan: _Plan) -> tuple[float, float]:
+    """Return log evidence and log likelihood of an alternative, less those of none."""
+    found = [_gain_of(gram, plan, shape) for shape in plan.shapes]
+    evidences = np.array([evidence for evidence, _ in found])
+    evidence = float(np.logaddexp.reduce(evidences)) - math.log(len(found))
+    return evidence, max(likelihood for _, likelihood in found)
+
+
+def _gain_of(gram: Gram, plan: _Plan, shape: Floats) -> tuple[float, float]:
+    place = np.ix_(plan.columns, plan.columns)
+    inner, data = shape.T @ gram.inner[place] @ shape, shape.T @ gram.data[plan.columns]
+    low, high = plan.scales[np.argmax(shape != 0, axis=0)].T
+    evidences = []
+    likelihood = 0.0
+    for step in range(_SCALES):
+        scale = low * (high / low) ** (step / (_SCALES - 1))
+        small = np.eye(len(data)) + scale[:, None] * inner * scale
+        solved = np.linalg.solve(small, scale * data)
+        evidences.append(
+            0.5 * float((scale * data) @ solved) - 0.5 * float(np.linalg.slogdet(small)[1])
         )
-        if (stage, variable) == ("gyro", "turn_rate") and smooth.gyro_code is not None:
-            # Which code there should be, the wheels' turn rate says: a function of the codes that
-            # there are would explain their noise with itself.
-            found.append(replace(found[-1], variable="adc_code"))
-    return sorted(found, key=lambda one: -one.log_evidence)
+        mean = scale * solved
+        likelihood = max(likelihood, float(data @ mean - 0.5 * mean @ inner @ mean))
+    return float(np.logaddexp.reduce(evidences)) - math.log(_SCALES), likelihood
 
 
 def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
@@ -231,38 +332,57 @@ def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
     ]
 
 
-def basis(motion: Motion, variable: str) -> list[Floats]:
-    """Return functions of a variable, float64[n] each; none where it does not vary."""
+def basis(motion: Motion, variable: str) -> Basis:
+    """Return functions of a variable; none where it does not vary."""
     if variable in {"heading", "wheel_angle_left", "wheel_angle_right"}:
         angle = {
             "heading": motion.heading_rad,
             "wheel_angle_left": motion.left_angle_rad,
             "wheel_angle_right": motion.right_angle_rad,
         }[variable]
-        return [
-            function(order * angle)
-            for order in range(1, _HARMONICS + 1)
-            for function in (np.cos, np.sin)
-        ]
+        return Basis(
+            [
+                function(order * angle)
+                for order in range(1, _HARMONICS + 1)
+                for function in (np.cos, np.sin)
+            ],
+            [np.eye(2 * _HARMONICS)[:, 2 * order : 2 * order + 2] for order in range(_HARMONICS)],
+        )
     if variable == "direction":
         forward = np.tanh(motion.speed_m_s / 0.02)
-        return [forward] if np.ptp(forward) > 1 else []
+        return Basis([forward] if np.ptp(forward) > 1 else [])
     if variable == "place":
-        return [*_hats(motion.x_m), *_hats(motion.y_m)]
+        return _joined(_hats(motion.x_m), _hats(motion.y_m))
     value = _variable(motion, variable)
     least = _LEAST_RANGE.get(variable, 0.0)
     if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
-        return []
+        return Basis([])
     return _hats(value)
 
 
-def _by_acceleration(motion: Motion) -> list[Floats]:
+def _joined(first: Basis, second: Basis) -> Basis:
+    """Return the functions of both, and of either of them by itself."""
+    count = len(first.functions)
+    whole = np.eye(count + len(second.functions))
+    simple = [whole[:, :count], *(whole[:, :count] @ one for one in first.simple)]
+    simple += [whole[:, count:], *(whole[:, count:] @ one for one in second.simple)]
+    return Basis([*first.functions, *second.functions], [one for one in simple if one.size])
+
+
+def _by_speeding_up(motion: Motion) -> Basis:
+    """Return functions of the robot's speeding up, and of its turning faster."""
+    turning = np.gradient(motion.turn_rate_rad_s, motion.elapsed_s)
+    varies = np.subtract(*np.percentile(turning, [95, 5])) > _LEAST_RANGE["acceleration"]
+    return _joined(basis(motion, "acceleration"), _hats(turning) if varies else Basis([]))
+
+
+def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     """Return functions of each wheel's speeding up, float64[2, n] each."""
     rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
     changes = np.array([motion.left_acceleration_rad_s2, motion.right_acceleration_rad_s2])
     value = motion.radius_m * changes * np.sign(rates)
     if np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE["acceleration"]:
-        return []
+        return Basis([])
     return _hats(value)
 
 
@@ -281,10 +401,22 @@ def _variable(motion: Motion, name: str) -> Floats | None:
     return known[name]
 
 
-def _hats(value: Floats) -> list[Floats]:
-    """Return hats over the range between the 1st and 99th percentile."""
+def _hats(value: Floats) -> Basis:
+    """Return hats over the range between the 1st and 99th percentile, and what of them is
+    proportional to the value."""
     low, high = np.percentile(value, [1, 99])
     if not high - low > 1e-9 * max(abs(low), abs(high), 1.0):
-        return []
+        return Basis([])
     place = np.clip((value - low) / (high - low), 0, 1) * (_HATS - 1)
-    return [np.maximum(0.0, 1 - np.abs(place - index)) for index in range(_HATS)]
+    middles = np.linspace(low, high, _HATS)[:, np.newaxis]
+    return Basis(
+        [np.maximum(0.0, 1 - np.abs(place - index)) for index in range(_HATS)],
+        [middles / np.abs(middles).max()],
+    )
+
+
+_OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
+    ("wheel", "acceleration"): _by_each_wheels_acceleration,
+    ("gyro", "acceleration"): _by_speeding_up,
+}
+"""Functions of a variable where they are not the body's."""

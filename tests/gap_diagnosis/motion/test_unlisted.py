@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import alternatives
+from gap_diagnosis.motion.unknown import alternatives, levels_beside
 from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -36,3 +39,49 @@ def test_what_drifts_with_the_supply_may_be_the_gyros_scale() -> None:
     assert best.stage == "gyro"
     assert best.variable in {"supply", "time"}
     assert best.log_evidence > 50
+
+
+def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
+    return synthetic_recording(ROBOT, WIRE, scenario(name), effects, 3, reference=ReferenceNoise())
+
+
+def test_a_gyro_that_lags_depends_on_how_fast_the_turning_changes() -> None:
+    lag = EffectSetting("gyro_lag", (("time_constant", 0.02),))
+    model = MotionModel(drive(lag), ROBOT, default_prior(), without=frozenset({"gyro_lag"}))
+    best, second = alternatives(model, model.no_effect_levels)[:2]
+    assert (best.stage, best.variable) == ("gyro", "acceleration")
+    assert best.log_evidence > second.log_evidence + 20
+
+
+def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_had() -> None:
+    """Against its own name it loses the choice of a shape, of seven, and of five columns of hats
+    and three ways nothing: no more than the prior's other steps make."""
+    slip = EffectSetting("lateral_slip", (("compliance", 0.01),))
+    model = MotionModel(drive(slip), ROBOT, default_prior())
+    levels = model.no_effect_levels
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "lateral_slip")
+    named = score(model.gram(levels), [term], model.prior)
+    best = alternatives(model, levels)[0]
+    assert (best.stage, best.variable) == ("wheel", "lateral_acceleration")
+    assert best.log_evidence > named.log_evidence - np.log(7) - 6
+
+
+def test_a_cause_without_a_name_gets_noise_levels_of_its_own() -> None:
+    """At those of no effect, noise has taken most of what it explains."""
+    slip = EffectSetting("lateral_slip", (("compliance", 0.1),))
+    model = MotionModel(drive(slip), ROBOT, default_prior(), without=frozenset({"lateral_slip"}))
+    start = model.no_effect_levels
+    best = alternatives(model, start)[0]
+    levels = levels_beside(model, best, start)
+    assert levels is not None
+    again = next(one for one in alternatives(model, levels) if one.variable == best.variable)
+    nothing = [model.evidence_at((), one) for one in (start, levels)]
+    density = [model.level_prior.log_density(np.log(one)) for one in (start, levels)]
+    gained = again.log_evidence + nothing[1] + density[1]
+    assert gained > best.log_evidence + nothing[0] + density[0] + 100
+
+
+def test_where_nothing_is_wrong_no_levels_are_sought() -> None:
+    model = MotionModel(drive(), ROBOT, default_prior())
+    start = model.no_effect_levels
+    assert levels_beside(model, alternatives(model, start)[0], start) is None
