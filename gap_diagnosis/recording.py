@@ -90,6 +90,8 @@ class Recording:
         reference: measured from outside, or None.
         clock_skew, clock_skew_sd: ECU clock rate over log clock rate - 1 from stamps against ticks,
             and its standard deviation (NaN where the log does not tell).
+        speed_cycle_s: how often wheels say their speed, where they say no way: a speed may be one
+            of the moment, or a mean since the one before; 0 where counts are recorded.
     """
 
     name: str
@@ -114,6 +116,7 @@ class Recording:
     reference: Reference | None = None
     clock_skew: float = float("nan")
     clock_skew_sd: float = float("nan")
+    speed_cycle_s: float = 0.0
 
     @property
     def duration_s(self) -> float:

@@ -39,9 +39,8 @@ _HOPELESS: Final = 50.0
 _UNLIKELY: Final = 1e-9
 _FREE_SD: Final = 0.3
 """Of linear coefficients while noise levels and best likelihoods are sought."""
-_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005, "delay": 0.004}
-"""Deviations that every hypothesis may have: half the tolerances; delay includes the offset
-between a command's reception by log and by drive."""
+_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
+"""Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
 _GIVES_WAY: Final = 0.006
 """Of its rate a wheel is off under load: what is unlisted must show beyond that."""
 
@@ -276,9 +275,9 @@ class DriveBlock:
         if not has_gain:
             columns += list(shapes.gain_columns({}, nominal))
             sds += [_NUISANCE_SD["gain"]] * 2
-        for effect, kind in (("drive_lag", "lag"), ("drive_delay", "delay")):
+        delays = {"drive_lag": _NUISANCE_SD["lag"], "drive_delay": self._data.delay_sd_s}
+        for effect, step in delays.items():
             if effect not in effects:
-                step = _NUISANCE_SD[kind]
                 columns.append((shapes.angle({effect: step}) - nominal) / step)
                 sds.append(step)
         nuisances = np.zeros((0, *nominal.shape))

@@ -16,6 +16,7 @@ from hil_harness.robot import Robot
 Floats = NDArray[np.float64]
 
 _BLOCK_S: Final = 0.04
+_RECEPTION_S: Final = 0.004
 _LEAST_BLOCKS: Final = 50
 _REST_BLOCKS: Final = 25
 """A wheel at rest says its angle once a second: the same count again is no new observation."""
@@ -43,6 +44,9 @@ class DriveData:
         lost: bool[m], after a gap of which nothing is known.
         time_s: float64[m], log time of each block.
         tick_rad: wheel angle of one count.
+        delay_sd_s: how far off any delay is between a command's row and a wheel's: by the offset
+            between a command's reception by log and by drive, and where rows of a table were put
+            together, or wheels say mean speeds, by a part of a row.
     """
 
     dt_s: float
@@ -59,6 +63,7 @@ class DriveData:
     lost: NDArray[np.bool_]
     time_s: Floats
     tick_rad: float
+    delay_sd_s: float
 
     def told(self, commanded: Floats) -> DriveData:
         """Return the data as they would be had the drive been told these wheel rates."""
@@ -121,6 +126,9 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         lost=lost,
         time_s=recording.t_s[rows][start[:-1]],
         tick_rad=tick_rad,
+        delay_sd_s=math.hypot(
+            _RECEPTION_S, 0.5 * (recording.speed_cycle_s if recording.frames else dt_s)
+        ),
     )
 
 

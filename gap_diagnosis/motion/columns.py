@@ -12,6 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.choices import SLIP_WINDOWS
+from gap_diagnosis.explanations.reference import counts_latency
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.nodes import Nodes, residuals
@@ -85,12 +86,14 @@ def build_columns(
     gross: bool,
     without: frozenset[str] = frozenset(),
     library: Mapping[str, Effect] = MappingProxyType({}),
+    speed_cycle_s: float = 0.0,
 ) -> Columns:
     """Return the columns of all effects that this log can speak of.
 
     *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
     set-up too. *without*: effects that are not to be named; what lies within their tolerances stays
-    free. *library*: effects of a user's own that say how they act.
+    free. *library*: effects of a user's own that say how they act. *speed_cycle_s*: as in
+    `Recording`.
     """
     motion = nodes.motion
     base: list[Floats] = [residuals(nodes, predict(motion))]
@@ -153,20 +156,25 @@ def build_columns(
                 weights.append(tuple(weight))
             if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
+    free = {index for index, _ in nuisances}
+    delays = {i for one in terms if one.variant.effect == _OFFSET for i, _ in one.weights[0]} & free
+    if speed_cycle_s > 0:
+        # A mean since the speed before is that of half a cycle ago; what else was smoothed is late.
+        change = _change(nodes, _LATE_COUNTS, [_DELAY_S], nominal, to_both=True)
+        base.append(change / _DELAY_S)
+        nuisances.append((len(base) - 2, 0.5 * speed_cycle_s))
+        delays.add(len(base) - 2)
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(
-        values, tuple(_late_alone(terms, {index for index, _ in nuisances})), tuple(nuisances)
-    )
+    return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances))
 
 
-def _late_alone(terms: Sequence[Term], free: Set[int]) -> Iterable[Term]:
-    """Return the terms; beside late counts no tolerance of the reference's clock is *free*.
+def _late_alone(terms: Sequence[Term], delays: Set[int]) -> Iterable[Term]:
+    """Return the terms; beside late counts no tolerance of the *delays* is free.
 
     The two are one delay: counts late by much, and put back by the tolerance's straight line, are
     the way without its bends, and so without the rows' own noise.
     """
-    offsets = [one for one in terms if one.variant.effect == _OFFSET]
-    little = tuple((i, 0.0) for one in offsets for i, _ in one.weights[0] if i in free)
+    little = tuple((index, 0.0) for index in sorted(delays))
     for term in terms:
         late = term.variant.effect == _LATENCY and term.variant.report["frame"] != "IMU"
         weights = tuple((*parts, *little) if late else parts for parts in term.weights)
@@ -237,6 +245,7 @@ _LEAST_REACH_M: Final = 0.2
 _OFFSET: Final = "reference_time_offset"
 _SKEW: Final = "reference_clock_skew"
 _LATENCY: Final = "frame_latency"
+_LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
 """Late counts are an early reference: along chords to either side, or of other lengths, the two
 would leave the way's bends between them, and in these stands the rows' own noise."""

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
@@ -21,13 +22,14 @@ _RATE_SMOOTHING_S: Final = 0.05
 _SILENCE_S: Final = 0.1
 _USUAL_TIMES: Final = 5.0
 """What is missing for longer than this, and so many times the usual, cannot be interpolated."""
-_STANDS_S: Final = 1.0
+STANDS_S: Final = 1.0
 _SLOW_S: Final = 1.0
 _NOISE_COUNTS_PER_S: Final = 25.0
 """A rate below this is hardly more than the noise of counting."""
 _COURSE_S: Final = 1.5
 _TOLD: Final = 0.02
 """Where the way is less than this share of the longest, the course says nothing."""
+_BENDS_S: Final = 0.5
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -54,7 +56,7 @@ def estimate_motion(
     step_s = float(np.median(dt_s[1:]))
     bits, jumps = _jumps(recording, robot)
     left, right = (
-        (_filled(ticks - np.cumsum(jump), t_s)) * rad_per_count
+        _between(ticks - np.cumsum(jump), t_s) * rad_per_count
         for ticks, jump in zip((recording.left_ticks, recording.right_ticks), jumps, strict=True)
     )
     left, right = left - left[0], right - right[0]
@@ -66,6 +68,7 @@ def estimate_motion(
     forward_m = 0.5 * radius_m * (left_step + right_step)
     heading = radius_m * (right - left) / wheelbase_m
     gyro_turn = _gyro_turn(recording, dt_s, heading)
+    gyro_filled = _variance_of_filled(recording.gyro_rate_rad_s, t_s) * dt_s**2
     reference = recording.reference
     if reference is None:
         x_m, y_m = dead_reckoned(forward_m, heading)
@@ -101,6 +104,7 @@ def estimate_motion(
         turn_rate_rad_s=turn_rate,
         acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
         gyro_turn_rad=gyro_turn,
+        gyro_filled_rad2=gyro_filled,
         gyro_code=None
         if recording.gyro_code is None or gyro_turn is None
         else np.clip(_filled(recording.gyro_code, t_s), low_code, high_code),
@@ -232,7 +236,7 @@ def standing(angle_rad: Floats, tick_s: float, rad_per_count: float) -> NDArray[
 
     A wheel that stands on an edge of its encoder counts to and fro.
     """
-    width = 2 * round(0.5 * _STANDS_S / tick_s) + 1
+    width = 2 * round(0.5 * STANDS_S / tick_s) + 1
     reach = maximum_filter1d(angle_rad, width) - minimum_filter1d(angle_rad, width)
     return np.asarray(minimum_filter1d(reach, width) < 1.5 * rad_per_count)
 
@@ -245,6 +249,43 @@ def _filled(values: Floats, t_s: Floats) -> Floats:
     if not known.any():
         return np.zeros(len(values))
     return np.interp(t_s, t_s[known], values[known])
+
+
+def _between(counts: Floats, t_s: Floats) -> Floats:
+    """Return counts with those of lost rows where a wheel that changes its speed was."""
+    known = np.isfinite(counts)
+    if known.all() or known.sum() < 2:
+        return _filled(counts, t_s)
+    inside = np.clip(t_s, *t_s[known][[0, -1]])
+    return np.where(known, counts, PchipInterpolator(t_s[known], counts[known])(inside))
+
+
+def _variance_of_filled(rate: Floats | None, t_s: Floats) -> Floats:
+    """Return the variance [rad²/s²], float64[n], of rates that were interpolated; 0 where known.
+
+    The rates around say how well a straight line over so many ticks tells those between.
+    """
+    found = np.zeros(len(t_s))
+    if rate is None:
+        return found
+    missing = ~np.isfinite(rate)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
+    firsts, counts = edges[::2], np.diff(edges)[::2]
+    for count in np.unique(counts):
+        half = int(count) // 2 + 1
+        if 2 * half >= len(rate):
+            continue
+        bend = np.full(len(rate), np.nan)
+        bend[half:-half] = rate[half:-half] - 0.5 * (rate[: -2 * half] + rate[2 * half :])
+        told = np.isfinite(bend)
+        width = _BENDS_S / float(np.median(np.diff(t_s)))
+        square = gaussian_filter1d(np.where(told, bend, 0.0) ** 2, width)
+        share = gaussian_filter1d(told.astype(np.float64), width)
+        local = square / np.maximum(share, 1e-3)
+        for first in firsts[counts == count]:
+            # They are off together: of *count* rates the sum is off by so many times one.
+            found[first : first + count] = count * local[first : first + count]
+    return found
 
 
 def _gyro_turn(recording: Recording, dt_s: Floats, heading: Floats) -> Floats | None:

@@ -96,6 +96,9 @@ class MotionModel:
             # How a table's rows were put together, a mean of a tick or its last sample, is no lag.
             tick_s = float(np.median(motion.dt_s[1:]))
             self.tolerances[_LAG] = max(self.tolerances[_LAG], tick_s)
+        if recording.speed_cycle_s > 0:
+            usual_s = prior.of("frame_latency", "delay").tolerance
+            self.tolerances["frame_latency.delay"] = max(recording.speed_cycle_s, usual_s)
         self.columns: Columns = build_columns(
             self.nodes,
             prior,
@@ -103,6 +106,7 @@ class MotionModel:
             gross=gross,
             without=without,
             library=library,
+            speed_cycle_s=recording.speed_cycle_s,
         )
         self.level_prior: LevelPrior = level_prior(robot)
         self._begin_at(coarse_gyro_delay_s(motion))

@@ -7,6 +7,7 @@ however far dead reckoning has drifted.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -14,6 +15,7 @@ from typing import Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import dead_reckoned, smoothed
@@ -22,8 +24,12 @@ from gap_diagnosis.recording import Floats, Reference
 
 _BLOCK_S: Final = 0.05
 _MOST_NODES: Final = 12_000
+_NORMAL_MAD: Final = 0.6745
 _SHARP_S: Final = 0.015
-"""Averages what a count rounds off, and hardly anything of a motion."""
+_SHARP_COUNTS: Final = 4.0
+_MOST_S: Final = 0.1
+"""Averages what a count rounds off, and hardly anything of a motion: a delay's column must not hold
+the rounding that the data hold."""
 
 Ints = NDArray[np.int64]
 
@@ -78,8 +84,29 @@ class Nodes:
         motion, tick = self.motion, self.sample_tick
         known = (motion.x_m, motion.y_m, motion.heading_rad)
         return tuple(
-            path[tick] + (np.interp(true_t_s, motion.t_s, described) - described[tick])
-            for path, described in zip(known, self.described, strict=True)
+            path[tick] + (there - described[tick])
+            for path, there, described in zip(
+                known,
+                self._between_ticks(np.clip(true_t_s, *motion.t_s[[0, -1]])),
+                self.described,
+                strict=True,
+            )
+        )
+
+    @cached_property
+    def _between_ticks(self) -> CubicSpline:
+        """The described way between the ticks: no straight line where a robot turns in and out."""
+        t_s = self.motion.t_s
+        later = np.diff(np.maximum.accumulate(t_s), prepend=-np.inf) > 0
+        return CubicSpline(t_s[later], self.described[:, later], axis=1)
+
+    @cached_property
+    def reference_noise(self) -> tuple[float, ...]:
+        """The reference's white noise in x, y [m] and heading [rad]."""
+        samples = (self.sample_x_m, self.sample_y_m, self.sample_heading_rad)
+        return tuple(
+            _white(measured - described[self.sample_tick])
+            for measured, described in zip(samples, self.described, strict=True)
         )
 
     @property
@@ -140,6 +167,12 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
     )
 
 
+def _white(left: Floats) -> float:
+    """Return the white noise of a series, by its second differences: what is smooth has none."""
+    bends = np.diff(left, 2)
+    return float(np.median(np.abs(bends))) / _NORMAL_MAD / math.sqrt(6.0)
+
+
 CHANNELS: Final = 4
 """x, y and heading of the reference, turn of the gyro."""
 
@@ -182,7 +215,10 @@ def _described(motion: Motion, step_s: float) -> Floats:
     forward_m = 0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad)
     heading = motion.heading_rad + _deviations(motion, Prediction(motion))[2]
     places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading])
-    return np.asarray(gaussian_filter1d(places, _SHARP_S / step_s, mode="nearest"))
+    rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
+    usual = math.sqrt(float(np.mean(rates**2))) / motion.rad_per_count
+    width_s = max(_SHARP_S, _SHARP_COUNTS / max(usual, 1.0))
+    return np.asarray(gaussian_filter1d(places, min(width_s, _MOST_S) / step_s, mode="nearest"))
 
 
 def _at_end(means: Floats) -> Floats:

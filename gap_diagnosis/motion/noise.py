@@ -65,20 +65,25 @@ def fit_noise(
     if quiet.refitted is not None:
         course = model.scattered(quiet.terms, quiet.refitted.coefficients)
 
-    def value(at: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
-        density = model.level_prior.log_density(np.log(at), places)
+    def plain(at: Floats, free: Sequence[int] = ()) -> float:
+        density = model.level_prior.log_density(np.log(at), free)
         return model.evidence_at(quiet.terms, at, course) + density
+
+    def value(at: Floats) -> float:
+        return plain(at, places)
 
     levels = _start(quiet.levels, described, places, value)
     if any(levels[place] > _SUSPECT * described[place] for place in places):
         levels = model.levels_for(quiet.terms, levels, rounds=10, free=places, course=course)
     is_larger = any(levels[place] > 2 * described[place] for place in places)
     if not is_larger or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
-        gain = quiet.log_evidence - nothing.log_evidence
+        alone = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood
-        return Fit(tuple(names), gain + _ABSENT, likelihood)
+        return Fit(tuple(names), alone + _ABSENT, likelihood)
 
     best = value(levels)
+    # The search for a noise may end at levels that suit the quiet set better than its own.
+    gain = best - max(plain(levels), plain(quiet.levels))
     parameters = {}
     rng = np.random.default_rng(0)
     for parameter, level in NOISES[name].parameters:
@@ -94,8 +99,8 @@ def fit_noise(
         )
     return Fit(
         tuple(names),
-        best - nothing.log_evidence,
-        best - nothing.log_likelihood,
+        quiet.log_evidence - nothing.log_evidence + gain,
+        quiet.log_likelihood - nothing.log_likelihood + gain,
         parameters,
     )
 

@@ -21,22 +21,13 @@ _WANDERS: Final = (0.3, 3.0)
 """Slow noise over white noise,"""
 _MEMORIES_S: Final = (1.0, 15.0)
 """and how long it lasts."""
-_NORMAL_MAD: Final = 0.6745
 
 
 def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
     """Return levels float64[9] for a few wanders of the reference about its white noise."""
     if len(nodes.sample_t_s) < 3:
         return []
-    ticks = nodes.sample_tick
-    x_m, y_m, heading_rad = (
-        _white(measured - described[ticks])
-        for measured, described in zip(
-            (nodes.sample_x_m, nodes.sample_y_m, nodes.sample_heading_rad),
-            nodes.described,
-            strict=True,
-        )
-    )
+    x_m, y_m, heading_rad = nodes.reference_noise
     noises = {"position_m": math.hypot(x_m, y_m) / math.sqrt(2.0)}
     if nodes.has_heading:
         noises["heading_rad"] = heading_rad
@@ -49,9 +40,3 @@ def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
         levels[LEVELS.index("reference_slow_s")] = memory_s
         found.append(np.maximum(levels, FLOORS))
     return found
-
-
-def _white(left: Floats) -> float:
-    """Return the white noise of a series, by its second differences: what is smooth has none."""
-    bends = np.diff(left, 2)
-    return float(np.median(np.abs(bends))) / _NORMAL_MAD / math.sqrt(6.0)

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.explanations.choices import dead_ticks
+from gap_diagnosis.motion.estimate import STANDS_S
 from gap_diagnosis.motion.nodes import Nodes
+from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats
 
 LEVELS: Final = (
@@ -40,10 +42,10 @@ _LEAST_TURN_RAD: Final = 1e-6
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
 beats with the samples."""
+_LATER: Final = 4.0
+_FINER: Final = 0.5
 _AROUND: Final = 5
 """Blocks, a quarter of a second."""
-_TO_AND_FRO: Final = 1.5
-"""A wheel that stands on an edge of its encoder never counts two forwards."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
@@ -74,6 +76,7 @@ class Course:
     wheelbase_m: float
     samples: Floats
     gyro_floor_rad: Floats
+    gyro_filled_rad2: Floats
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
         """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
@@ -91,6 +94,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     motion = nodes.motion
     x_m, y_m = nodes.mean(motion.x_m), nodes.mean(motion.y_m)
     t_s = nodes.mean(motion.t_s)
+    block_s = np.diff(t_s, prepend=t_s[0])
     radius = motion.radius_m
     # A wheel that is not counted slips as much as the other one.
     signed = np.array([motion.left_step_rad, motion.right_step_rad])
@@ -104,19 +108,19 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     heading = nodes.mean(motion.heading_rad)
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
     moved = [path / per_count_m for path in (left_path, right_path)]
-    net = [
-        np.diff(nodes.mean(np.cumsum(one)), prepend=0.0) / motion.rad_per_count for one in signed
-    ]
+    slow = [nodes.mean(_creep(motion, step)) * block_s for step in signed]
+    if _is_finer(nodes, per_count_m):
+        slow = [np.maximum(one, seen) for one, seen in zip(slow, _seen(nodes), strict=True)]
     return Course(
-        dt_s=np.diff(t_s, prepend=t_s[0]),
+        dt_s=block_s,
         step_x_m=np.diff(x_m, prepend=x_m[0]),
         step_y_m=np.diff(y_m, prepend=y_m[0]),
         left_path_m=left_path,
         right_path_m=right_path,
         left_moved=moved[0],
         right_moved=moved[1],
-        left_kept=_kept(moved[0], net[0]),
-        right_kept=_kept(moved[1], net[1]),
+        left_kept=_kept(moved[0], slow[0]),
+        right_kept=_kept(moved[1], slow[1]),
         left_scatter_m2=np.zeros(nodes.count),
         right_scatter_m2=np.zeros(nodes.count),
         cosine=np.cos(heading),
@@ -126,19 +130,71 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         wheelbase_m=motion.wheelbase_m,
         samples=samples,
         gyro_floor_rad=_gyro_floor(nodes),
+        gyro_filled_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_filled_rad2)), prepend=0.0),
     )
 
 
-def _kept(moved: Floats, net: Floats) -> Floats:
+def _is_finer(nodes: Nodes, per_count_m: float) -> bool:
+    """Tell whether the reference sees a wheel move between two counts."""
+    if not nodes.has_heading or len(nodes.sample_t_s) < 3:
+        return False
+    x_m, y_m, heading_rad = nodes.reference_noise
+    return max(x_m, y_m, 0.5 * nodes.motion.wheelbase_m * heading_rad) < _FINER * per_count_m
+
+
+def _seen(nodes: Nodes) -> list[Floats]:
+    """Return how many counts each wheel goes in a block by the estimated motion, float64[m]."""
+    motion = nodes.motion
+    x_m, y_m, heading = (nodes.mean(one) for one in (motion.x_m, motion.y_m, motion.heading_rad))
+    along_m = np.cos(heading) * np.diff(x_m, prepend=x_m[0])
+    along_m += np.sin(heading) * np.diff(y_m, prepend=y_m[0])
+    around_m = 0.5 * motion.wheelbase_m * np.diff(heading, prepend=heading[0])
+    per_count_m = motion.radius_m * motion.rad_per_count
+    return [
+        np.abs(uniform_filter1d(along_m + side * around_m, _AROUND)) / per_count_m
+        for side in (-1.0, 1.0)
+    ]
+
+
+def _kept(moved: Floats, slow: Floats) -> Floats:
     """Return which share of a count's error stays from block to block, float64[m].
 
-    *moved* is how many counts came, *net* how many forwards. Between two counts of a slow wheel its
-    count stands, but the wheel does not: what it goes is the mean of the blocks around. A
-    sawtooth's correlation after a share m of its period is 1 - 6 m (1 - m).
+    *moved* is how many counts came, *slow* how many the wheel went between them. A sawtooth's
+    correlation after a share m of its period is 1 - 6 m (1 - m).
     """
-    slow = np.minimum(np.abs(uniform_filter1d(net, _AROUND)), 0.5)
-    slow = np.where(slow * _AROUND > _TO_AND_FRO, slow, 0.0)
-    return np.asarray(np.clip(np.minimum(1.0 - moved, 1.0 - 6.0 * slow * (1.0 - slow)), 0.0, 1.0))
+    share = np.minimum(slow, 0.5)
+    return np.asarray(np.clip(np.minimum(1.0 - moved, 1.0 - 6.0 * share * (1 - share)), 0.0, 1.0))
+
+
+def _creep(motion: Motion, step_rad: Floats) -> Floats:
+    """Return how fast a wheel goes between two counts [counts/s], float64[n].
+
+    Its count stands meanwhile, but the wheel does not, unless the next count is one back: a wheel
+    that stands on an edge of its encoder counts to and fro, and one that rested for a moment comes
+    by its next count much later than by those around. Where it came to a stop, or turned round, it
+    went on for some part of a count, and did so before the first.
+    """
+    count = np.rint(np.cumsum(step_rad) / motion.rad_per_count)
+    change = np.diff(count, prepend=count[0])
+    at = np.flatnonzero(change)
+    rate = np.zeros(len(count))
+    if len(at) < 2:
+        return rate
+    apart_s = np.diff(motion.t_s[at])
+    around_s = np.maximum(np.append(apart_s[1:], 0.0), np.append(0.0, apart_s[:-1]))
+    goes = (np.sign(change[at[1:]]) == np.sign(change[at[:-1]])) & (
+        apart_s < np.minimum(STANDS_S, _LATER * around_s)
+    )
+    between = np.where(goes, np.abs(change[at[1:]]) / apart_s, 0.0)
+    rate[at[0] + 1 : at[-1] + 1] = np.repeat(between, np.diff(at))
+    tick_s = float(np.median(motion.dt_s[1:]))
+    for one in np.flatnonzero(~goes):
+        first, last = at[one] + 1, at[one + 1] + 1
+        for known, part in ((one - 1, slice(first, last)), (one + 1, slice(last, first, -1))):
+            if 0 <= known < len(goes) and goes[known]:
+                ticks = math.ceil(1 / (between[known] * tick_s))
+                rate[part][:ticks] = 0.5 * between[known]
+    return rate
 
 
 def _gyro_floor(nodes: Nodes) -> Floats:
@@ -177,6 +233,7 @@ def whiten(
         course.wheelbase_m,
         course.samples,
         course.gyro_floor_rad,
+        course.gyro_filled_rad2,
         QUANTUM_S,
         levels,
         ticks,
@@ -204,6 +261,7 @@ def _whiten(
     wheelbase_m: float,
     samples: Floats,
     gyro_floor: Floats,
+    gyro_filled: Floats,
     quantum_s: float,
     levels: Floats,
     ticks: Floats,
@@ -278,7 +336,7 @@ def _whiten(
             covariance[10] += c * cross
             covariance[2] += s * cross
             covariance[20] += s * cross
-            fresh_angle = gyro_noise * gyro_noise * dt
+            fresh_angle = gyro_noise * gyro_noise * dt + gyro_filled[k]
             covariance[33] += fresh_angle
             covariance[44] += walk * walk * dt
             late[:] = 0.0

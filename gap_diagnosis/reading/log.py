@@ -65,6 +65,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         counter_bits=_counter_bits(log.wire.signal_map["left_count"], robot),
         clock_skew=log.clock.skew,
         clock_skew_sd=log.clock.skew_sd,
+        speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
     )
     return recording, _reference(log)
 
@@ -80,7 +81,7 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
     assert found is not None  # mapped and there
     raw, rows = found[1], log.rows.tick
     scale = ticks_per_unit(mapped.quantity, log.plant)
-    if mapped.quantity in ("speed", "turn rate"):
+    if _is_speed(mapped):
         speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
         ecu_s = np.asarray(rows * log.period_s, dtype=np.float64)
         return integrated_speed(speed, ecu_s, scale=scale)
@@ -94,6 +95,11 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
         scale=scale * mapped.si_per_lsb,
         fastest_per_tick=fastest_ticks(log.plant, log.period_s),
     )
+
+
+def _is_speed(mapped: MappedSignal) -> bool:
+    """Tell a wheel that says how fast it is, not how far it has come."""
+    return mapped.quantity in ("speed", "turn rate")
 
 
 def _counter_bits(mapped: MappedSignal, robot: Robot) -> int:

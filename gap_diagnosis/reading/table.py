@@ -162,6 +162,7 @@ def read_table_recording(
         counter_bits=_counter_bits(table, robot),
         clock_skew=clock.skew,
         clock_skew_sd=clock.skew_sd,
+        speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
     )
     return recording, _reference(table, t_s)
 

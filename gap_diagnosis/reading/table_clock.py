@@ -69,9 +69,7 @@ def table_clock(
     if len(steps) == 0:
         raise DiagnosisError(f"{name}: {len(leading)} rows at one time: expected a clock that runs")
     period_s = float(np.round(np.median(steps), 6))
-    tick = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(steps / period_s))))).astype(
-        np.int64
-    )
+    tick = _ticks(ordered, period_s)
     if ecu_s is None or time_s is None:
         return TableClock(order, ordered, tick, period_s)
     origin = float(time_s[order[0]])
@@ -82,6 +80,19 @@ def table_clock(
     line = lowered(line, [(ecu_us, one_line, stamp_s)])
     t_s = line.time_s(ecu_us) + origin
     return TableClock(order, t_s, tick, period_s, line.skew, line.skew_sd)
+
+
+def _ticks(t_s: Floats, period_s: float) -> Ints:
+    """Return which tick each row is, int64[n], strictly ascending from 0.
+
+    A stamp that is late makes one step long and the next one short: where a row seems lost, two
+    steps together must say so too.
+    """
+    steps = np.rint(np.diff(t_s) / period_s)
+    pairs = np.rint((t_s[2:] - t_s[:-2]) / period_s) - 1.0
+    steps[:-1] = np.minimum(steps[:-1], pairs)
+    steps[1:] = np.minimum(steps[1:], pairs)
+    return np.concatenate(([0], np.cumsum(np.maximum(steps, 1.0)))).astype(np.int64)
 
 
 def unwrapped_clock(ecu_s: Floats, time_s: Floats | None, wrap_s: float | None) -> Floats:

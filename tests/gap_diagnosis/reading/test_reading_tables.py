@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
+from gap_diagnosis.reading.table_clock import table_clock
 from gap_diagnosis.recording import Recording
 from hil_harness import HarnessError
 
@@ -115,6 +116,14 @@ def test_a_stamp_that_jitters_while_the_counts_go_evenly_is_put_right(
     off_s -= np.median(off_s)
     best_s = 0.002 * np.sqrt(share * (1 - share))
     assert np.std(off_s[[*range(960), *range(1050, 3000)]]) < best_s + 4e-4
+
+
+def test_jitter_of_a_sixth_of_a_tick_hardly_ever_loses_or_adds_a_tick() -> None:
+    random = np.random.default_rng(4)
+    there = random.random(20_000) > 0.02
+    stamps_s = np.arange(20_000) / 30 + 0.0055 * np.abs(random.standard_normal(20_000))
+    clock = table_clock("table", stamps_s[there], None, None)
+    assert np.count_nonzero(np.diff(clock.tick) != np.diff(np.flatnonzero(there))) <= 3
 
 
 def test_a_map_reads_angles_distances_speeds_and_other_units(tmp_path: Path) -> None:
