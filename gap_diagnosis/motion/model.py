@@ -244,6 +244,24 @@ class MotionModel:
             coefficients=coefficients,
         )
 
+    def at_fit(
+        self, terms: Sequence[Term], fit: Refitted
+    ) -> tuple[Floats, Floats, Floats, dict[str, list[int]]]:
+        """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
+        inverse variances float64[c] beforehand, and which of them are each effect's."""
+        values, nuisances, tangent = self._linearised(terms, fit.coefficients)
+        course = self.scattered(terms, fit.coefficients)
+        white, _, _ = whiten(values, course, fit.levels, self.nodes.ticks)
+        known = [place for place, _ in nuisances]
+        owners: dict[str, list[int]] = {}
+        for term in tangent:
+            own = [place for weight in term.weights for place, _ in weight]
+            owners[term.variant.effect] = list(range(len(known), len(known) + len(own)))
+            known += own
+        restraint = np.zeros(len(known))
+        restraint[: len(nuisances)] = [sd**-2 for _, sd in nuisances]
+        return white[:, 0], white[:, [1 + place for place in known]], restraint, owners
+
     def _no_worse(
         self,
         terms: Sequence[Term],

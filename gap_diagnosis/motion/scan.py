@@ -16,6 +16,7 @@ from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
+from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.recording import Floats
 
 Effects = frozenset[str]
@@ -42,6 +43,7 @@ _NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again,"""
 _LOOSE: Final = 0.25
 """single effects only if they lack this share of what the best gains as well."""
+_CLEAR: Final = 20.0
 _BELIEVED: Final = 8.0
 """Sizes beyond so many times the end of the prior are no effect's."""
 _NEVER: Final = 1e6
@@ -91,6 +93,7 @@ class Scan:
         self.spans: dict[str, dict[str, float]] = {}
         self._grams: list[Gram] = []
         self._kept: list[dict[str, list[Term]]] = []
+        self._weighed: set[Effects] = set()
         self._search(progress)
 
     @property
@@ -151,7 +154,7 @@ class Scan:
         for _ in range(_REFITTED):
             head = max(self.found.values(), key=self._belief)
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
-            if not unfitted:
+            if not unfitted and not self._doubted(head):
                 break
             for one in unfitted:
                 self._refit(one)
@@ -170,6 +173,26 @@ class Scan:
                     log_evidence=one.log_evidence - less,
                     log_likelihood=one.log_likelihood - less,
                 )
+
+    def _doubted(self, head: Found) -> bool:
+        """Take from a set, once, what an effect gains in it that stretches of the log contradict;
+        tell whether there is any. What is clear all the same is not taken from: no explanation is
+        exact, and rivals must be compared by what they explain."""
+        if head.refitted is None or len(head.effects) < 2 or head.effects in self._weighed:
+            return False
+        self._weighed.add(head.effects)
+        too_much = 0.0
+        for effect, times in excess(self.model, head.terms, head.refitted).items():
+            less = self.account(head.effects - {effect})
+            gained = max(head.log_likelihood - less.log_likelihood, 0.0)
+            if gained / times < _CLEAR:
+                too_much = max(too_much, gained * (1 - 1 / times))
+        self.found[head.effects] = replace(
+            head,
+            log_evidence=head.log_evidence - too_much,
+            log_likelihood=head.log_likelihood - too_much,
+        )
+        return too_much > 0
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.

@@ -1,0 +1,53 @@
+"""An effect that stretches of the log contradict is not as sure as its fit says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.robust import excess
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+PAIR = (
+    EffectSetting("lateral_slip", (("compliance", 0.02),)),
+    EffectSetting("wheelbase_scale", (("scale", 0.01),)),
+)
+
+
+def drive(seed: int, *effects: EffectSetting) -> Recording:
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+    )
+
+
+def excess_of(log: Recording, quiet: Recording, *effects: str) -> dict[str, float]:
+    """Return the excess at the noise levels of a quiet log."""
+    model = MotionModel(log, ROBOT, default_prior())
+    levels = MotionModel(quiet, ROBOT, default_prior()).no_effect_levels
+    terms = [
+        next(one for one in model.columns.terms if one.variant.effect == effect)
+        for effect in effects
+    ]
+    return dict(excess(model, terms, model.refit(terms, levels, free_levels=False)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_effects_that_are_there_scatter_as_noise_does(seed: int) -> None:
+    found = excess_of(drive(seed, *PAIR), drive(seed), "lateral_slip", "wheelbase_scale")
+    assert found == {"lateral_slip": 1.0, "wheelbase_scale": 1.0}
+
+
+def test_what_a_single_place_of_the_log_says_is_said_by_no_other() -> None:
+    """The reference leaps aside by a decimetre: a wider wheelbase explains a little of it."""
+    log = drive(1)
+    assert log.reference is not None
+    late = log.reference.t_s > float(np.median(log.reference.t_s))
+    leapt = replace(log.reference, y_m=log.reference.y_m + 0.1 * late)
+    found = excess_of(replace(log, reference=leapt), log, "wheelbase_scale")
+    assert found["wheelbase_scale"] > 2.0
