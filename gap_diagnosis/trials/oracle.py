@@ -80,11 +80,20 @@ class Oracle:
 
     def _over_elsewhere(self, effect: str, values: Values) -> float | None:
         """Return a magnitude over its tolerance; rare events must be expected to happen at all."""
+        if effect == "adc_missing_code":
+            return self._over_scarcity(int(values["code"]))
         over = _over_tolerance(effect, values)
         if over is None or effect not in _RARE:
             return over
         rows = int(self._recording.tick[-1]) + 1
         return min(over, float(values["probability"]) * rows / _EVENTS)
+
+    def _over_scarcity(self, code: int) -> float:
+        """Return how far a missing code is over its limit: its n readings come as the next code's,
+        whose count alone makes them 2 n log 2 nats likelier there than one half each."""
+        codes = self._recording.gyro_code
+        n = 0.0 if codes is None else 0.5 * float(np.count_nonzero(codes == code + 1))
+        return math.sqrt(2 * 2 * n * math.log(2) / THRESHOLD)
 
     def group(self, effects: Mapping[str, Values]) -> frozenset[Answer]:
         """Return every answer of at most as many effects that lies within 29 of the truth."""

@@ -1,0 +1,59 @@
+"""What anyone could know of a case: how far an effect is over the limit of what can be seen."""
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from gap_diagnosis.trials.case import Case
+from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.reference_noise import ReferenceLevels
+from hil_harness.assembly import load_wire
+from hil_harness.effects import EffectSetting
+from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
+
+LEVELS = ReferenceLevels("white", 5e-4, 5e-4, 2e-4, 2e-4, 1.0, 100.0)
+ROBOT, WIRE = load_robot(None), load_wire()
+CASE = Case(
+    "0001", "limit", "single", {}, {}, (), {}, {"micro_slip": {"left": 5e-4, "right": 5e-4}},
+    "calibration", "familiar", LEVELS, 4, "00" * 16,
+)  # fmt: skip
+
+
+def log_of(*effects: EffectSetting) -> Recording:
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, 3, reference=ReferenceNoise()
+    )
+
+
+@pytest.fixture(scope="module")
+def oracle() -> Oracle:
+    return Oracle(log_of(), ROBOT, CASE)
+
+
+def test_twice_the_size_is_twice_as_far_over_the_limit(oracle: Oracle) -> None:
+    once, twice = (
+        oracle.over_limit("gyro_g_sensitivity", {"x": 2e-4 * factor, "y": 0.0}) for factor in (1, 2)
+    )
+    assert once is not None
+    assert twice == pytest.approx(2 * once)
+
+
+def test_a_missing_code_is_as_clear_as_it_is_often_asked_for() -> None:
+    """Seldom read codes are missed by nobody."""
+    quiet = log_of().gyro_code
+    assert quiet is not None
+    codes, counts = np.unique(quiet, return_counts=True)
+    common, rare = int(codes[np.argmax(counts)]), int(codes[0])
+    over = [
+        Oracle(log_of(EffectSetting("adc_missing_code", (("code", one),))), ROBOT, CASE).over_limit(
+            "adc_missing_code", {"code": one}
+        )
+        for one in (common, rare, int(codes[-1]) + 50)
+    ]
+    assert over[0] is not None
+    assert over[1] is not None
+    assert over[0] > 2
+    assert over[1] < 1
+    assert over[2] == 0.0
