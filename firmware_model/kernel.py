@@ -254,7 +254,10 @@ class Kernel:
 
     @property
     def overflow_count(self) -> int:
-        """How often a word has overflowed since power-on."""
+        """How often a step, a turn, x or y has left its word since power-on.
+
+        A velocity that saturates is not counted: it is made when it is read, of no state.
+        """
         return self._get("overflow_count")
 
     def _plain_state(self) -> State:

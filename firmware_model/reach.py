@@ -129,16 +129,18 @@ def _turn(config: KernelConfig, asked: Demand) -> tuple[Fraction, Fraction]:
 
     In a gap the turn by the wheels is that of its ticks, which replaces the gyro's. A heading of
     some ticks ago has seen the gyro's turn, and how it was taken back. The jitter of the wheels'
-    counts is undone by the next, unless the gyro turns in between. All in turns.
+    counts is undone by the next, unless the gyro turns in between. A turn that leaves its word is
+    none longer than that. All in turns.
     """
     unit = 1 << (config.heading_frac_bits + config.heading_shift)
-    tick_turn = Fraction(config.tick_turn_q, 1 << config.wheel_turn_shift)
+    tick_turn, word = Fraction(config.tick_turn_q, 1 << config.wheel_turn_shift), -config.turn_low_q
     by_wheels, jitter = asked.turn_counts * tick_turn + 1, asked.jitter * tick_turn
-    turn = by_wheels
+    turn = by_wheels = min(by_wheels, Fraction(word))
     if config.mode != MODE_WHEEL:
-        by_wheels, jitter = by_wheels + jitter, Fraction(0)
-        by_gyro = Fraction(asked.rate_q * config.sensitivity_turn_q >> config.gyro_turn_shift) + 2
-        turn = max(by_wheels, by_gyro) + 1  # one for rounding the blend
+        by_wheels, jitter = min(by_wheels + jitter, Fraction(word)), Fraction(0)
+        by_gyro = (asked.rate_q * config.sensitivity_turn_q >> config.gyro_turn_shift) + 2
+        by_gyro = min(by_gyro, word)
+        turn = max(by_wheels, Fraction(by_gyro)) + 1  # one for rounding the blend
         if config.stale_heading_ticks > 0:
             turn = by_wheels + 2 * by_gyro
     if not config.heading_carry:

@@ -38,12 +38,12 @@ def command(
     standard deviations of their noise_ticks, and of the gyro's noise, and frames that are lost;
     frames that come late and edges missed, counted twice or spaced unevenly are not, nor is noise
     that adds up (encoder model lesson_counter). Where overflow is not impossible, a drive that
-    overflows the word is run through the kernel; where a position's bound is beyond its word by
-    less than its slack, that drive may last longer than the mission, or none is known, as is then
-    said. A counter overflows where noise makes it take a wheel's way forward for one backward that
-    is believed; then the other words are held against any way that is. A word may hold the
-    mission and not what the firmware believes at most: no kernel is built with it but by --force,
-    as is then said. Exit status 1 if a word can overflow, or no kernel is built.
+    overflows the word is run through the kernel; where a position's bound is beyond its word and no
+    drive of the mission is known to fill it, that drive lasts or goes farther than the mission, as
+    is then said. A counter overflows where noise makes it take a wheel's way forward for one
+    backward that is believed; then the other words are held against any way that is. A word may
+    hold the mission and not what the firmware believes at most: no kernel is built with it but by
+    --force, as is then said. Exit status 1 if a word can overflow, or no kernel is built.
     """
     from chiplog.commands.kernel_config import kernel_config, wheel_rounding_ticks
     from chiplog.terminal import show_line, show_table
@@ -107,7 +107,7 @@ def to_mend(value: Intermediate) -> str:
     if value.word == "velocity":  # its word is 32 bits wide, where its point is can be chosen
         return (
             f"{value.name}: {value.field} = {value.frac_bits}, expected at most "
-            f"{value.frac_bits - missing}"
+            f"{value.frac_bits - missing} (it saturates where it is read and is not counted)"
         )
     other = ", less encoder.noise_ticks or a slower wheel" if value.word == "counter" else ""
     return (
@@ -122,7 +122,9 @@ def shown(finding: Finding, config: KernelConfig) -> str:
         return ""
     parts = "; ".join(map(stretch, finding.drive))
     time_s = finding.tick * config.constants.tick_period_s
-    late = ", beyond the mission," if finding.verdict == "overflows later" else ""
+    late = ""
+    if finding.verdict == "overflows later":
+        late = ", farther than the mission (in which neither a proof nor a drive decides),"
     return f"; overflows after {time_s:g} s{late} of: {parts}"
 
 

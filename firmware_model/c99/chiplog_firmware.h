@@ -166,7 +166,7 @@ typedef struct chiplog_state {
     int64_t turn_block_sum;         /**< Right minus left count of the running block [ticks]. */
     int64_t turn_block_low;         /**< Smallest sum of a block [ticks]. */
     int64_t turn_block_high;        /**< Largest sum of a block [ticks]. */
-    int64_t overflow_count;         /**< How often a word has overflowed. */
+    int64_t overflow_count;         /**< How often a step, a turn, x or y left its word. */
     int64_t tick;                   /**< Ticks since the start. */
     int32_t heading_turn_q;         /**< Heading in [-1/2, 1/2), F bits [turn]. */
     int32_t past_1_turn_q;          /**< Heading of one tick ago, F bits [turn]. */
@@ -246,7 +246,8 @@ void chiplog_kernel_step(chiplog_state *state, const chiplog_config *config,
  * @return speed, velocity_frac_bits [m/s]
  *
  * Scaling and overflow: the step has S bits (below 2^31) and the tick rate 16; their product is
- * below 2^62; rounded to nearest into 32 bits that saturate.
+ * below 2^62; rounded to nearest into 32 bits that saturate. overflow_count does not count that:
+ * no state is made of it.
  */
 int32_t chiplog_kernel_speed_m_s_q(const chiplog_state *state, const chiplog_config *config);
 
@@ -256,6 +257,7 @@ int32_t chiplog_kernel_speed_m_s_q(const chiplog_state *state, const chiplog_con
  *
  * Scaling and overflow: the turn has K bits and is narrowed by w_pre_shift so that its product
  * with the tick rate (16 bits) is below 2^62; rounded to nearest into 32 bits that saturate.
+ * overflow_count does not count that: no state is made of it.
  */
 int32_t chiplog_kernel_turn_rate_rad_s_q(const chiplog_state *state,
                                          const chiplog_config *config);

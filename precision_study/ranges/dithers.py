@@ -25,7 +25,7 @@ from precision_study.ranges.swings import creep_counts
 
 Pattern = tuple[tuple[int, int, bool], ...]
 
-_HEADINGS: Final = 1 << 12
+_HEADINGS: Final = 1 << 15
 _WIDE: Final = 1 << 62
 _REPEATS: Final = 4
 _KEPT: Final = 2
@@ -87,13 +87,19 @@ def _patterns(most: int) -> Iterator[Pattern]:
             yield tuple((*place, True) for place in places)
 
 
+def _to_an_eighth(config: KernelConfig) -> int:
+    """Return how many turns of a count each way go an eighth of a turn: x or y has seen it all."""
+    eighth = 1 << (config.description.turn_step.frac_bits - 3)
+    return -(-(eighth << config.wheel_turn_shift) // max(2 * config.tick_turn_q, 1))
+
+
 def _gains(config: KernelConfig, creep: int, turns: int, pattern: Pattern) -> NDArray[np.float64]:
     """Return how far a pattern moves x or y in a tick at each heading, a count of turn apart.
 
     Before it the wheels have crept so far.
     """
     size = _REPEATS * len(pattern)
-    headings = min(_HEADINGS, turns)
+    headings = min(_HEADINGS, turns, _to_an_eighth(config))
     turn = np.repeat(np.arange(headings), size)  # the first tick at a heading turns to it
     ahead = np.tile(np.array([place[:2] for place in pattern], dtype=np.int64), (headings, 1))
     ahead = np.tile(ahead, (_REPEATS, 1))

@@ -56,6 +56,15 @@ def drives(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Ite
             yield from _gyro(config, envelope, settle)
 
 
+def straight(config: KernelConfig, envelope: Envelope, most_ticks: int) -> Iterator[Drive]:
+    """Yield a drive straight on until x is full, half as long again, if that is not too long."""
+    a_tick = 2 * envelope.rate * Fraction(config.half_tick_m_q, 1 << config.step_shift)
+    a_tick *= Fraction(1 << config.trig_frac_bits, 1 << config.position_shift)
+    if 0 < 3 * (config.position_high_q + 1) <= 2 * most_ticks * a_tick:
+        ticks = math.ceil(3 * (config.position_high_q + 1) / (2 * a_tick))
+        yield _up_to_speed(config, envelope, ticks, 1, 1)
+
+
 def _up_to_speed(
     config: KernelConfig,
     envelope: Envelope,

@@ -25,8 +25,9 @@ class Envelope:
     The way is that of the wheels. A counter gains the way of a stretch rounded down or up, and what
     the noise of two readings adds: a wheel that rests on an edge counts to and fro. Frames may be
     lost for as long as one likes, but none comes late: then the next would tell of the way of two
-    ticks in one. Edges that are missed, counted twice or spaced unevenly are not asked about, nor
-    is noise that adds up from reading to reading (encoder model `lesson_counter`).
+    ticks in one. The gyro reads any believed code in any tick, whatever the wheels do. Edges that
+    are missed, counted twice or spaced unevenly are not asked about, nor is noise that adds up from
+    reading to reading (encoder model `lesson_counter`).
 
     Attributes:
         rate: of the fastest wheel [encoder ticks a tick].

@@ -21,7 +21,7 @@ from firmware_model.config import MODE_BLEND, MODE_WHEEL
 from firmware_model.integers import shift_round
 from firmware_model.reach import is_given_back
 from precision_study.ranges.envelope import Envelope
-from precision_study.ranges.starts import by_wheels, rates_q, turning_up, zero_code
+from precision_study.ranges.starts import by_wheels, zero_code
 from precision_study.ranges.stretches import Drive, Stretch, gain
 
 _CREEPS: Final = 1 << 16
@@ -80,23 +80,29 @@ def _by_wheels(config: KernelConfig, envelope: Envelope, lead: int) -> Iterator[
 
 
 def _by_gyro(config: KernelConfig, envelope: Envelope, lead: int) -> Iterator[_Turning]:
-    """Yield a robot that is turned while its wheels rest, as the gyro tells."""
+    """Yield a robot that is turned while its wheels rest, as the gyro tells.
+
+    A gyro reads any code that is believed in any tick: a wheel's acceleration is none of its own.
+    """
     if config.mode == MODE_WHEEL:
         return
     zero_q, rest_code = config.zero_rate_code_q, zero_code(config)
-    rates_to = [
+    rates_q = [
         (envelope.code_high << config.offset_frac_bits) - zero_q,
         zero_q - (envelope.code_low << config.offset_frac_bits),
     ]
-    code = (envelope.code_high, envelope.code_low)[rates_to.index(max(rates_to))]
-    ramp = turning_up(config, envelope, rest_code, code)
-    turned = sum((_gyro_turn(config, rates_q(config, one, zero_q)) for one in ramp), Fraction(0))
-    back = min(max(2 * rest_code - code, envelope.code_low), envelope.code_high)
-    on = Stretch(0, 0, 0, 1, code, FRESH, lead_counts=lead, rest_code=back)
-    turn = _gyro_turn(config, (code << config.offset_frac_bits) - zero_q)
-    sign = 1 if turn > 0 else -1
-    ticks = sum(one.ticks for one in ramp)
-    yield _Turning(on, abs(turn), ramp, sign * turned, ticks)
+    fastest = (envelope.code_high, envelope.code_low)[rates_q.index(max(rates_q))]
+    most = abs(_turn_by_code(config, fastest))
+    if most == 0:
+        return
+    word = Fraction(config.turn_high_q, 1 << (config.heading_frac_bits + config.heading_shift))
+    limits = min(most, word), min(most, word, Fraction(1, 2))
+    for code in dict.fromkeys(
+        rest_code + math.trunc((fastest - rest_code) * (one / most)) for one in limits
+    ):
+        back = min(max(2 * rest_code - code, envelope.code_low), envelope.code_high)
+        on = Stretch(0, 0, 0, 1, code, FRESH, lead_counts=lead, rest_code=back)
+        yield _Turning(on, abs(_turn_by_code(config, code)), (), Fraction(0), 0)
 
 
 def _turned(
@@ -118,21 +124,49 @@ def _turned(
     )
     yield (*turning.ramp, replace(plain, ticks=to_front)), spin
     ramp_ticks = turning.ramp_ticks
-    if on.left_step == on.right_step and ramp_ticks:
-        return  # the code turns at once
     often = math.ceil(Fraction(envelope.mission_ticks * on.lead_counts, envelope.way_ticks))
     lengths = [max(round(swing_rad / (2 * PI) / turn), 1) for swing_rad in _SWINGS_RAD]
-    for length in dict.fromkeys((*lengths, often)):
+    for length in dict.fromkeys((*lengths, often, 1, 2)):
         cruise = max(length, ramp_ticks, 1)  # as far as so many ticks of it turn
+        swing = replace(
+            on, lead_ticks=cruise + ramp_ticks, lead_start=-1, is_swing=True, ramp_ticks=ramp_ticks
+        )
+        if on.left_step == on.right_step:
+            for middle in _middles(config):
+                yield _turned_to(config, envelope, plain, middle - cruise * turn / 2), swing
+            continue
         to_start = round(Fraction(1, 4) / turn - Fraction(cruise, 2))
         if to_start < ramp_ticks:
             continue
         ticks = to_start + ramp_ticks
         start = replace(plain, ticks=ticks, lead_ticks=ticks, is_swing=True, ramp_ticks=ramp_ticks)
-        swing = replace(
-            on, lead_ticks=cruise + ramp_ticks, lead_start=-1, is_swing=True, ramp_ticks=ramp_ticks
-        )
         yield (start,) if ticks else (), swing
+
+
+def _middles(config: KernelConfig) -> Iterator[Fraction]:
+    """Yield headings about which the cosine changes most: sideways, or next to it [turn]."""
+    yield Fraction(1, 4)
+    trig = config.description.trig
+    if trig.method == "table" and not trig.interpolated:
+        yield Fraction(1, 4) - Fraction(1, 8 * trig.entries)  # from one entry to the next
+
+
+def _turned_to(config: KernelConfig, envelope: Envelope, on: Stretch, heading: Fraction) -> Drive:
+    """Return a turn to a heading by codes of the gyro, a few ticks of the fastest and one of less.
+
+    Args:
+        config: from `build_config`.
+        envelope: what may be asked.
+        on: a tick of turning.
+        heading: as if *on* turned forward [turn].
+    """
+    most = abs(_turn_by_code(config, on.gyro_code))
+    ticks = math.floor(heading % 1 / most)
+    rest_code = zero_code(config)
+    less = rest_code + round((on.gyro_code - rest_code) * (heading % 1 - ticks * most) / most)
+    less = min(max(less, envelope.code_low), envelope.code_high)
+    parts = replace(on, ticks=ticks), replace(on, ticks=1, gyro_code=less)
+    return tuple(one for one in parts if one.ticks > 0)
 
 
 def _whole(
@@ -195,6 +229,11 @@ def _wheel_turn(config: KernelConfig, rate: Fraction) -> Fraction:
         return _heading_turn(config, product, config.wheel_turn_shift)
 
     return turn(counts) + (rate - counts) * (turn(counts + 1) - turn(counts))
+
+
+def _turn_by_code(config: KernelConfig, code: int) -> Fraction:
+    """Return by how much a code turns the heading, while the wheels rest [turn]."""
+    return _gyro_turn(config, (code << config.offset_frac_bits) - config.zero_rate_code_q)
 
 
 def _gyro_turn(config: KernelConfig, rate_q: int) -> Fraction:

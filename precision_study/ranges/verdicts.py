@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal
@@ -10,13 +10,15 @@ from typing import Any, Literal
 from firmware_model import Kernel, KernelConfig
 from firmware_model.integers import SATURATE
 from precision_study.ranges.bounds import intermediates
-from precision_study.ranges.drives import drives
+from precision_study.ranges.drives import drives, straight
 from precision_study.ranges.envelope import Envelope
 from precision_study.ranges.intermediate import Intermediate
 from precision_study.ranges.stretches import Drive, drive_chunks, until
 
 Verdict = Literal["impossible", "overflows", "overflows later", "not provoked"]
 _WIDEST = (1 << 63) - 1
+_LONGEST_TICKS = 1 << 28
+"""A minute of the kernel."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,8 @@ class Finding:
     Attributes:
         intermediate: the value and its proved bound.
         verdict: overflow is impossible; or `drive` overflows the word at tick `tick`, as the kernel
-            confirms; or does so later, when the mission is over by less than the bound's slack; or
-            neither proof nor drive was found.
+            confirms; or does so later, in a drive that lasts or goes farther than the mission, the
+            bound of which is beyond the word too; or neither proof nor drive was found.
         drive: from power-on, with counters at zero; None for a proof.
         tick: the first tick (from 0) in which the word has overflowed.
     """
@@ -80,16 +82,57 @@ def to_json(config: KernelConfig, envelope: Envelope, findings: Sequence[Finding
 def _finding(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Finding:
     if value.is_proved:
         return Finding(value, "impossible")
-    longer = envelope.twice_as_long()
-    asked: tuple[tuple[Verdict, Envelope], ...] = (("overflows", envelope),)
-    if value.word == "position":  # it grows as long as the robot drives
-        asked += (("overflows later", longer),)
-    for verdict, limits in asked:
-        for drive in drives(config, limits, value):
-            tick = first_overflow(config, value, drive)
-            if tick is not None:
-                return Finding(value, verdict, until(drive, tick), tick)
-    return Finding(value, "not provoked")
+    found = _shown(config, value, "overflows", drives(config, envelope, value))
+    if value.word == "position" and found is None:  # it grows as long as the robot drives
+        later = _later(config, envelope, value)
+        found = _shown(config, value, "overflows later", later)
+    return found or Finding(value, "not provoked")
+
+
+def _later(config: KernelConfig, envelope: Envelope, value: Intermediate) -> Iterator[Drive]:
+    """Yield drives of twice the mission, then that of the mission that goes farthest, for longer.
+
+    It goes on as it ends until the word is full, and half as long again. The last goes straight on.
+    """
+    yield from drives(config, envelope.twice_as_long(), value)
+    farthest = max(
+        drives(config, envelope, value), key=lambda drive: _end(config, drive), default=()
+    )
+    reached = _end(config, farthest) if farthest else 0
+    if reached > 0:
+        *before, last = farthest
+        ticks = last.ticks * 3 * (config.position_high_q + 1) // (2 * reached)
+        if ticks <= _LONGEST_TICKS:
+            yield (*before, replace(last, ticks=ticks))
+    yield from straight(config, envelope, _LONGEST_TICKS)
+
+
+def _end(config: KernelConfig, drive: Drive) -> int:
+    """Return how far x or y is from the start at the end of a drive [2^-P m]."""
+    kernel = Kernel(_with_wide_position(config))
+    for chunk in drive_chunks(drive):
+        kernel.run(chunk)
+    return max(abs(one) for one in kernel.pose_q[:2])
+
+
+def _with_wide_position(config: KernelConfig) -> KernelConfig:
+    return replace(
+        config,
+        position_low_q=-_WIDEST - 1,
+        position_high_q=_WIDEST,
+        position_overflow=SATURATE,
+    )
+
+
+def _shown(
+    config: KernelConfig, value: Intermediate, verdict: Verdict, tried: Iterator[Drive]
+) -> Finding | None:
+    """Return the first drive that overflows a word, until then; None where none does."""
+    for drive in tried:
+        tick = first_overflow(config, value, drive)
+        if tick is not None:
+            return Finding(value, verdict, until(drive, tick), tick)
+    return None
 
 
 def first_overflow(config: KernelConfig, value: Intermediate, drive: Drive) -> int | None:
@@ -99,13 +142,7 @@ def first_overflow(config: KernelConfig, value: Intermediate, drive: Drive) -> i
     overflows in the same drive is not mistaken for it. A drive for another word can overflow only
     that one and the position, whose word is then out of the way as well.
     """
-    wide = replace(
-        config,
-        position_low_q=-_WIDEST - 1,
-        position_high_q=_WIDEST,
-        position_overflow=SATURATE,
-    )
-    kernel = Kernel(wide)
+    kernel = Kernel(_with_wide_position(config))
     has_overflowed = _test(kernel, config, value)
     tick = 0
     for chunk in drive_chunks(drive):

@@ -315,3 +315,46 @@ def test_a_wheel_whose_signal_has_steps_of_a_centimetre_trembles_by_those(tmp_pa
     inputs = np.full((ticks.size, 5), [0, 0, FRESH, code, FRESH], dtype=np.int64)
     inputs[:, 0] = inputs[:, 1] = np.where(is_ahead, readings[edge + 1], readings[edge])
     require_no_less_is_said(config, said, inputs)
+
+
+def test_a_gyro_that_turns_at_once_overflows_and_no_less_is_said(tmp_path: Path) -> None:
+    """A wheel's acceleration does not hold back what the gyro reads: it reads any believed code."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        '[firmware]\nmode = "gyro"\n[firmware.step]\nfrac_bits = 4\n'
+        "[firmware.position]\nword_bits = 13\nfrac_bits = 9\n[encoder]\nnoise_ticks = 0.0\n"
+        "[drive]\nmax_wheel_acceleration_rad_s2 = 1.0\n"
+        "[design]\nmission_s = 90.0\nspeed_m_s = 0.2\ndistance_m = 0.5\n"
+    )
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None, force=True)
+    (found,) = (
+        one
+        for one in find_ranges(config, envelope_of(robot, config))
+        if one.verdict != "impossible"
+    )
+    assert (found.intermediate.word, found.verdict) == ("position", "overflows")
+
+
+def test_a_word_that_no_drive_of_the_mission_fills_is_filled_by_a_longer_one(
+    tmp_path: Path,
+) -> None:
+    """The mission's way is less than a step: neither it nor twice of it has any."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        '[firmware]\nmode = "wheel"\n[firmware.step]\nfrac_bits = 4\n'
+        "[firmware.position]\nword_bits = 18\nfrac_bits = 20\n[encoder]\nnoise_ticks = 0.0\n"
+        "[design]\nmission_s = 20.0\nspeed_m_s = 0.001\ndistance_m = 0.05\n"
+    )
+    robot = load_robot(file)
+    config = kernel_config(robot, None, None, force=True)
+    envelope = envelope_of(robot, config)
+    (found,) = (one for one in find_ranges(config, envelope) if one.verdict != "impossible")
+    assert found.verdict == "overflows later"
+    assert found.drive is not None
+    kernel = Kernel(config)
+    for chunk in drive_chunks(found.drive):
+        kernel.run(chunk)
+    assert kernel.overflow_count == 1
+    assert found.tick is not None
+    assert found.tick > envelope.mission_ticks

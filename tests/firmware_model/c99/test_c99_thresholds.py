@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from kernel_cases import ROBOT, ZERO_CODE, config_of
 
@@ -16,6 +18,7 @@ from firmware_model import (
     StatusBit,
     build_config,
 )
+from firmware_model.kernel import IMPLEMENTATIONS, Implementation
 
 Ticks = Iterable[tuple[int, int, int, int, int]]
 
@@ -141,3 +144,18 @@ def test_steps_and_turns_about_the_limits_of_their_words(overflow: str) -> None:
         ticks.append((left, right, FRESH, ZERO_CODE, FRESH))
     status = both_after_every_tick(config, ticks)
     assert StatusBit.OVERFLOW in status[-1]
+
+
+@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
+def test_a_velocity_saturates_when_it_is_read_and_no_word_has_overflowed(
+    implementation: Implementation,
+) -> None:
+    """It is made of the filter for whoever asks, and nothing is made of it: no state changes."""
+    description = FirmwareDescription.from_table({"mode": "gyro", "velocity": {"frac_bits": 24}})
+    config = build_config(description, replace(ROBOT, gyro_sensitivity_rad_s_per_lsb=0.01))
+    kernel = Kernel(config, implementation)
+    kernel.run(np.array([[0, 0, FRESH, ZERO_CODE + 20_000, FRESH]] * 100))  # 200 rad/s
+    before = kernel.state()
+    assert kernel.w_rad_s_q == config.velocity_high_q
+    assert kernel.state() == before
+    assert kernel.overflow_count == 0
