@@ -34,7 +34,8 @@ class Motion:
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
         speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, means over each tick, smoothed.
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
-        gyro_filled_rad2: variance of a tick's turn by the gyro where its sample was lost, else 0.
+        gyro_unsure_rad2: variance of a tick's turn by the gyro beyond its noise: a sample was lost,
+            or may be of a moment.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
             description; the noise is that of one sample.
@@ -74,7 +75,7 @@ class Motion:
     radius_m: float
     wheelbase_m: float
     rad_per_count: float
-    gyro_filled_rad2: Floats
+    gyro_unsure_rad2: Floats
     has_counters: bool = True
 
     @property

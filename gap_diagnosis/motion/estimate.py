@@ -30,6 +30,9 @@ _COURSE_S: Final = 1.5
 _TOLD: Final = 0.02
 """Where the way is less than this share of the longest, the course says nothing."""
 _BENDS_S: Final = 0.5
+_BENT_ROWS: Final = 2.0
+_FINE_RAD: Final = math.tau / 65_536
+"""Wheels that say how fast they are do not round what they went to counts."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -68,7 +71,12 @@ def estimate_motion(
     forward_m = 0.5 * radius_m * (left_step + right_step)
     heading = radius_m * (right - left) / wheelbase_m
     gyro_turn = _gyro_turn(recording, dt_s, heading)
-    gyro_filled = _variance_of_filled(recording.gyro_rate_rad_s, t_s) * dt_s**2
+    has_counters = any(one.modulo for one in recording.frames.values())
+    gyro_rate = recording.gyro_rate_rad_s
+    gyro_unsure = _variance_of_filled(gyro_rate, t_s) * dt_s**2
+    if gyro_rate is not None and not has_counters:
+        density = plant.gyro.noise_density_rad_per_sqrt_s
+        gyro_unsure += _variance_of_moments(gyro_rate, t_s, density**2 / step_s) * dt_s**2
     reference = recording.reference
     if reference is None:
         x_m, y_m = dead_reckoned(forward_m, heading)
@@ -104,7 +112,7 @@ def estimate_motion(
         turn_rate_rad_s=turn_rate,
         acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
         gyro_turn_rad=gyro_turn,
-        gyro_filled_rad2=gyro_filled,
+        gyro_unsure_rad2=gyro_unsure,
         gyro_code=None
         if recording.gyro_code is None or gyro_turn is None
         else np.clip(_filled(recording.gyro_code, t_s), low_code, high_code),
@@ -120,8 +128,8 @@ def estimate_motion(
         else _filled(supply, t_s) / plant.supply.nominal_v - 1.0,
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
-        rad_per_count=rad_per_count,
-        has_counters=any(one.modulo for one in recording.frames.values()),
+        rad_per_count=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
+        has_counters=has_counters,
     )
 
 
@@ -286,6 +294,19 @@ def _variance_of_filled(rate: Floats | None, t_s: Floats) -> Floats:
             # They are off together: of *count* rates the sum is off by so many times one.
             found[first : first + count] = count * local[first : first + count]
     return found
+
+
+def _variance_of_moments(rate: Floats, t_s: Floats, noise2: float) -> Floats:
+    """Return the variance [rad²/s²], float64[n], of a tick's mean rate if samples are of a moment.
+
+    A row of a table does not say. Where the rate bends within a tick (beyond its noise of variance
+    *noise2*), the mean is off the straight line between samples by up to a quarter of the bend.
+    """
+    filled = _filled(rate, t_s)
+    bend = np.zeros(len(rate))
+    bend[1:-1] = filled[1:-1] - 0.5 * (filled[:-2] + filled[2:])
+    around = gaussian_filter1d(bend**2, _BENT_ROWS) - 1.5 * noise2
+    return np.asarray(np.maximum(around, 0.0) / 16.0)
 
 
 def _gyro_turn(recording: Recording, dt_s: Floats, heading: Floats) -> Floats | None:

@@ -26,7 +26,7 @@ _BLOCK_S: Final = 0.05
 _MOST_NODES: Final = 12_000
 _NORMAL_MAD: Final = 0.6745
 _SHARP_S: Final = 0.015
-_SHARP_COUNTS: Final = 4.0
+_SHARP_COUNTS: Final = 8.0
 _MOST_S: Final = 0.1
 """Averages what a count rounds off, and hardly anything of a motion: a delay's column must not hold
 the rounding that the data hold."""

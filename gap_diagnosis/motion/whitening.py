@@ -76,7 +76,7 @@ class Course:
     wheelbase_m: float
     samples: Floats
     gyro_floor_rad: Floats
-    gyro_filled_rad2: Floats
+    gyro_unsure_rad2: Floats
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
         """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
@@ -130,7 +130,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         wheelbase_m=motion.wheelbase_m,
         samples=samples,
         gyro_floor_rad=_gyro_floor(nodes),
-        gyro_filled_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_filled_rad2)), prepend=0.0),
+        gyro_unsure_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_unsure_rad2)), prepend=0.0),
     )
 
 
@@ -233,7 +233,7 @@ def whiten(
         course.wheelbase_m,
         course.samples,
         course.gyro_floor_rad,
-        course.gyro_filled_rad2,
+        course.gyro_unsure_rad2,
         QUANTUM_S,
         levels,
         ticks,
@@ -261,7 +261,7 @@ def _whiten(
     wheelbase_m: float,
     samples: Floats,
     gyro_floor: Floats,
-    gyro_filled: Floats,
+    gyro_unsure: Floats,
     quantum_s: float,
     levels: Floats,
     ticks: Floats,
@@ -336,7 +336,7 @@ def _whiten(
             covariance[10] += c * cross
             covariance[2] += s * cross
             covariance[20] += s * cross
-            fresh_angle = gyro_noise * gyro_noise * dt + gyro_filled[k]
+            fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
             covariance[33] += fresh_angle
             covariance[44] += walk * walk * dt
             late[:] = 0.0

@@ -143,6 +143,22 @@ def test_rows_that_are_lost_in_turns_are_no_noise_of_the_gyro() -> None:
     assert levels[LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")] < 1e-5
 
 
+def test_a_gyro_that_is_read_in_a_moment_of_each_row_is_no_noisier() -> None:
+    robot = with_ticks(4096)
+    log = recorded(robot, row_s=0.04)
+    turning = np.interp(log.t_s, DRIVE.t_s, np.gradient(DRIVE.heading_rad, STEP_S))
+    gyro = robot.plant.gyro
+    noise = gyro.noise_density_rad_per_sqrt_s / math.sqrt(0.04)
+    read = turning + noise * np.random.default_rng(5).standard_normal(len(turning))
+    levels = MotionModel(
+        replace(log, gyro_rate_rad_s=read), robot, default_prior()
+    ).no_effect_levels
+    assert levels[LEVELS.index("gyro_noise_rad_per_sqrt_s")] < (
+        1.25 * gyro.noise_density_rad_per_sqrt_s
+    )
+    assert levels[LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")] < 1e-5
+
+
 def test_speeds_that_are_means_since_the_row_before_are_not_late() -> None:
     robot = with_ticks(4096)
     log = recorded(robot, row_s=0.04)
