@@ -225,12 +225,15 @@ def alternatives(
     gram = gram_of(white.T @ white, log_determinant, rows, laid.nuisances, levels)
     above_noise = max(float(white[:, 0] @ white[:, 0]) - rows, 1.0)
     found = []
-    for plan in laid.plans:
+    plans = [*laid.plans]
+    if smooth.gyro_code is not None:
+        # What is proportional to the code is a scale, and said of the turn rate already.
+        turns = [one for one in plans if (one.stage, one.variable) == ("gyro", _CODE[1])]
+        plans += [replace(one, variable=_CODE[0], shapes=one.shapes[:1]) for one in turns]
+    for plan in plans:
         evidence, likelihood = _gain(gram, plan)
         share = min(2 * likelihood / above_noise, 1)
         found.append(Alternative(plan.stage, plan.variable, evidence, likelihood, share))
-        if (plan.stage, plan.variable) == ("gyro", _CODE[1]) and smooth.gyro_code is not None:
-            found.append(replace(found[-1], variable=_CODE[0]))
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
