@@ -42,6 +42,8 @@ class Motion:
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.
+        rounding_rad: to what a reading of a wheel's turn is rounded: a count, or hardly at all
+            where wheels say how fast they are.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
@@ -76,6 +78,7 @@ class Motion:
     wheelbase_m: float
     rad_per_count: float
     gyro_unsure_rad2: Floats
+    rounding_rad: float
     has_counters: bool = True
 
     @property

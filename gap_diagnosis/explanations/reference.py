@@ -108,7 +108,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     width = _SHARP_S / step_s
     # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
     slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
-    per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rad_per_count
+    per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = slope * (_COUNT_SD * per_count / step_s) ** 2
     power = gaussian_filter1d(detail**2, _AROUND_S / step_s, mode="nearest")
     share = np.maximum(1.0 - _STANDS_OUT * noise / np.maximum(power, 1e-300), 0.0)

@@ -128,7 +128,8 @@ def estimate_motion(
         else _filled(supply, t_s) / plant.supply.nominal_v - 1.0,
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
-        rad_per_count=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
+        rad_per_count=rad_per_count,
+        rounding_rad=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
         has_counters=has_counters,
     )
 
@@ -214,19 +215,19 @@ def smoothed(motion: Motion) -> Motion:
     """
     tick_s = float(np.median(motion.dt_s[1:]))
     left, right = (
-        np.where(standing(angle, tick_s, motion.rad_per_count), 0.0, step)
+        np.where(standing(angle, tick_s, motion.rounding_rad), 0.0, step)
         for angle, step in (
             (motion.left_angle_rad, motion.left_step_rad),
             (motion.right_angle_rad, motion.right_step_rad),
         )
     )
-    ahead = _denoised(right + left, tick_s, motion.rad_per_count)
-    turning = _denoised(right - left, tick_s, motion.rad_per_count)
+    ahead = _denoised(right + left, tick_s, motion.rounding_rad)
+    turning = _denoised(right - left, tick_s, motion.rounding_rad)
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     geometry = motion.radius_m / motion.wheelbase_m
-    turn = _denoised(motion.turn_rate_rad_s * tick_s / geometry, tick_s, motion.rad_per_count)
+    turn = _denoised(motion.turn_rate_rad_s * tick_s / geometry, tick_s, motion.rounding_rad)
     return replace(
         motion,
         x_m=x_m,

@@ -216,7 +216,7 @@ def _described(motion: Motion, step_s: float) -> Floats:
     heading = motion.heading_rad + _deviations(motion, Prediction(motion))[2]
     places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading])
     rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
-    usual = math.sqrt(float(np.mean(rates**2))) / motion.rad_per_count
+    usual = math.sqrt(float(np.mean(rates**2))) / motion.rounding_rad
     width_s = max(_SHARP_S, _SHARP_COUNTS / max(usual, 1.0))
     return np.asarray(gaussian_filter1d(places, min(width_s, _MOST_S) / step_s, mode="nearest"))
 

@@ -104,7 +104,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
     samples = np.zeros(nodes.count)
     samples[nodes.sample_node] = nodes.samples
-    per_count_m = radius * motion.rad_per_count
+    per_count_m = radius * motion.rounding_rad
     heading = nodes.mean(motion.heading_rad)
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
     moved = [path / per_count_m for path in (left_path, right_path)]
@@ -149,7 +149,7 @@ def _seen(nodes: Nodes) -> list[Floats]:
     along_m = np.cos(heading) * np.diff(x_m, prepend=x_m[0])
     along_m += np.sin(heading) * np.diff(y_m, prepend=y_m[0])
     around_m = 0.5 * motion.wheelbase_m * np.diff(heading, prepend=heading[0])
-    per_count_m = motion.radius_m * motion.rad_per_count
+    per_count_m = motion.radius_m * motion.rounding_rad
     return [
         np.abs(uniform_filter1d(along_m + side * around_m, _AROUND)) / per_count_m
         for side in (-1.0, 1.0)
@@ -174,7 +174,7 @@ def _creep(motion: Motion, step_rad: Floats) -> Floats:
     by its next count much later than by those around. Where it came to a stop, or turned round, it
     went on for some part of a count, and did so before the first.
     """
-    count = np.rint(np.cumsum(step_rad) / motion.rad_per_count)
+    count = np.rint(np.cumsum(step_rad) / motion.rounding_rad)
     change = np.diff(count, prepend=count[0])
     at = np.flatnonzero(change)
     rate = np.zeros(len(count))
