@@ -108,9 +108,14 @@ def raw_to_count(mapped: MappedSignal, plant: PlantDescription) -> CountConverte
 def rounding_ticks(mapped: MappedSignal, plant: PlantDescription) -> float:
     """Return by how much more than a count a reading off the bus may be beside the wheel's way.
 
-    A signal in steps of its own is as much off as such a step, and the nearest count is taken.
+    A signal in steps of its own is as much off as such a step, and the nearest count is taken. One
+    that steps by whole counts, from a whole one, tells them as they are, however wide it is.
     """
-    return 0.0 if _is_the_count(mapped, plant) else abs(_ticks_per_lsb(mapped, plant)) + 1.0
+    offset = mapped.signal.offset / mapped.signal.factor
+    ticks_per_lsb = abs(_ticks_per_lsb(mapped, plant))
+    if mapped.kind == "counts" and ticks_per_lsb == 1.0 and offset == round(offset):
+        return 0.0
+    return ticks_per_lsb + 1.0
 
 
 def over_the_bus(

@@ -20,7 +20,7 @@ from hil_harness.robot import load_robot
 from hil_harness.sensor_frames import SENSOR_ROLES, SensorFrames
 from hil_harness.signal_map import MappedSignal, SignalMap, default_map, load_map
 from hil_harness.signal_roles import Quantity
-from hil_harness.wheel_counter import Extender, count_to_raw, raw_to_count
+from hil_harness.wheel_counter import Extender, count_to_raw, raw_to_count, rounding_ticks
 from sim_plant import PlantDescription, SensorCounts
 
 PLANT = PlantDescription()
@@ -100,6 +100,13 @@ def test_a_count_comes_back_from_a_wider_counter_and_from_a_fine_distance(
         raw = there(total % COUNTER)
         assert signal.signal.in_range(raw)
         assert back(raw) == total % COUNTER
+
+
+@pytest.mark.parametrize(("name", "least"), [("WHEELS.Left", 0), ("ANGLES.LeftPath", 1)])
+def test_only_a_signal_with_steps_of_its_own_rounds_counts(
+    name: str, least: int, database: Database
+) -> None:
+    assert least <= rounding_ticks(wheel(database, name), PLANT) <= 2 * least
 
 
 @pytest.mark.parametrize(

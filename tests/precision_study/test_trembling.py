@@ -264,14 +264,14 @@ def test_noise_that_takes_an_increment_for_one_backward_is_told_and_nothing_else
     (counter,) = (one for one in found if one.intermediate.field == "encoder.counter_bits")
     (position,) = (one for one in found if one.intermediate.word == "position")
     assert counter.verdict == "overflows"
-    assert counter.intermediate.least_word_bits == 10
+    assert counter.intermediate.least_word_bits == 9
     assert position.verdict != "impossible"
-    told = r"^.*robot\.toml:2: encoder\.counter_bits = 8: .* expected at least 10, less "
+    told = r"^.*robot\.toml:2: encoder\.counter_bits = 8: .* expected at least 9, less "
     with pytest.raises(HarnessError, match=told):
         proved_mission(robot, config, rounding_ticks)
     with pytest.raises(HarnessError, match=told):
         run(RunConfig(scenario=scenario("straight"), robot=robot, duration_s=0.1))
-    file.write_text(SPINNING.replace("counter_bits = 8", "counter_bits = 10"))
+    file.write_text(SPINNING.replace("counter_bits = 8", "counter_bits = 9"))
     wider = load_robot(file)
     config = kernel_config(wider, None, None)
     found = find_ranges(config, envelope_of(wider, config, rounding_ticks=rounding_ticks))

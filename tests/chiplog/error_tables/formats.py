@@ -185,8 +185,8 @@ FORMATS: tuple[Row, ...] = (
     _robot(
         "a counter whose noise makes a way forward one backward",
         "[encoder]\ncounter_bits = 8\nnoise_ticks = 3.0\n",
-        "robot.toml:2: encoder.counter_bits = 8: with noise a wheel counts up to 136 in a gap of 1 "
-        "tick, of which 8 bits make 120 backward that are believed: expected at least 9, less "
+        "robot.toml:2: encoder.counter_bits = 8: with noise a wheel counts up to 134 in a gap of 1 "
+        "tick, of which 8 bits make 122 backward that are believed: expected at least 9, less "
         "encoder.noise_ticks or a slower wheel",
     ),
 )
