@@ -141,13 +141,15 @@ def adc_inl(motion: Motion) -> Iterable[Variant]:
 
 
 def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
-    """Return every bit at both values, where there are codes."""
+    """Return every bit at both values, where there are codes; wheels may tell which code there
+    should be, or hardly."""
     if not _has_codes(motion):
         return
     for bit in range(int(math.log2(motion.adc_max_code + 1))):
         for value in (0, 1):
             choice = {"bit": bit, "value": value}
-            yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), choice, choice)
+            for act in (gyro.adc_stuck_bit, gyro.blurred_stuck_bit):
+                yield Variant("adc_stuck_bit", act, (), choice, choice)
 
 
 _FROZEN_TICKS: Final = 20

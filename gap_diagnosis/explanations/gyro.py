@@ -1,12 +1,20 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
+import math
+from typing import Final
+
 import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from gap_diagnosis.explanations.reference import detailed_turn_rate, turn_rate_with_details
-from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
+
+_CONTACT_M_PER_SQRT_M: Final = 5e-4
+"""As levels of noise have it before a log is seen."""
+_SMOOTH_S: Final = 0.015
+"""Standard deviation of the Gaussian under which turn rates are smooth."""
 
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
@@ -127,28 +135,49 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
 
 def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
     """Hold one bit of the code: what that adds on average over the noise of a sample."""
+    _hold(p, bit, value, np.full(len(p.gyro_rad_s), p.motion.gyro_noise_lsb))
+
+
+def blurred_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
+    """Hold one bit of a code that nobody knows so well where wheels slip a little."""
+    m = p.motion
+    unsure_lsb = m.gyro_sensitivity_lsb_per_rad_s * _unsure_rad_s(m)
+    _hold(p, bit, value, np.hypot(m.gyro_noise_lsb, unsure_lsb))
+
+
+def _hold(p: Prediction, bit: int, value: int, noise_lsb: Floats) -> None:
     m = p.motion
     code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
-    chance = chance_of_bit(np.clip(code, 0, m.adc_max_code), m.gyro_noise_lsb, bit)
+    chance = chance_of_bit(np.clip(code, 0, m.adc_max_code), noise_lsb, bit)
     added = (1 << bit) * ((1.0 - chance) if value else -chance)
     p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
 
 
-def chance_of_bit(code: Floats, noise_lsb: float, bit: int) -> Floats:
-    """Return how often rounding a normal value of this mean and deviation sets a bit.
+def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
+    """Return how often rounding a normal value of this mean and deviation sets a bit, float64[n].
 
     A quadrature of the jumps between a bit's two values would miss some of them.
     """
     period = float(2 << bit)
-    if noise_lsb >= period:  # as often as not, to 1 in 10^8
-        return np.full(len(code), 0.5)
-    sd = max(noise_lsb, 1e-9)
+    sd = np.maximum(noise_lsb, 1e-9)
     at = np.mod(code + 0.5, period)
     chance = np.zeros(len(code))
     for cell in range(-7, 8):  # more than six deviations either way
         end = (cell + 1) * period - at
         chance += ndtr(end / sd) - ndtr((end - period / 2) / sd)
-    return chance
+    # Beyond that as often as not, to 1 in 10^8.
+    return np.where(noise_lsb >= period, 0.5, chance)
+
+
+def _unsure_rad_s(motion: Motion) -> Floats:
+    """Return the standard deviation of the turn rate by the wheels, float64[n].
+
+    Their contact is a random walk over the way, of which the rate shows what a smooth derivative
+    lets through.
+    """
+    way_m_s = motion.radius_m * (np.abs(motion.left_rate_rad_s) + np.abs(motion.right_rate_rad_s))
+    walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * way_m_s / motion.wheelbase_m**2
+    return np.asarray(np.sqrt(walk_rad2_per_s / (2.0 * math.sqrt(math.pi) * _SMOOTH_S)))
 
 
 def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:

@@ -208,4 +208,5 @@ def test_a_stuck_bit_adds_what_its_codes_lose_on_average(bit: int, noise_lsb: fl
     sd = max(noise_lsb, 1e-9)
     share = np.diff(ndtr((np.append(whole, whole[-1] + 1) - 0.5 - mean[:, None]) / sd), axis=1)
     brute = share @ (whole >> bit & 1)
-    assert chance_of_bit(mean, noise_lsb, bit) == pytest.approx(brute, abs=1e-7)
+    noise = np.full(len(mean), noise_lsb)
+    assert chance_of_bit(mean, noise, bit) == pytest.approx(brute, abs=1e-7)

@@ -56,3 +56,20 @@ def test_physical_rates_have_no_converter_that_bends_or_sticks() -> None:
     for variants in (adc_inl, adc_stuck_bit):
         assert list(variants(motion))
         assert not list(variants(physical))
+
+
+def test_a_stuck_bit_is_told_though_the_wheels_hardly_say_which_code_there_should_be() -> None:
+    """A contact of half a millimetre per root metre moves the code by more than the bit's half."""
+    slip = EffectSetting("micro_slip", (("left", 5e-4), ("right", 5e-4)))
+    stuck = EffectSetting("adc_stuck_bit", (("bit", 6), ("value", 0)))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (slip, stuck), 3, reference=ReferenceNoise()
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    levels = model.no_effect_levels
+    told = max(
+        model.evidence_at((term,), levels)
+        for term in model.columns.terms
+        if term.variant.effect == "adc_stuck_bit"
+    )
+    assert told > model.evidence_at((), levels)
