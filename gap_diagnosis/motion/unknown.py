@@ -172,7 +172,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "time",
     ),
     # Not with time: every reference wanders about slowly, and that is noise.
-    "reference": ("heading", "place", "speed", "turn_rate"),
+    "reference": ("heading", "place"),
 }
 
 
