@@ -133,7 +133,7 @@ def analyse(
         blocks.append(MistakeBlock(mistake))
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
-    others = [] if motion is None else _alternatives(motion, burst)
+    others = [] if motion is None else _alternatives(motion, burst, gross=gross)
     seen = traces(blocks)
     return Analysis(
         as_received,
@@ -185,12 +185,18 @@ def _without(block: Block, without: frozenset[str]) -> Block:
     return block if not block.effects & without else Reduced(block, block.effects - without)
 
 
-def _alternatives(motion: MotionBlock, burst: Burst | None) -> list[Alternative]:
+def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> list[Alternative]:
     """Return unlisted causes, each at the noise levels that suit it better: those of the best
-    account, or of the best of these causes; relative to no effect."""
+    account, or of the best of these causes; relative to no effect.
+
+    Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
+    and gets no levels.
+    """
     found = _at(motion, motion.levels)
     best = max(found, key=lambda one: one.log_evidence, default=None)
-    levels = None if best is None else levels_beside(motion.model, best, motion.levels)
+    levels = None
+    if best is not None and not gross:
+        levels = levels_beside(motion.model, best, motion.levels)
     if levels is not None:
         both = zip(
             sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
