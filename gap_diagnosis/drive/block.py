@@ -150,9 +150,9 @@ class DriveBlock:
     def unexplained(self) -> Fit:
         """Return the fit of a drive that follows its commands otherwise than any effect has it.
 
-        Linear dynamics of other time constants with a speed that bends with the command, delays,
-        or a gain of each wheel, steady or some function of its speed, all of unknown size: what is
-        left to a motor, a velocity loop or an engine not in the library.
+        Linear dynamics of other time constants with a speed that bends with the command, or a gain
+        of each wheel, steady or some function of its speed, all of unknown size: what is left to a
+        motor, a velocity loop or an engine not in the library.
         """
         found = [self._foreign(one) for one in Shapes(self._data, self._robot).foreign()]
         evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(len(found))

@@ -23,7 +23,6 @@ BENT: Final = (
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
-_FOREIGN_DELAYS_S: Final = (0.03, 0.12)
 _HATS: Final = 5
 
 PARAMETERS: Final = {
@@ -119,12 +118,12 @@ class Shapes:
         float64[c, 2, m] each.
 
         Responses with other lags less the described one (weighted, they make any stable linear
-        response of no overshoot or some), and a speed that bends with its size; later responses;
-        a gain of each wheel; and one that is any smooth function of its speed.
+        response of no overshoot or some), and a speed that bends with its size; a gain of each
+        wheel; and one that is any smooth function of its speed. Delays have no way of their own:
+        two of them make the second order that every motor has.
         """
         nominal = self.angle({})
         lags = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
-        delays = [self.angle({"drive_delay": more}) - nominal for more in _FOREIGN_DELAYS_S]
         rates, share = self._rates(nominal)
         bend = np.cumsum(share * rates, axis=1) * self._data.block_s
         bent = np.zeros((2, _HATS, *rates.shape))
@@ -134,7 +133,6 @@ class Shapes:
                 bent[wheel, hat, wheel] = np.cumsum(height * rates[wheel]) * self._data.block_s
         made = [
             np.stack([*lags, bend]),
-            np.stack(delays),
             bent.sum(axis=1),
             bent.reshape(2 * _HATS, *rates.shape),
         ]
