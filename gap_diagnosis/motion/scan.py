@@ -183,7 +183,7 @@ class Scan:
         self._weighed.add(head.effects)
         too_much = 0.0
         for effect, times in excess(self.model, head.terms, head.refitted).items():
-            less = self.account(head.effects - {effect})
+            less = self._at_levels(self.account(head.effects - {effect}), head.levels)
             gained = max(head.log_likelihood - less.log_likelihood, 0.0)
             if gained / times < _CLEAR:
                 too_much = max(too_much, gained * (1 - 1 / times))
@@ -192,7 +192,23 @@ class Scan:
             log_evidence=head.log_evidence - too_much,
             log_likelihood=head.log_likelihood - too_much,
         )
-        return too_much > 0
+        return max(self.found.values(), key=self._belief).effects != head.effects
+
+    def _at_levels(self, one: Found, levels: Floats) -> Found:
+        """Return a fitted set at levels that were found beside it, if they suit it better."""
+        if one.refitted is None:
+            return one
+        again = self.model.evidence_about(one.terms, one.refitted.coefficients, levels)
+        gained = again.log_evidence - one.refitted.log_evidence
+        if gained > 0:
+            self.found[one.effects] = replace(
+                one,
+                log_evidence=one.log_evidence + gained,
+                log_likelihood=again.log_likelihood,
+                levels=again.levels,
+                refitted=again,
+            )
+        return self.found[one.effects]
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.
@@ -426,8 +442,16 @@ class Scan:
         close = [one for one in singles[1:] if one.log_evidence > loose]
         return singles[:1] + close + [one for one in pairs if one.log_evidence > least]
 
+    def _nothing_at(self, levels: Floats) -> Found:
+        """Return the account of no effect at levels that were found beside one: it must not lose
+        for want of a search as long as theirs."""
+        evidence = self.model.evidence_at((), levels)
+        evidence += self.model.level_prior.log_density(np.log(levels))
+        return Found(frozenset(), (), evidence, evidence, levels)
+
     def _refit(self, one: Found) -> None:
         again = self.model.refit(one.terms, one.levels)
+        self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.
         gram = next(gram for gram in self._grams if gram.levels is one.levels)
         linear = score(gram, one.terms, self.model.prior).log_evidence

@@ -4,10 +4,13 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Found, Scan
 from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.scenarios import scenario
 
 
 def found(evidence: float, *effects: str, fitted: bool = False) -> Found:
@@ -45,3 +48,15 @@ def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_o
     scan = scan_of(found(0.0), found(1034.0, *six, fitted=True), found(1028.0, *"abgh"))
     scan._hold_back_the_unfitted()
     assert max(scan.found.values(), key=scan._belief).effects == frozenset(six)
+
+
+def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
+    """Or every effect gains what a longer search for the noise gains."""
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("lesson"), (), 5, reference=ReferenceNoise(), duration_s=60.0
+    )
+    scan = Scan(MotionModel(log, ROBOT, default_prior()))
+    nothing = scan.found[frozenset()].log_evidence
+    fitted = [one for one in scan.found.values() if one.refitted is not None]
+    assert fitted
+    assert all(nothing >= scan._nothing_at(one.levels).log_evidence - 1e-6 for one in fitted)
