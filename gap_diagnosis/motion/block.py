@@ -32,6 +32,9 @@ _REDRAWN: Final = 30
 _IMPOSSIBLE: Final = -1e9
 _GAINS: Final = 1.0
 """Where a noise and an effect each gain more than this alone [nat], they may gain the same."""
+_LEFT: Final = 0.04
+"""Share of what an effect gains that a level of noise may take up of what it leaves: a fifth of its
+amplitude."""
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -186,8 +189,9 @@ class MotionBlock:
     def _noisy(self, effects: frozenset[str]) -> Fit:
         """Fit a set with one level of noise set free; a level within twice the described is none.
 
-        Beside several effects the noise gains no more than beside any one of them. Beside a mistake
-        of the set-up no level is told: a factor multiplies the errors of the wheels too.
+        Beside several effects the noise gains no more than beside any one of them, and what an
+        explanation that is not quite exact leaves to it is no news. Beside a mistake of the set-up
+        no level is told: a factor multiplies the errors of the wheels too.
         """
         noises = frozenset(effects & NOISES.keys())
         quiet = effects - noises
@@ -203,7 +207,8 @@ class MotionBlock:
         told = [self._noise_beside(name, one) for one in seen]
         rest = [self.fit(frozenset({one})) for one in seen]
         together = self.fit(quiet)
-        gains = [a.log_evidence - b.log_evidence for a, b in zip(told, rest, strict=True)]
+        left = _LEFT * max(0.0, *(one.log_evidence for one in rest))
+        gains = [a.log_evidence - b.log_evidence - left for a, b in zip(told, rest, strict=True)]
         likelier = [a.log_likelihood - b.log_likelihood for a, b in zip(told, rest, strict=True)]
         least = int(np.argmin(gains))
         return Fit(

@@ -88,3 +88,16 @@ def test_a_walk_that_was_taken_for_rough_contact_is_found_from_a_larger_level() 
     fit = fit_noise(model, nothing, nothing, "gyro_bias_walk", ("gyro_bias_walk",))
     assert fit.log_evidence > 20
     assert fit.parameters["gyro_bias_walk.density"].value == pytest.approx(0.00025, rel=0.5)
+
+
+def test_what_a_long_lag_leaves_for_want_of_exactness_is_no_walk_of_the_bias() -> None:
+    """A lag of five ticks in sharp turns is explained to a fifth of its amplitude, not better."""
+    lag = EffectSetting("gyro_lag", (("time_constant", 0.056),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("square"), (lag,), 5, reference=ReferenceNoise()
+    )
+    block = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    alone = block.fit(frozenset({"gyro_lag"})).log_evidence
+    assert alone > 500
+    for noise in ("gyro_bias_walk", "gyro_noise"):
+        assert block.fit(frozenset({"gyro_lag", noise})).log_evidence < alone
