@@ -2,6 +2,7 @@
 
 import math
 import signal
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -153,6 +154,15 @@ def test_the_summary_has_every_field_of_the_contract(lesson: RunResult) -> None:
     assert set(summary["timing"]["jitter_us"]) == {"p50", "p99", "max"}
 
 
+@pytest.fixture
+def heard_ctrl_c() -> Iterator[None]:
+    """Hear Ctrl-C: what a shell starts in the background is told to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard_ctrl_c")
 def test_ctrl_c_ends_a_run_with_what_it_has(tmp_path: Path) -> None:
     def interrupt(done: int, ticks: int) -> None:
         if done == ticks // 2:
@@ -169,6 +179,7 @@ def test_ctrl_c_ends_a_run_with_what_it_has(tmp_path: Path) -> None:
     assert (replayed.ticks, replayed.state) == (result.ticks, result.kernel_state)
 
 
+@pytest.mark.usefixtures("heard_ctrl_c")
 def test_a_second_ctrl_c_interrupts_at_once() -> None:
     def insist(done: int, ticks: int) -> None:
         signal.raise_signal(signal.SIGINT)
