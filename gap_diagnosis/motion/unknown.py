@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,30 +19,22 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.motion.bases import Basis, basis
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.whitening import whiten
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
 
-_HATS: Final = 5
 _SCALES: Final = 4
-_HARMONICS: Final = 2
 _WORTH_LEVELS: Final = 6.0
 """What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
 _ROUNDS: Final = 10
 _CODE: Final = ("adc_code", "turn_rate")
 """Which code there should be, the wheels' turn rate says: a function of the codes that there are
 would explain their noise with itself."""
-_LEAST_RANGE: Final = {
-    "speed": 0.05,
-    "acceleration": 0.1,
-    "turn_rate": 0.1,
-    "lateral_acceleration": 0.05,
-}
-"""A variable that varies less [SI] is noise: a function of it would fit the noise."""
 
 
 @dataclass(frozen=True)
@@ -177,19 +168,6 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True)
-class Basis:
-    """Functions of a variable, and the simplest combinations of them.
-
-    Attributes:
-        functions: float64[n] each, or float64[2, n] of both wheels.
-        simple: float64[functions, k] each.
-    """
-
-    functions: list[Floats]
-    simple: list[Floats] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
 class _Plan:
     """Where the columns of one stage and variable stand, and how they may act.
 
@@ -272,7 +250,7 @@ def _lay_out(
         for variable in _VARIABLES[stage]:
             if only is not None and (stage, variable) != only:
                 continue
-            base = _OWN_BASIS.get((stage, variable), partial(basis, variable=variable))(smooth)
+            base = basis(smooth, stage, variable)
             usable = _usable(nodes, _OWN_WAYS.get((stage, variable), ways))
             if not usable or not base.functions:
                 continue
@@ -333,93 +311,3 @@ def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
         if (nodes.has_reference or not way.needs_reference)
         and (nodes.has_gyro or not way.needs_gyro)
     ]
-
-
-def basis(motion: Motion, variable: str) -> Basis:
-    """Return functions of a variable; none where it does not vary."""
-    if variable in {"heading", "wheel_angle_left", "wheel_angle_right"}:
-        angle = {
-            "heading": motion.heading_rad,
-            "wheel_angle_left": motion.left_angle_rad,
-            "wheel_angle_right": motion.right_angle_rad,
-        }[variable]
-        return Basis(
-            [
-                function(order * angle)
-                for order in range(1, _HARMONICS + 1)
-                for function in (np.cos, np.sin)
-            ],
-            [np.eye(2 * _HARMONICS)[:, 2 * order : 2 * order + 2] for order in range(_HARMONICS)],
-        )
-    if variable == "direction":
-        forward = np.tanh(motion.speed_m_s / 0.02)
-        return Basis([forward] if np.ptp(forward) > 1 else [])
-    if variable == "place":
-        return _joined(_hats(motion.x_m), _hats(motion.y_m))
-    value = _variable(motion, variable)
-    least = _LEAST_RANGE.get(variable, 0.0)
-    if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
-        return Basis([])
-    return _hats(value)
-
-
-def _joined(first: Basis, second: Basis) -> Basis:
-    """Return the functions of both, and of either of them by itself."""
-    count = len(first.functions)
-    whole = np.eye(count + len(second.functions))
-    simple = [whole[:, :count], *(whole[:, :count] @ one for one in first.simple)]
-    simple += [whole[:, count:], *(whole[:, count:] @ one for one in second.simple)]
-    return Basis([*first.functions, *second.functions], [one for one in simple if one.size])
-
-
-def _by_speeding_up(motion: Motion) -> Basis:
-    """Return functions of the robot's speeding up, and of its turning faster."""
-    turning = np.gradient(motion.turn_rate_rad_s, motion.elapsed_s)
-    varies = np.subtract(*np.percentile(turning, [95, 5])) > _LEAST_RANGE["acceleration"]
-    return _joined(basis(motion, "acceleration"), _hats(turning) if varies else Basis([]))
-
-
-def _by_each_wheels_acceleration(motion: Motion) -> Basis:
-    """Return functions of each wheel's speeding up, float64[2, n] each."""
-    rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
-    changes = np.array([motion.left_acceleration_rad_s2, motion.right_acceleration_rad_s2])
-    value = motion.radius_m * changes * np.sign(rates)
-    if np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE["acceleration"]:
-        return Basis([])
-    return _hats(value)
-
-
-def _variable(motion: Motion, name: str) -> Floats | None:
-    if name == "distance":
-        return np.asarray(np.cumsum(np.abs(motion.speed_m_s) * motion.dt_s))
-    known: dict[str, Floats | None] = {
-        "speed": motion.speed_m_s,
-        "acceleration": motion.acceleration_m_s2,
-        "turn_rate": motion.turn_rate_rad_s,
-        "lateral_acceleration": motion.speed_m_s * motion.turn_rate_rad_s,
-        "temperature": motion.warm_k,
-        "supply": motion.supply_error,
-        "time": motion.elapsed_s,
-    }
-    return known[name]
-
-
-def _hats(value: Floats) -> Basis:
-    """Return hats over the range between the 1st and 99th percentile, and what of them is
-    proportional to the value."""
-    low, high = np.percentile(value, [1, 99])
-    if not high - low > 1e-9 * max(abs(low), abs(high), 1.0):
-        return Basis([])
-    place = np.clip((value - low) / (high - low), 0, 1) * (_HATS - 1)
-    middles = np.linspace(low, high, _HATS)[:, np.newaxis]
-    return Basis(
-        [np.maximum(0.0, 1 - np.abs(place - index)) for index in range(_HATS)],
-        [middles / np.abs(middles).max()],
-    )
-
-
-_OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
-    ("wheel", "acceleration"): _by_each_wheels_acceleration,
-    ("gyro", "acceleration"): _by_speeding_up,
-}
-"""Functions of a variable where they are not the body's."""
