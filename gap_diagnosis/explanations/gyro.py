@@ -7,14 +7,12 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.reference import detailed_turn_rate, turn_rate_with_details
+from gap_diagnosis.explanations.reference import SHARP_S, detailed_turn_rate, turn_rate_with_details
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
 _CONTACT_M_PER_SQRT_M: Final = 5e-4
 """As levels of noise have it before a log is seen."""
-_SMOOTH_S: Final = 0.015
-"""Standard deviation of the Gaussian under which turn rates are smooth."""
 
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
@@ -177,7 +175,7 @@ def _unsure_rad_s(motion: Motion) -> Floats:
     """
     way_m_s = motion.radius_m * (np.abs(motion.left_rate_rad_s) + np.abs(motion.right_rate_rad_s))
     walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * way_m_s / motion.wheelbase_m**2
-    return np.asarray(np.sqrt(walk_rad2_per_s / (2.0 * math.sqrt(math.pi) * _SMOOTH_S)))
+    return np.asarray(np.sqrt(walk_rad2_per_s / (2.0 * math.sqrt(math.pi) * SHARP_S)))
 
 
 def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
-_SHARP_S: Final = 0.015
+SHARP_S: Final = 0.015
 _AROUND_S: Final = 0.1
 _COUNT_SD: Final = 0.5
 """Of one reading of a counter, in counts: more than rounding makes."""
@@ -92,7 +92,7 @@ def _move_in_detail(p: Prediction, by_s: float) -> None:
 def detailed_turn_rate(motion: Motion) -> Floats:
     """Return the mean turn rate of each tick, smoothed by no more than the rounding of counts."""
     step_s = float(np.median(motion.dt_s[1:]))
-    heading = gaussian_filter1d(motion.heading_rad, _SHARP_S / step_s, mode="nearest")
+    heading = gaussian_filter1d(motion.heading_rad, SHARP_S / step_s, mode="nearest")
     turn = np.diff(heading, prepend=heading[0])
     return np.asarray(turn / np.maximum(motion.dt_s, 1e-9))
 
@@ -105,7 +105,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     """
     detail = detailed_turn_rate(motion) - motion.turn_rate_rad_s
     step_s = float(np.median(motion.dt_s[1:]))
-    width = _SHARP_S / step_s
+    width = SHARP_S / step_s
     # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
     slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad

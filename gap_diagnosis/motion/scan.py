@@ -44,6 +44,7 @@ _NEAR: Final = 12.0
 _LOOSE: Final = 0.25
 """single effects only if they lack this share of what the best gains as well."""
 _CLEAR: Final = 20.0
+"""An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
 _BELIEVED: Final = 8.0
 """Sizes beyond so many times the end of the prior are no effect's."""
 _NEVER: Final = 1e6
@@ -176,8 +177,11 @@ class Scan:
 
     def _doubted(self, head: Found) -> bool:
         """Take from a set, once, what an effect gains in it that stretches of the log contradict;
-        tell whether there is any. What is clear all the same is not taken from: no explanation is
-        exact, and rivals must be compared by what they explain."""
+        tell whether another set is believed now.
+
+        What is clear all the same is not taken from: no explanation is exact, and rivals must be
+        compared by what they explain.
+        """
         if head.refitted is None or len(head.effects) < 2 or head.effects in self._weighed:
             return False
         self._weighed.add(head.effects)

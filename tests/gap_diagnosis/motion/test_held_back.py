@@ -53,7 +53,7 @@ def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_o
 def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
     """Or every effect gains what a longer search for the noise gains."""
     log = synthetic_recording(
-        ROBOT, WIRE, scenario("lesson"), (), 5, reference=ReferenceNoise(), duration_s=60.0
+        ROBOT, WIRE, scenario("figure8"), (), 3, reference=ReferenceNoise(), duration_s=40.0
     )
     scan = Scan(MotionModel(log, ROBOT, default_prior()))
     nothing = scan.found[frozenset()].log_evidence
