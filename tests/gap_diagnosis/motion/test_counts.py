@@ -34,6 +34,25 @@ def test_a_counter_that_wraps_is_followed_over_rows_that_are_lost_there() -> Non
     assert motion.left_angle_rad[-1] == pytest.approx(turned, abs=1e-9)
 
 
+@pytest.mark.parametrize("effects", [(), (EffectSetting("encoder_wrap", (("bits", BITS),)),)])
+def test_what_a_wheel_goes_in_a_silence_is_no_wrap(effects: tuple[EffectSetting, ...]) -> None:
+    """Half a second of turning is some 500 counts, about a power of two."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), effects, 3, duration_s=60.0)
+    plain = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3, duration_s=60.0)
+    speed = np.abs(np.diff(plain.left_ticks))
+    counts = 2.0**9
+    rows = round(counts / np.max(speed))
+    start = np.argmax(np.convolve(speed, np.ones(rows), mode="valid"))
+    silent = [log.left_ticks.copy(), log.right_ticks.copy()]
+    for ticks in silent:
+        ticks[start : start + rows] = np.nan
+    gap = replace(log, left_ticks=silent[0], right_ticks=silent[1])
+    motion = estimate_motion(gap, ROBOT)
+    assert motion.wrap_bits == (BITS if effects else 0)
+    turned = (plain.left_ticks[-1] - plain.left_ticks[0]) * motion.rad_per_count
+    assert motion.left_angle_rad[-1] == pytest.approx(turned, abs=1e-9)
+
+
 def test_a_disc_far_off_centre_is_undone_at_the_angle_that_the_wheel_has() -> None:
     """At the angle that was read instead, a quarter of a percent of a turn would remain."""
     log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3, duration_s=30.0)
