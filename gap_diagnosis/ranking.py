@@ -81,9 +81,8 @@ class Ranking:
     def group(self, effects: Effects) -> list[Ranked]:
         """Return the other sets of at most as many effects that are not told apart from this.
 
-        Where one effect of a pair may as well be missing, the other one stands for itself with any
-        third that gains no more than chance gives: those name no further cause. Nor, where no
-        effect at all may be the answer, do effects that gain no more than chance over that.
+        Where one effect of a set gains no more than chance gives, it names no cause: the others
+        stand for themselves, whether they are in the group or just out of it.
         """
         own = self.of(effects)
         near = [
@@ -93,7 +92,7 @@ class Ranking:
             and len(one.effects) <= len(effects)
             and 2 * (own.explained - one.explained) < THRESHOLD
         ]
-        return [one for one in near if not any(_adds_nothing(one, less) for less in (own, *near))]
+        return [one for one in near if not any(_adds_nothing(one, less) for less in self.sets)]
 
 
 def rank(
@@ -202,8 +201,11 @@ def _triples(
 
 
 def _adds_nothing(one: Ranked, less: Ranked) -> bool:
-    """Tell whether a set is *less* with effects that gain what chance gives."""
-    gain = 2 * (one.explained - less.explained)
+    """Tell whether a set is *less* with effects that gain what chance gives.
+
+    What unlisted causes explain beside it is not its gain.
+    """
+    gain = 2 * (one.log_likelihood - less.log_likelihood)
     return less.effects < one.effects and gain < _BY_CHANCE
 
 

@@ -115,6 +115,22 @@ def test_where_no_effect_may_be_the_answer_none_that_gains_nothing_is_in_the_gro
     assert {one.effects for one in group} == {frozenset(), frozenset({"gyro_scale"})}
 
 
+def test_what_gains_by_chance_is_no_member_where_no_effect_is_just_out_of_the_group() -> None:
+    gains = {"gyro_bias": 10.0, "gyro_scale": 0.0, "radius_scale": 0.0}
+    likelihood = {"gyro_bias": THRESHOLD / 2 + 1, "gyro_scale": 8.0, "radius_scale": 2.0}
+    group = ranked(FakeBlock(gains, likelihood=likelihood)).group(frozenset({"gyro_bias"}))
+    assert [one.effects for one in group] == [{"gyro_scale"}]
+
+
+def test_what_an_unlisted_cause_explains_beside_it_makes_no_effect_a_member() -> None:
+    """Lost frames, told by their name; an unlisted bus would explain it beside anything."""
+    motion = FakeBlock({"gyro_bias": 0.0, "wheelbase_scale": 0.0})
+    bus = FakeBlock({"frame_loss": 500.0}, name="bus")
+    ranking = ranked(motion, bus, unknown={"bus": 495.0, "wheel": -5.0})
+    assert ranking.best.effects == {"frame_loss"}
+    assert ranking.group(ranking.best.effects) == []
+
+
 def test_an_unlisted_drive_does_not_hide_what_the_wheels_show() -> None:
     """No real drive answers as described; a wheelbase is told beside it, and alone of its group."""
     motion = FakeBlock({"wheelbase_scale": 100.0, "gyro_bias": 0.0})
