@@ -164,22 +164,8 @@ def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
 
 
 def gyro_frozen(motion: Motion) -> Iterable[Variant]:
-    """Return the longest stretches in which the code repeats though it could not.
-
-    Either the wheels' turning varies, or a converter that sees the sensor's noise never says the
-    same so often; then even at a constant rate the code that is held is off by one sample's noise.
-    """
-    if motion.gyro_code is None:
-        return
-    same = np.diff(motion.gyro_code, prepend=np.nan) == 0
-    turning = motion.right_rate_rad_s - motion.left_rate_rad_s
-    found = [
-        (first, last)
-        for first, last in _runs(same, _FROZEN_TICKS)
-        if motion.gyro_noise_lsb > _NOISY_LSB
-        or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > _FROZEN_RATE
-    ]
-    for first, last in sorted(found, key=lambda run: run[0] - run[1])[:4]:
+    """Return the longest stretches in which the code repeats though it could not."""
+    for first, last in sorted(frozen_runs(motion), key=lambda run: run[0] - run[1])[:4]:
         window = {
             "start_s": float(motion.t_s[first - 1]) - 1e-6,
             "stop_s": float(motion.t_s[last]) + 1e-6,
@@ -187,7 +173,35 @@ def gyro_frozen(motion: Motion) -> Iterable[Variant]:
         yield Variant("gyro_frozen", gyro.gyro_frozen, (), window, window)
 
 
+def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
+    """Return [first, last] of the stretches in which the gyro's code repeats though it could not.
+
+    Either the wheels' turning varies, or a converter that sees the sensor's noise, in this log as
+    it is described, never says the same so often; then even at a constant rate the code that is
+    held is off by one sample's noise. What repeats at an end of all codes is a flat top.
+    """
+    if motion.gyro_code is None:
+        return []
+    ends = {motion.gyro_code.min(), motion.gyro_code.max()}
+    same = np.diff(motion.gyro_code, prepend=np.nan) == 0
+    bends = np.diff(motion.gyro_code, 2)
+    noise_lsb = float(np.median(np.abs(bends))) / (_NORMAL_MAD * math.sqrt(6.0))
+    turning = motion.right_rate_rad_s - motion.left_rate_rad_s
+    return [
+        (first, last)
+        for first, last in _runs(same, _FROZEN_TICKS)
+        if motion.gyro_code[first] not in ends
+        and (
+            min(motion.gyro_noise_lsb, noise_lsb) > _NOISY_LSB
+            or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m
+            > _FROZEN_RATE
+        )
+    ]
+
+
 _FROZEN_RATE: Final = 0.02
+_NORMAL_MAD: Final = 0.6745
+"""Median of a normal's size over its standard deviation."""
 _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 

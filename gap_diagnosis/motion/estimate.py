@@ -13,6 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.robot import Robot
@@ -33,6 +34,9 @@ _BENDS_S: Final = 0.5
 _BENT_ROWS: Final = 2.0
 _FINE_RAD: Final = math.tau / 65_536
 """Wheels that say how fast they are do not round what they went to counts."""
+_NOTHING_SAID_RAD2: Final = 1.0
+"""Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
+taken for a measurement, that would say that the wheels never slipped meanwhile."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -285,6 +289,14 @@ def _between(counts: Floats, t_s: Floats) -> Floats:
         return _filled(counts, t_s)
     inside = np.clip(t_s, *t_s[known][[0, -1]])
     return np.where(known, counts, PchipInterpolator(t_s[known], counts[known])(inside))
+
+
+def unsure_where_frozen(motion: Motion) -> Motion:
+    """Return the motion with a gyro that says nothing where it repeats its code."""
+    unsure_rad2 = motion.gyro_unsure_rad2.copy()
+    for first, last in frozen_runs(motion):
+        unsure_rad2[first : last + 1] = _NOTHING_SAID_RAD2
+    return replace(motion, gyro_unsure_rad2=unsure_rad2)
 
 
 def _variance_of_filled(rate: Floats | None, t_s: Floats) -> Floats:

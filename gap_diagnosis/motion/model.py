@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Columns, Term, build_columns, with_variant
-from gap_diagnosis.motion.estimate import estimate_motion, silences
+from gap_diagnosis.motion.estimate import estimate_motion, silences, unsure_where_frozen
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
@@ -83,7 +83,7 @@ class MotionModel:
         self.recording, self.robot, self.prior = recording, robot, prior
         self.without = without
         delay_s = coarse_delay_s(recording, robot)
-        motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
+        motion = unsure_where_frozen(estimate_motion(recording, robot, reference_delay_s=delay_s))
         everything = np.ones(len(motion.t_s), dtype=np.bool_)
         kept = everything if keep is None else keep
         self.keep = kept & ~silences(recording.left_ticks, recording.t_s)
