@@ -36,6 +36,8 @@ def main() -> None:
             config = build_config(description, known, allow_overflow=True)
         except FirmwareError:
             continue  # formats that do not go together
+        if config.beyond_c:
+            continue  # nor in 64 bits
         found = find_ranges(config, Envelope.of(config, **limits))
         (one,) = (one for one in found if one.intermediate.word == "position")
         said[one.verdict] += 1

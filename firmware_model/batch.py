@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from firmware_model.compiled import compiled_batch
 from firmware_model.config import CONFIG_DTYPE, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.kernel import config_record, initial_state
+from firmware_model.oracle import Integers, OracleRuns, integer_type
 from firmware_model.state import STATE_DTYPE, STATE_FIELDS
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
@@ -31,7 +33,8 @@ class BatchRuns:
 
     Attributes:
         configs: the configuration of each run.
-        final_states: structured array [runs] with the fields of `State`.
+        final_states: structured array [runs] with the fields of `State`, int64 each; Python's
+            integers, here and in pose_q, where a configuration is beyond C.
         final_twins: structured array [runs] (x_m, y_m, heading_rad, gap_turn_rad), or None.
         pose_q: int64 [runs, ticks, 3]: x_m_q, y_m_q, heading_turn_q, or None without history.
         status: int32 [runs, ticks], the status word, or None.
@@ -42,7 +45,7 @@ class BatchRuns:
     configs: tuple[KernelConfig, ...]
     final_states: npt.NDArray[np.void]
     final_twins: npt.NDArray[np.void] | None
-    pose_q: Int64Array | None
+    pose_q: Integers | None
     status: npt.NDArray[np.int32] | None
     heading_source: npt.NDArray[np.int8] | None
     twin_pose: Float64Array | None
@@ -64,7 +67,7 @@ class BatchRuns:
         return poses
 
 
-def pose_m_rad(config: KernelConfig, pose_q: Int64Array) -> Float64Array:
+def pose_m_rad(config: KernelConfig, pose_q: Integers) -> Float64Array:
     """Return raw poses int64 [ticks, 3] as float64 [ticks, 3] in m and rad, heading unwrapped.
 
     The heading starts from zero before the first tick.
@@ -105,7 +108,8 @@ def run_batch(
         workers: threads; None: one per core.
 
     Inputs of one run (shape [1, ticks]) serve all configurations. No copy is made of int64 counts
-    whose ticks lie beside each other in memory.
+    whose ticks lie beside each other in memory. Where C cannot hold a configuration all runs are
+    those of the kernel in Python, on one core: some ten thousand ticks a second.
 
     Raises:
         FirmwareError: arrays that are not of integers, not 2-D, or of different shapes.
@@ -114,6 +118,8 @@ def run_batch(
         config, left_count, right_count, gyro_code, encoder_validity, gyro_validity
     )
     configs, runs, ticks = given.configs, given.runs, given.ticks
+    if integer_type(configs) is object:
+        return _run_oracle(given, twin=twin, history=history)
 
     config_records, table = _records(configs)
     states = _initial_states(configs)
@@ -155,6 +161,28 @@ def run_batch(
     )
 
 
+def _run_oracle(given: BatchInputs, *, twin: bool, history: bool) -> BatchRuns:
+    """Do as `run_batch` does, by the kernel in Python."""
+    runs = OracleRuns(given.configs)
+    pose_q, status, source = _history(
+        given.runs if history else 0, given.ticks, integer_type(given.configs)
+    )
+    twin_pose = np.empty((given.runs if history and twin else 0, given.ticks, 3))
+    runs.step(
+        (given.left, given.right, given.encoder, given.gyro, given.gyro_valid),
+        (pose_q, status, source, twin_pose),
+    )
+    return BatchRuns(
+        configs=given.configs,
+        final_states=runs.states,
+        final_twins=runs.twins if twin else None,
+        pose_q=pose_q if history else None,
+        status=status if history else None,
+        heading_source=source if history else None,
+        twin_pose=twin_pose if history and twin else None,
+    )
+
+
 def run_batch_c99(
     config: KernelConfig | Sequence[KernelConfig],
     left_count: npt.ArrayLike,
@@ -170,7 +198,8 @@ def run_batch_c99(
     """Do as `run_batch` does, by the C99 kernel built with *flags* and without the float twin.
 
     Raises:
-        FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources.
+        FirmwareError: as `run_batch`; no C compiler, or one that does not compile the sources; a
+            configuration beyond C.
     """
     given = BatchInputs.of(
         config, left_count, right_count, gyro_code, encoder_validity, gyro_validity
@@ -194,11 +223,11 @@ def run_batch_c99(
 
 
 def _history(
-    runs: int, ticks: int
-) -> tuple[Int64Array, npt.NDArray[np.int32], npt.NDArray[np.int8]]:
-    """Return room for pose_q, status and heading_source of so many runs."""
+    runs: int, ticks: int, integers: npt.DTypeLike = np.int64
+) -> tuple[Any, npt.NDArray[np.int32], npt.NDArray[np.int8]]:
+    """Return room for pose_q, of these integers, status and heading_source of so many runs."""
     return (
-        np.empty((runs, ticks, 3), dtype=np.int64),
+        np.empty((runs, ticks, 3), dtype=integers),
         np.empty((runs, ticks), dtype=np.int32),
         np.empty((runs, ticks), dtype=np.int8),
     )

@@ -2,8 +2,8 @@
 
 Nothing that the kernel computes may leave 64 bits, and no word may overflow in normal use; a
 configuration for which that cannot be shown is refused, with the field, its value and what would
-be right. `build_scales` turns the robot's constants into integers, `build_bounds` proves what
-follows from them.
+be right, unless it is asked for by force. `build_scales` turns the robot's constants into integers,
+`build_bounds` proves what follows from them.
 """
 
 from __future__ import annotations
@@ -63,14 +63,17 @@ def build_config(
         constants: the described robot.
         allow_overflow: accept words that normal use overflows; the kernel then wraps or
             saturates as configured and counts. Accept constants that round to zero: what they
-            scale then stands still. 64-bit intermediates stay proved.
+            scale then stands still. Accept what C cannot hold, a word wider than its integer there
+            or an intermediate that could leave 64 bits: `KernelConfig.beyond_c` then says what.
 
     Raises:
-        FirmwareError: a scale that rounds to zero, a format whose step does not fit, or an
-            intermediate that could leave 64 bits; one line with field, value and what is right.
+        FirmwareError: a scale that rounds to zero, a format whose step does not fit or that C
+            cannot hold; one line with field, value and what is right. Formats that do not belong
+            together, always.
     """
     asked = Asked(description, constants, allow_overflow)
     one, known = description, constants
+    bounds.require_widths_of_c(asked)
     max_step_ticks = scales.max_step_ticks(asked)
     half_tick, count_limit = scales.half_tick(asked, max_step_ticks)
     position_low, position_high = scales.word(one.position.word_bits)
@@ -193,6 +196,7 @@ def build_config(
         table=table,
         description=one,
         constants=known,
+        beyond_c=asked.beyond_c[0] if asked.beyond_c else "",
     )
 
 

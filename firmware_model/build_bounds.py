@@ -1,7 +1,7 @@
 """Proofs about the integers that a configuration has: each function states one product or sum.
 
 What cannot be shown to stay inside 64 bits, or inside a word, is refused with the field, its value
-and what would be right.
+and what would be right; by force it runs, what leaves 64 bits on the kernel in Python alone.
 """
 
 from __future__ import annotations
@@ -16,6 +16,24 @@ from firmware_model.integers import INTERMEDIATE_LIMIT
 TICK_RATE_FRAC_BITS: Final = 16
 _MAX_BLEND_FRAC_BITS: Final = 30
 _MIN_BLEND_FRAC_BITS: Final = 8
+
+_C_BITS: Final = (
+    ("position", "word_bits", 64),
+    ("step", "word_bits", 32),
+    ("turn_step", "word_bits", 64),
+    ("trig", "frac_bits", 30),
+)
+
+
+def require_widths_of_c(asked: Asked) -> None:
+    """Hold each width against that of its integer in C."""
+    for table, field, most in _C_BITS:
+        bits = getattr(getattr(asked.description, table), field)
+        if bits > most:
+            asked.refuse_in_c(
+                f"firmware.{table}.{field} = {bits}: expected at most {most}, as many as there are "
+                "in C"
+            )
 
 
 def largest_turn(tick_turn: Scale, counts: int, sensitivity: Scale, rate_q: int) -> int:
@@ -42,18 +60,20 @@ def require_turns_fit(asked: Asked, largest: int, turn_high: int) -> None:
 def gap_limit_ticks(asked: Asked, gyro_turn: int, turn: int) -> int:
     """Return the longest gap whose gyro turn leaves pose.move's angle below 2^62.
 
-    The angle is 2 · (heading − gap) + 2 · (gap + turn); the gap's turn is gyro_turn a tick.
+    The angle is 2 · (heading − gap) + 2 · (gap + turn); the gap's turn is gyro_turn a tick. What
+    leaves 64 bits in any gap is the kernel's in Python, which bears all that counters tell.
     """
     bits = asked.description.turn_step.frac_bits
     room = (INTERMEDIATE_LIMIT >> 1) - (1 << bits) - turn - 1
     limit = room // (2 * gyro_turn) - 1
     if limit < 1:
         excess = (2 * ((1 << bits) + 4 * gyro_turn + turn)).bit_length() - 62
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"firmware.turn_step.frac_bits = {bits}: the largest turn, "
             f"{max(gyro_turn, turn) / (1 << bits):.4g} turn, leaves 64 bits: "
             f"expected at most {bits - excess}"
         )
+        return INTERMEDIATE_LIMIT
     return limit
 
 
@@ -63,10 +83,11 @@ def blend_frac_bits(asked: Asked, one_tick_turn: int) -> int:
     missing = _MIN_BLEND_FRAC_BITS - bits
     if asked.description.mode == "blend" and missing > 0:
         fraction_bits = asked.description.turn_step.frac_bits
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"firmware.turn_step.frac_bits = {fraction_bits}: the blend of two turns leaves "
             f"64 bits: expected at most {fraction_bits - missing}"
         )
+        return _MAX_BLEND_FRAC_BITS
     return max(bits, 0)
 
 
@@ -81,7 +102,7 @@ def position_shift(asked: Asked) -> int:
             "trig.frac_bits give together"
         )
     if shift > 61:
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"firmware.position.frac_bits = {one.position.frac_bits}: expected at least "
             f"{one.position.frac_bits + shift - 61}, given step.frac_bits and trig.frac_bits"
         )
@@ -119,7 +140,7 @@ def require_v_fits(asked: Asked, step_bound: int, rate_q: int, shift: int) -> No
             f"{one.step.frac_bits + TICK_RATE_FRAC_BITS}, given step.frac_bits"
         )
     if step_bound * rate_q >= INTERMEDIATE_LIMIT:
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"tick_period_s = {asked.constants.tick_period_s:g}: step times tick rate leaves "
             "64 bits: expected a longer tick"
         )
@@ -130,7 +151,7 @@ def require_w_fits(asked: Asked, shift: int, one_tick_turn: int) -> None:
     one = asked.description
     most = 61 - (one_tick_turn + 2).bit_length()
     if one.velocity.filter_log2 > most:
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"firmware.velocity.filter_log2 = {one.velocity.filter_log2}: the filter of the "
             f"largest turn leaves 64 bits: expected at most {most}, or fewer "
             "turn_step.frac_bits"

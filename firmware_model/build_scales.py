@@ -6,7 +6,7 @@ Each product is proved to stay below 2^61, so that it and a carried remainder st
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Final
@@ -86,12 +86,22 @@ class Asked:
     Attributes:
         description: the table [firmware] of `robot.toml`.
         constants: the described robot.
-        allow_overflow: words that normal use overflows are accepted, and constants that are zero.
+        allow_overflow: words that normal use overflows are accepted, constants that are zero, and
+            what C cannot hold.
+        beyond_c: what C cannot hold, found so far.
     """
 
     description: FirmwareDescription
     constants: FirmwareConstants
     allow_overflow: bool
+    beyond_c: list[str] = field(default_factory=list)
+
+    def refuse_in_c(self, line: str) -> None:
+        """Note that C cannot hold this. Raises FirmwareError where only C's formats are taken."""
+        line = f"{line}; only --kernel python holds more, by --force"
+        if not self.allow_overflow:
+            raise FirmwareError(line)
+        self.beyond_c.append(line)
 
     @cached_property
     def exact(self) -> Exact:
@@ -230,11 +240,12 @@ def to_scale(
     """Return *value* as an integer whose product with *factor* stays below 2^61.
 
     The product is narrowed to the kept fraction bits by at most 60 bits, so that the carried
-    remainder (at most 2^60) and the product together stay below 2^62.
+    remainder (at most 2^60) and the product together stay below 2^62. Where no product is, only
+    the kernel in Python bears it, with as many bits as a constant may have.
     """
     kept_name, kept_bits = kept
     least = max(kept_bits, 0)
-    most = min(_MAX_CONSTANT_FRAC_BITS, kept_bits + 60)
+    most = finest = min(_MAX_CONSTANT_FRAC_BITS, kept_bits + 60)
     limit = INTERMEDIATE_LIMIT // 2
     while most >= least and (product := rounded(value, most) * factor) >= limit:
         most -= max(product.bit_length() - limit.bit_length(), 1)
@@ -245,16 +256,20 @@ def to_scale(
         fraction_bits = asked.description.turn_step.frac_bits
         if kept_name == "firmware.step.frac_bits":
             fraction_bits = asked.description.step.frac_bits
-        raise FirmwareError(
+        asked.refuse_in_c(
             f"{kept_name} = {fraction_bits}: a step of {float(value * factor):.4g} {unit} "
             f"leaves 64 bits: expected at most {fraction_bits - excess}"
         )
+        most = finest
     bits = most if chosen is None else chosen
-    if not least <= bits <= most:
-        raise FirmwareError(
-            f"{name} = {bits}: expected {least} to {most}: no fewer than {kept_name} keeps, "
-            "no more than a product of 64 bits bears"
-        )
+    range_said = (
+        f"{name} = {bits}: expected {least} to {most}: no fewer than {kept_name} keeps, "
+        "no more than a product of 64 bits bears"
+    )
+    if bits < least:
+        raise FirmwareError(range_said)
+    if bits > most:
+        asked.refuse_in_c(range_said)
     value_q = rounded(value, bits)
     if value_q == 0 and not asked.allow_overflow:
         raise FirmwareError(

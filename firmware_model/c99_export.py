@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_model import c99
 from firmware_model.c99_layout import c_types, config_tables, config_values
-from firmware_model.config import KernelConfig
+from firmware_model.config import KernelConfig, require_c
 
 CONFIG_HEADER: Final = "chiplog_config.h"
 MARK: Final = "/* Written by `chiplog export-c`; do not edit. */\n"
@@ -36,7 +36,11 @@ def config_header(config: KernelConfig, robot: str, proved: str | None = None) -
     """Return the header that defines ``chiplog_robot``, to be included by one source file.
 
     The table is that of the kernel in Python: correctly rounded by integer arithmetic.
+
+    Raises:
+        FirmwareError: a configuration beyond C.
     """
+    require_c(config)
     types = c_types("chiplog_config")
     values = {name: _literal(types[name], value) for name, value in config_values(config).items()}
     sines, angles = config_tables(config)

@@ -18,7 +18,7 @@ from firmware_model.c99_layout import (
     struct_dtype,
 )
 from firmware_model.c99_library import FLAGS, library
-from firmware_model.config import KernelConfig
+from firmware_model.config import KernelConfig, require_c
 from firmware_model.state import STATE_FIELDS
 
 
@@ -42,6 +42,7 @@ def c99_config(config: KernelConfig) -> C99Config:
     Raises:
         FirmwareError: a value that its C field cannot hold.
     """
+    require_c(config)
     sines, angles = config_tables(config)
     record = config_record(config, sines.ctypes.data, angles.ctypes.data)
     return C99Config(record, sines, angles)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, get_args
 
 from firmware_model.build import build_config
-from firmware_model.config import KernelConfig
+from firmware_model.config import KernelConfig, require_c
 from firmware_model.constants import FirmwareConstants
 from firmware_model.description import FirmwareDescription, Overflow
 
@@ -155,8 +155,11 @@ class FirmwareChanges:
         allow_overflow: bool = False,
     ) -> KernelConfig:
         """Return the kernel's integers of the program that runs. Raises FirmwareError."""
-        return build_config(
+        config = build_config(
             self.description(description),
             self.constants(constants),
             allow_overflow=allow_overflow or self.overflow_bits != 0,
         )
+        if not allow_overflow:
+            require_c(config)
+        return config

@@ -9,6 +9,7 @@ import numpy as np
 
 from firmware_model.constants import FirmwareConstants
 from firmware_model.description import FirmwareDescription
+from firmware_model.errors import FirmwareError
 
 MODE_WHEEL: Final = 0
 MODE_GYRO: Final = 1
@@ -122,14 +123,27 @@ class KernelConfig:
     table: tuple[int, ...] = field(repr=False)
     description: FirmwareDescription = field(repr=False)
     constants: FirmwareConstants = field(repr=False)
+    # Why C cannot hold this, with field, value and what would be right; empty where it can. Then
+    # only the kernel in Python runs it, whose integers have no width but that of their word.
+    beyond_c: str = field(default="", repr=False)
 
 
 CONFIG_FIELDS: Final[tuple[str, ...]] = tuple(
     one.name
     for one in fields(KernelConfig)
-    if one.name not in ("table", "description", "constants")
+    if one.name not in ("table", "description", "constants", "beyond_c")
 )
 """Names of the integer fields, in the order of the compiled record."""
 
 CONFIG_DTYPE: Final = np.dtype([(name, np.int64) for name in CONFIG_FIELDS])
 """The same configuration as a NumPy record, for compiled code."""
+
+
+def require_c(config: KernelConfig) -> None:
+    """Refuse a configuration that C cannot hold, nor machine code with integers of 64 bits.
+
+    Raises:
+        FirmwareError: field, value and what would be right.
+    """
+    if config.beyond_c:
+        raise FirmwareError(config.beyond_c)

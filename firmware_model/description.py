@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import (
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -38,18 +37,9 @@ def _number(meaning: str, default: float, low: float, high: float) -> Any:
     return Field(default=default, ge=low, le=high, description=meaning, examples=[default])
 
 
-def _in_c(width: int) -> BeforeValidator:
-    """Return what refuses a wider word than the kernel in C has, and says that force is no help."""
-
-    def checked(word_bits: object) -> object:
-        if isinstance(word_bits, int) and word_bits > width:
-            raise ValueError(
-                f"expected at most {width}, the width that the kernel has for it in C: "
-                "no --force makes that wider"
-            )
-        return word_bits
-
-    return BeforeValidator(checked)
+def _bits(meaning: str, default: int, low: int, in_c: int, most: int = 128) -> Any:
+    """Return a number of bits of which C has so many, and the kernel in Python more."""
+    return _whole(f"{meaning}; beyond {in_c} only in Python, by --force", default, low, most)
 
 
 def _constant_frac_bits(of_what: str) -> Any:
@@ -65,7 +55,7 @@ def _constant_frac_bits(of_what: str) -> Any:
 class PositionFormat(_Table):
     """Table [firmware.position]: the accumulators of x and y [m]."""
 
-    word_bits: Annotated[int, _in_c(64)] = _whole("width of each accumulator [bit]", 64, 8, 64)
+    word_bits: int = _bits("width of each accumulator [bit]", 64, 8, in_c=64)
     frac_bits: int = _whole("fraction bits: one unit is 2^-frac_bits m", 32, 0, 48)
     rounding: Rounding = Field(default="floor", description=_ROUNDING)
     overflow: Overflow = Field(default="wrap", description=_OVERFLOW)
@@ -75,7 +65,7 @@ class PositionFormat(_Table):
 class StepFormat(_Table):
     """Table [firmware.step]: the distance of one tick [m]."""
 
-    word_bits: Annotated[int, _in_c(32)] = _whole("width of the step [bit]", 32, 8, 32)
+    word_bits: int = _bits("width of the step [bit]", 32, 8, in_c=32)
     frac_bits: int = _whole("fraction bits: one unit is 2^-frac_bits m", 28, 0, 40)
     constant_frac_bits: int | None = _constant_frac_bits("half a tick's distance [m]")
     rounding: Rounding = Field(default="floor", description=_ROUNDING)
@@ -94,7 +84,7 @@ class HeadingFormat(_Table):
 class TurnStepFormat(_Table):
     """Table [firmware.turn_step]: the rotation of one tick [turn]."""
 
-    word_bits: Annotated[int, _in_c(64)] = _whole("width of the step [bit]", 64, 8, 64)
+    word_bits: int = _bits("width of the step [bit]", 64, 8, in_c=64)
     frac_bits: int = _whole("fraction bits: one unit is 2^-frac_bits turn", 48, 4, 52)
     constant_frac_bits: int | None = _constant_frac_bits("one tick's rotation [turn]")
     rounding: Rounding = Field(default="half_up", description=_ROUNDING)
@@ -113,7 +103,7 @@ class Trig(_Table):
         default=True, description="table: straight line between entries; false: the nearest entry"
     )
     iterations: int = _whole("cordic: number of rotations", 30, 1, 34)
-    frac_bits: int = _whole("fraction bits of sine and cosine", 30, 2, 30)
+    frac_bits: int = _bits("fraction bits of sine and cosine", 30, 2, in_c=30, most=48)
     rounding: Rounding = Field(default="half_up", description=_ROUNDING)
 
     @field_validator("entries")

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from firmware_model.c99_kernel import C99Kernel
 from firmware_model.compiled import compiled_step, run_compiled
-from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig
+from firmware_model.config import CONFIG_DTYPE, CONFIG_FIELDS, KernelConfig, require_c
 from firmware_model.errors import FirmwareError
 from firmware_model.state import STATE_DTYPE, STATE_FIELDS, HeadingSource, State, StatusBit
 from firmware_model.step import step_kernel
@@ -32,7 +32,12 @@ def initial_state(config: KernelConfig) -> State:
 
 
 def config_record(config: KernelConfig, *, table_start: int = 0) -> npt.NDArray[np.void]:
-    """Return *config* as an array of one record, its table starting at *table_start*."""
+    """Return *config* as an array of one record, its table starting at *table_start*.
+
+    Raises:
+        FirmwareError: a configuration beyond C.
+    """
+    require_c(config)
     record = np.zeros(1, CONFIG_DTYPE)
     for name in CONFIG_FIELDS:
         record[name] = getattr(config, name)
@@ -47,13 +52,17 @@ class Kernel:
         config: from `build_config`.
         implementation: ``"compiled"`` (about a microsecond a step), ``"python"`` (the readable
             oracle, some tens) or ``"c99"`` (what a microcontroller runs, built here by the C
-            compiler); all give the same integers.
+            compiler); all give the same integers. None: compiled, or python for what C, and
+            machine code, cannot hold.
 
     Raises:
-        FirmwareError: an implementation of another name, or c99 without a C compiler.
+        FirmwareError: an implementation of another name, c99 without a C compiler, or one that
+            cannot hold the configuration.
     """
 
-    def __init__(self, config: KernelConfig, implementation: Implementation = "compiled") -> None:
+    def __init__(self, config: KernelConfig, implementation: Implementation | None = None) -> None:
+        if implementation is None:
+            implementation = "python" if config.beyond_c else "compiled"
         self.config = config
         self.implementation: Implementation = implementation
         if implementation == "python":
@@ -276,7 +285,7 @@ class Kernel:
 
         Raises:
             FirmwareError: a field is missing, unknown, or not a 64-bit integer (for c99: an
-                integer that its C field holds).
+                integer that its C field holds; of any width for what C cannot hold).
         """
         if set(state) != set(STATE_FIELDS):
             wrong = sorted(set(state) ^ set(STATE_FIELDS))
@@ -285,7 +294,7 @@ class Kernel:
                 f"expected exactly the {len(STATE_FIELDS)} fields of firmware_model.State"
             )
         for name, value in state.items():
-            if type(value) is not int or not _fits_int64(value):
+            if type(value) is not int or not (_fits_int64(value) or self.config.beyond_c):
                 raise FirmwareError(f"state.{name} = {value!r}: expected an integer of 64 bits")
         if self.implementation == "python":
             self._state = State(**state)

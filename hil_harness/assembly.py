@@ -43,8 +43,10 @@ class RunConfig:
         log: file for what the firmware received and sent (.log, .asc or .blf by its name).
         send_reference: also send the truth as REFERENCE_POSE.
         known: the catalogue with a user's effects in it; None is Chiplog's.
-        kernel: which of the equal kernels Chiplog's own firmware runs.
-        force: run formats whose words overflow in normal use, and count.
+        kernel: which of the equal kernels Chiplog's own firmware runs; None: compiled, or python
+            for what C cannot hold.
+        force: run formats whose words overflow in normal use, and count, and those that C cannot
+            hold.
     """
 
     scenario: Scenario
@@ -63,7 +65,7 @@ class RunConfig:
     log: Path | None = None
     send_reference: bool = False
     known: Mapping[str, Effect] | None = None
-    kernel: Implementation = "compiled"
+    kernel: Implementation | None = None
     force: bool = False
 
     def __post_init__(self) -> None:

@@ -21,7 +21,9 @@ from firmware_model import (
     Kernel,
     KernelConfig,
 )
+from firmware_model.config import require_c
 from firmware_model.kernel import Implementation
+from firmware_model.oracle import Integers, integer_type
 from hil_harness.errors import HarnessError
 from hil_harness.kernel_inputs import KernelInputs
 from hil_harness.robot import Robot
@@ -43,12 +45,14 @@ class FirmwareProgram:
         robot, signal_map, tick_period_us: what it is built for.
         schedule: how the program differs from the described one, over time.
         seed: of ticks that are not executed.
-        implementation: of the kernel.
-        allow_overflow: run formats whose words overflow in normal use; the kernel counts.
+        implementation: of the kernel; None: compiled, or python for what C cannot hold.
+        allow_overflow: run formats whose words overflow in normal use, and the kernel counts, and
+            formats that C cannot hold.
 
     Attributes:
         described: the configuration without changes.
         held: what runs at some time, but for words that an effect narrows in order to overflow.
+        integers: what holds its words: int64, or objects where C cannot hold one of them.
         kernel: what runs.
         is_constant: it is stepped in every tick, under one configuration.
 
@@ -63,7 +67,7 @@ class FirmwareProgram:
         *,
         schedule: FirmwareSchedule = AS_DESCRIBED,
         seed: int = 0,
-        implementation: Implementation = "compiled",
+        implementation: Implementation | None = None,
         allow_overflow: bool = False,
     ) -> None:
         """Start at power-on."""
@@ -84,6 +88,12 @@ class FirmwareProgram:
                     )
                 first = math.ceil(start_s / tick_s) if math.isfinite(start_s) else 0
                 pieces.append((first, config, changes))
+            self.integers = integer_type([self.described, *(config for _, config, _ in pieces)])
+            if implementation is None:
+                implementation = "python" if self.integers is object else "compiled"
+            if implementation != "python":
+                for _, config, _ in pieces:
+                    require_c(config)
         except FirmwareError as error:
             raise HarnessError(f"{robot.where(str(error))}: {error}") from error
         self.held = tuple(config for _, config, changes in pieces if changes.overflow_bits == 0)
@@ -165,18 +175,18 @@ class FirmwareProgram:
 
 def run_program(
     program: FirmwareProgram, inputs: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
+) -> tuple[Integers, NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
     """Run a program from power-on over all ticks.
 
     Args:
         inputs: int64[ticks, 5], the kernel's inputs in its order.
 
     Returns:
-        pose_q int64[ticks, 3] (described fraction bits), the float twin's pose float64[ticks, 3],
-        whether each tick was executed, and the status word of each tick.
+        pose_q [ticks, 3] (described fraction bits) in `program.integers`, the float twin's pose
+        float64[ticks, 3], whether each tick was executed, and the status word of each tick.
     """
     ticks = len(inputs)
-    pose_q = np.empty((ticks, 3), dtype=np.int64)
+    pose_q = np.empty((ticks, 3), dtype=program.integers)
     twin_pose = np.empty((ticks, 3))
     executed = np.empty(ticks, dtype=np.bool_)
     status = np.empty(ticks, dtype=np.int64)

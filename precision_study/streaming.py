@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -14,6 +14,7 @@ from firmware_model import FRESH, KernelConfig
 from firmware_model.compiled import compiled_batch
 from firmware_model.config import CONFIG_DTYPE
 from firmware_model.kernel import initial_state
+from firmware_model.oracle import Integers, OracleRuns, integer_type
 from firmware_model.state import STATE_DTYPE
 from firmware_model.twin import TWIN_CONFIG_DTYPE, TWIN_DTYPE, build_twin_config
 
@@ -29,29 +30,30 @@ class Stretch:
 
     Attributes:
         start: the first tick, from the beginning of the arrays that were handed in.
-        pose_q: int64[runs, n, 3], x_m_q, y_m_q and heading_turn_q after each tick.
+        pose_q: int64[runs, n, 3], x_m_q, y_m_q and heading_turn_q after each tick; Python's
+            integers where the configuration is beyond C.
         twin_pose: float64[runs, n, 3], x_m, y_m and the unwrapped heading_rad of the float twin.
         status: int32[runs, n], the status word.
-        overflow_count: int64[runs], overflows since power-on.
+        overflow_count: integers [runs], overflows since power-on.
     """
 
     start: int
-    pose_q: Ints
+    pose_q: Integers
     twin_pose: Floats
     status: NDArray[np.int32]
-    overflow_count: Ints
+    overflow_count: Integers
 
 
 class Streams:
-    """Kernel and float twin of some runs, which go on from wherever the last ticks left them."""
+    """Kernel and float twin of some runs, which go on from wherever the last ticks left them.
+
+    In machine code; in Python, some hundred times slower, what C cannot hold.
+    """
 
     def __init__(self, config: KernelConfig, runs: int) -> None:
         """Put every run at power-on."""
-        self._records = _repeated(config, CONFIG_DTYPE, runs)
-        self._table = _table(config)
-        self._states = _repeated(initial_state(config), STATE_DTYPE, runs)
-        self._twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
-        self._twins = np.zeros(runs, TWIN_DTYPE)
+        self._integers = integer_type([config])
+        self._runs = OracleRuns([config] * runs) if config.beyond_c else _Compiled(config, runs)
 
     def over(
         self,
@@ -71,33 +73,49 @@ class Streams:
         runs, ticks = left_count.shape
         longest = min(chunk_ticks, ticks)
         fresh = np.full((runs, longest), FRESH, np.int8)
-        batch = compiled_batch()
         size = 0
         for start in range(0, ticks, max(longest, 1)):
             part = slice(start, min(start + longest, ticks))
             if part.stop - start != size:
                 size = part.stop - start
-                pose_q = np.empty((runs, size, 3), dtype=np.int64)
+                pose_q = np.empty((runs, size, 3), dtype=self._integers)
                 twin_pose = np.empty((runs, size, 3), dtype=np.float64)
                 status = np.empty((runs, size), dtype=np.int32)
                 source = np.empty((runs, size), dtype=np.int8)
-            batch(
-                self._states,
-                self._records,
-                self._table,
-                left_count[:, part],
-                right_count[:, part],
-                fresh[:, :size],
-                gyro_code[:, part],
-                fresh[:, :size],
-                self._twins,
-                self._twin_configs,
-                pose_q,
-                status,
-                source,
-                twin_pose,
+            self._runs.step(
+                (
+                    left_count[:, part],
+                    right_count[:, part],
+                    fresh[:, :size],
+                    gyro_code[:, part],
+                    fresh[:, :size],
+                ),
+                (pose_q, status, source, twin_pose),
             )
-            yield Stretch(start, pose_q, twin_pose, status, self._states["overflow_count"])
+            yield Stretch(start, pose_q, twin_pose, status, self._runs.overflow_count)
+
+
+class _Compiled:
+    """Runs of the compiled kernel side by side; as `OracleRuns`."""
+
+    def __init__(self, config: KernelConfig, runs: int) -> None:
+        """Put every run at power-on."""
+        self._records = _repeated(config, CONFIG_DTYPE, runs)
+        self._table = _table(config)
+        self._states = _repeated(initial_state(config), STATE_DTYPE, runs)
+        self._twin_configs = _repeated(build_twin_config(config), TWIN_CONFIG_DTYPE, runs)
+        self._twins = np.zeros(runs, TWIN_DTYPE)
+        self._batch = compiled_batch()
+
+    @property
+    def overflow_count(self) -> Ints:
+        """Overflows of each run since power-on."""
+        return self._states["overflow_count"]
+
+    def step(self, inputs: Sequence[NDArray[Any]], histories: Sequence[NDArray[Any]]) -> None:
+        """Step each run through the next ticks."""
+        kernels = self._states, self._records, self._table
+        self._batch(*kernels, *inputs, self._twins, self._twin_configs, *histories)
 
 
 def stream(

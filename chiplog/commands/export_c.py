@@ -47,6 +47,8 @@ def command(
         if not force:
             raise
         config, forced = kernel_config(described, dbc, signals, force=True), str(error)
+        if config.beyond_c:
+            raise  # no force makes C hold it
     texts = export_files(config, described.name, proved)
     write_files(out, texts)
     show_line(f"wrote {', '.join(texts)} to {out}")

@@ -17,7 +17,6 @@ from chiplog.commands.options import (
     EffectOption,
     EffectsFileOption,
     JsonFileOption,
-    KernelName,
     KernelOption,
     RobotOption,
     SeedOption,
@@ -77,7 +76,7 @@ def command(
             help="Real time, s; default: the plant's scenario, the firmware until Ctrl-C.",
         ),
     ] = None,
-    kernel: KernelOption = KernelName.COMPILED,
+    kernel: KernelOption = None,
     log: Annotated[
         Path | None,
         typer.Option("--log", help="Record what the node receives and sends (.log, .asc, .blf)."),
@@ -119,7 +118,7 @@ def command(
         dbc=dbc,
         signals=signals,
         log=log,
-        kernel=kernel.value,
+        kernel=None if kernel is None else kernel.value,
     )
     with stoppable():
         outcome = run_node(role, config)

@@ -114,19 +114,20 @@ ReferenceFramesOption = Annotated[
     ),
 ]
 KernelOption = Annotated[
-    KernelName,
+    KernelName | None,
     typer.Option(
         "--kernel",
         help="Which kernel Chiplog's firmware runs: machine code, the readable Python, or the C99 "
-        "twin (needs a C compiler); all give the same bytes.",
+        "twin (needs a C compiler); all give the same bytes. Default: machine code, or Python for "
+        "what C cannot hold.",
     ),
 ]
 ForceOption = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Take firmware formats that overflow in normal use, and constants that round to "
-        "zero; overflows are counted.",
+        help="Take firmware formats that overflow in normal use, that C cannot hold (these run in "
+        "Python), and constants that round to zero; overflows are counted.",
     ),
 ]
 JsonFileOption = Annotated[

@@ -60,6 +60,8 @@ def command(
         config = kernel_config(described, dbc, signals, force=True)
         if 0 in (config.half_tick_m_q, config.tick_turn_q, config.sensitivity_turn_q):
             raise  # whose scale is zero overflows nowhere
+        if config.beyond_c:
+            raise  # there is no such word to ask of
     envelope = envelope_of(
         described,
         config,

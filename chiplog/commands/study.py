@@ -83,8 +83,9 @@ def command(
         bool,
         typer.Option(
             "--force",
-            help="Run configurations that overflow, and count how often; tables that do not fit "
-            "and constants that round to zero are run as well.",
+            help="Run configurations that overflow, and count how often; those that C cannot hold "
+            "(in Python, some hundred times slower), tables that do not fit and constants that "
+            "round to zero are run as well.",
         ),
     ] = False,
     workers: Annotated[

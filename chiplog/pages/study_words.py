@@ -99,7 +99,7 @@ def answer(
             f"{count(cost.table_bytes)} bytes of table and {cost.state_bytes} of state."
         )
     elif requirement is not None:
-        sound = [one for one in found if one.overflows == 0]
+        sound = [one for one in found if one.is_sound]
         least = min(sound, key=lambda one: one.error(kind), default=None)
         wanted = f"“{requirement.text}”" + (f" {margin:g} times over" if margin > 1 else "")
         lines.append(f"None of {len(found)} configurations holds {wanted}.")
@@ -120,6 +120,12 @@ def answer(
         lines.append(
             f"{len(overflowing)} of {len(found)} configurations overflow, {count(times)} times in "
             "all; none of them is chosen."
+        )
+    beyond = sum(not one.in_c for one in found)
+    if beyond:
+        lines.append(
+            f"C cannot hold {beyond} of {len(found)} configurations: these ran in Python, the cost "
+            "is that of C's widest words, and none of them is chosen."
         )
     return lines
 

@@ -63,7 +63,7 @@ class FirmwareNode:
         database: Database,
         signal_map: SignalMap,
         tick_period_us: int,
-        implementation: Implementation = "compiled",
+        implementation: Implementation | None = None,
         keep_inputs: bool = True,
         program: FirmwareProgram | None = None,
     ) -> None:

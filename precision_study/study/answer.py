@@ -54,6 +54,7 @@ class Outcome:
     cost: Cost
     scenarios: tuple[ScenarioOutcome, ...]
     has_room: bool = True
+    in_c: bool = True
 
     def worst(self, what: str) -> ScenarioOutcome:
         """Return the scenario with the largest error of a kind, as in "arithmetic position"."""
@@ -69,8 +70,8 @@ class Outcome:
 
     @property
     def is_sound(self) -> bool:
-        """Whether no word has overflowed and the table has room: others are never chosen."""
-        return self.overflows == 0 and self.has_room
+        """Whether no word overflows, C holds it, the table has room: others are never chosen."""
+        return self.overflows == 0 and self.in_c and self.has_room
 
     @property
     def overflows(self) -> int:
@@ -94,9 +95,10 @@ def outcomes(study: Study, store: Store) -> list[Outcome]:
             _scenario(scenario.name, store.records(study.unit(point, scenario)), study.seeds)
             for scenario in study.scenarios
         )
-        cost = table.cost(build(point, study.robot, force=study.force))
+        config = build(point, study.robot, force=study.force)
+        cost = table.cost(config)
         has_room = study.table_bytes is None or cost.table_bytes <= study.table_bytes
-        found.append(Outcome(point, cost, by_scenario, has_room))
+        found.append(Outcome(point, cost, by_scenario, has_room, in_c=not config.beyond_c))
     return found
 
 

@@ -186,8 +186,8 @@ def _narrowing(name: str, format_: Any) -> list[str]:
 def state_bytes(config: KernelConfig) -> int:
     """Return the bytes of pose, carried remainders and words of a tick, as wide as configured.
 
-    Words are 1, 2, 4 or 8 bytes. The kernel in C takes its formats at run time and has the widest
-    always; firmware written for one configuration needs no more than this.
+    Words are 1, 2, 4 or 8 bytes, or 16 where C has none. The kernel in C takes its formats at run
+    time and has the widest always; firmware written for one configuration needs no more than this.
     """
     one = config.description
     heading = _bytes(one.heading.frac_bits)
@@ -212,7 +212,7 @@ def _remainder_bytes(dropped_bits: int) -> int:
 
 
 def _bytes(bits: int) -> int:
-    return next(size for size in (1, 2, 4, 8) if bits <= 8 * size)
+    return next(size for size in (1, 2, 4, 8, 16) if bits <= 8 * size)
 
 
 @lru_cache(maxsize=1)

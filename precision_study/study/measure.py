@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import KernelConfig, StatusBit
+from firmware_model.oracle import Integers
 from precision_study.streaming import Streams
 from precision_study.study.drives import Drives
 
@@ -108,13 +109,14 @@ class Measurement:
         )
 
 
-def _errors(
-    config: KernelConfig, pose_q: NDArray[np.int64], twin_pose: Floats, truth: Floats
-) -> Floats:
+def _errors(config: KernelConfig, pose_q: Integers, twin_pose: Floats, truth: Floats) -> Floats:
     """Return float64[4, rows, ticks]: arithmetic position and heading, then total ones."""
     unit = math.ldexp(1.0, -config.position_frac_bits)
-    x_m, y_m = pose_q[:, :, 0] * unit, pose_q[:, :, 1] * unit
-    heading_rad = pose_q[:, :, 2] * (2.0 * math.pi * math.ldexp(1.0, -config.heading_frac_bits))
+    turn_unit = 2.0 * math.pi * math.ldexp(1.0, -config.heading_frac_bits)
+    x_m, y_m, heading_rad = (
+        pose_q[:, :, place].astype(np.float64) * one
+        for place, one in enumerate((unit, unit, turn_unit))
+    )
     errors = np.empty((4, *x_m.shape))
     for place, pose in ((0, twin_pose), (2, truth)):
         errors[place] = np.hypot(x_m - pose[:, :, 0], y_m - pose[:, :, 1])

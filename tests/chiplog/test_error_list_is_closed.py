@@ -93,7 +93,6 @@ UNLISTED = {
         "chiplog/commands/export.py:_truth",
         "chiplog/commands/export.py:command",
         "chiplog/pytest_rig.py:_channel",
-        "firmware_model/build_bounds.py:require_v_fits",
         "firmware_model/c99_library.py:compile_library",
         "firmware_model/c99_library.py:find_compiler",
         "gap_diagnosis/reading/log_columns.py:load_columns",

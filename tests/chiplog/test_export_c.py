@@ -198,6 +198,34 @@ def test_formats_that_overflow_run_by_force_and_the_overflows_are_counted(
     assert re.search(rf"^firmware +{count:,} overflows of a word$", forced.out, re.M)
 
 
+BEYOND_C = "[firmware.step]\nword_bits = 33\nfrac_bits = 40\n"
+
+
+def test_what_c_cannot_hold_runs_by_force_in_python_and_overflows_at_its_own_width(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    """33 bits of 2^-40 m hold 3.9 mm a tick: the lesson drives 6 mm from its first tick on."""
+    (tmp_path / "robot.toml").write_text(BEYOND_C)
+    words = ("run", "--robot", "robot.toml", "--duration-s", "1")
+    line = "chiplog: robot.toml:2: firmware.step.word_bits = 33: expected at most 32, as many as"
+    for refused in (
+        words,
+        (*words, "--force", "--kernel", "compiled"),
+        ("ranges", "--robot", "robot.toml"),
+        ("export-c", "--robot", "robot.toml", "--force"),
+    ):
+        said = chiplog(*refused)
+        assert said.status == 2
+        assert said.err.startswith(line)
+        assert said.err.endswith("only --kernel python holds more, by --force\n")
+    forced = chiplog(*words, "--force", "--out", "out")
+    assert forced.status == 0
+    state = json.loads((tmp_path / "out" / "state.json").read_text())
+    assert state["overflow_count"] == state["tick"] - 1  # the first sets the baseline
+    assert f"firmware   {state['overflow_count']} overflows of a word" in forced.out
+    assert chiplog("replay", "out/bus.log", "--robot", "robot.toml", "--force").status == 0
+
+
 def test_formats_that_overflow_are_exported_by_force(chiplog: Chiplog, tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(NARROW)
     assert chiplog("export-c", "--robot", "robot.toml", "--out", "c").status == 2

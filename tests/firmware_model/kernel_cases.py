@@ -184,13 +184,15 @@ def robots(draw: st.DrawFn) -> FirmwareConstants:
 
 @st.composite
 def configs(draw: st.DrawFn) -> KernelConfig:
-    """Draw a configuration that `build_config` admits; overflowing words are allowed by force."""
+    """Draw a configuration that C can hold; overflowing words are allowed by force."""
     description = FirmwareDescription.from_table(draw(tables()))
     try:
-        return build_config(description, draw(st.just(ROBOT) | robots()), allow_overflow=True)
+        config = build_config(description, draw(st.just(ROBOT) | robots()), allow_overflow=True)
     except FirmwareError:
         assume(False)
         raise
+    assume(not config.beyond_c)
+    return config
 
 
 INT64 = st.integers(-(1 << 63), (1 << 63) - 1)

@@ -37,9 +37,8 @@ DESCRIPTION_ROWS: list[tuple[dict[str, Any], str]] = [
         "firmware.position.word_bits = '64': expected a valid integer",
     ),
     (
-        {"position": {"word_bits": 65}},
-        "firmware.position.word_bits = 65: expected at most 64, the width that the kernel has for "
-        "it in C: no --force makes that wider",
+        {"position": {"word_bits": 129}},
+        "firmware.position.word_bits = 129: expected less than or equal to 128",
     ),
     (
         {"step": {"rounding": "nearest"}},
@@ -98,7 +97,8 @@ BUILD_ROWS: list[tuple[dict[str, Any], str]] = [
     (
         {"gyro": {"sensitivity_frac_bits": 60}},
         "firmware.gyro.sensitivity_frac_bits = 60: expected 32 to 51: no fewer than "
-        "firmware.turn_step.frac_bits keeps, no more than a product of 64 bits bears",
+        "firmware.turn_step.frac_bits keeps, no more than a product of 64 bits bears; only "
+        "--kernel python holds more, by --force",
     ),
     (
         {
@@ -176,7 +176,8 @@ def test_a_velocity_filter_too_long_for_its_word_is_refused() -> None:
         build_config(FirmwareDescription.from_table(table), wild_gyro)
     assert str(caught.value) == (
         "firmware.velocity.filter_log2 = 8: the filter of the largest turn leaves 64 bits: "
-        "expected at most 4, or fewer turn_step.frac_bits"
+        "expected at most 4, or fewer turn_step.frac_bits; only --kernel python holds more, by "
+        "--force"
     )
 
 

@@ -161,9 +161,9 @@ def test_what_plant_and_firmware_share_is_written_once(tmp_path: Path) -> None:
             "expected a power of two, for example 512 or 1024",
         ),
         (
-            "[firmware.position]\nword_bits = 65",
-            "robot.toml:2: firmware.position.word_bits = 65: expected at most 64, "
-            "the width that the kernel has for it in C: no --force makes that wider",
+            "[firmware.position]\nword_bits = 129",
+            "robot.toml:2: firmware.position.word_bits = 129: expected a whole number from 8 to "
+            "128, for example 64",
         ),
         (
             "[tolerance]\nradius_scale = 0",

@@ -287,6 +287,26 @@ def test_forced_configurations_run_and_their_overflows_are_counted_but_never_cho
     assert "Cheapest that holds “position 1 mm after 8 m”: position.word_bits = 48" in said
 
 
+def test_what_c_cannot_hold_is_run_by_force_and_counted_and_never_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A step of 33 bits is as exact as one of 32 where both hold it; 2^-40 m overflow either."""
+    words = ["study", "--sweep", "step.word_bits=32,33", "--sweep", "step.frac_bits=28,40"]
+    words += ["--scenario", "straight", "--seeds", "1", "--out", str(tmp_path)]
+    words += ["--meet", "position 1 mm after 1 m"]
+    assert main(words) == 2
+    assert not (tmp_path / "runs.jsonl").exists()
+    assert main([*words, "--force"]) == 0
+    said = capsys.readouterr().out
+    assert "Cheapest that holds “position 1 mm after 1 m”: step.word_bits = 32, step.frac" in said
+    assert "C cannot hold 2 of 4 configurations: these ran in Python" in said
+    assert "2 of 4 configurations overflow" in said
+    with (tmp_path / "results.csv").open(newline="") as file:
+        in_c, in_python = [one for one in csv.DictReader(file) if one["step.frac_bits"] == "28"]
+    for name in ("high_arithmetic_position_m", "expected_position_m", "overflows"):
+        assert in_c[name] == in_python[name]
+
+
 def test_a_table_without_room_is_run_by_force_and_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,9 +23,9 @@ FORMATS: tuple[Row, ...] = (
     ),
     Row(
         "a word wider than C's",
-        "chiplog run --robot robot.toml --force",
-        "robot.toml:2: firmware.step.word_bits = 40: expected at most 32, the width that the "
-        "kernel has for it in C: no --force makes that wider",
+        "chiplog run --robot robot.toml --force --kernel c99",
+        "robot.toml:2: firmware.step.word_bits = 40: expected at most 32, as many as there are in "
+        "C; only --kernel python holds more, by --force",
         {"robot.toml": "[firmware.step]\nword_bits = 40\n"},
     ),
     _robot(
@@ -63,21 +63,21 @@ FORMATS: tuple[Row, ...] = (
         "[gyro]\nsensitivity_lsb_per_rad_s = 0.1\nrange_rad_s = 1000.0\n"
         "[firmware.turn_step]\nword_bits = 63\nfrac_bits = 52\n",
         "robot.toml:6: firmware.turn_step.frac_bits = 52: a step of 3.428e+07 turn "
-        "leaves 64 bits: expected at most 51",
+        "leaves 64 bits: expected at most 51; only --kernel python holds more, by --force",
     ),
     _robot(
         "a gap's turns that leave 64 bits",
         "[gyro]\nsensitivity_lsb_per_rad_s = 0.4\nrange_rad_s = 1000.0\n"
         "[firmware.turn_step]\nword_bits = 63\nfrac_bits = 52\n",
         "robot.toml:6: firmware.turn_step.frac_bits = 52: the largest turn, 132 turn, "
-        "leaves 64 bits: expected at most 51",
+        "leaves 64 bits: expected at most 51; only --kernel python holds more, by --force",
     ),
     _robot(
         "a blend that leaves 64 bits",
         "[gyro]\nsensitivity_lsb_per_rad_s = 30.0\nrange_rad_s = 1000.0\n"
         '[firmware]\nmode = "blend"\n[firmware.turn_step]\nword_bits = 63\nfrac_bits = 52\n',
         "robot.toml:8: firmware.turn_step.frac_bits = 52: the blend of two turns leaves "
-        "64 bits: expected at most 51",
+        "64 bits: expected at most 51; only --kernel python holds more, by --force",
     ),
     _robot(
         "a position finer than its steps",
@@ -89,7 +89,7 @@ FORMATS: tuple[Row, ...] = (
         "a position far coarser than its steps",
         "[firmware.position]\nfrac_bits = 0\n[firmware.step]\nfrac_bits = 32\n",
         "robot.toml:2: firmware.position.frac_bits = 0: expected at least 1, given "
-        "step.frac_bits and trig.frac_bits",
+        "step.frac_bits and trig.frac_bits; only --kernel python holds more, by --force",
     ),
     _robot(
         "a position's word too short for a step",
@@ -142,7 +142,8 @@ FORMATS: tuple[Row, ...] = (
         "[firmware.turn_step]\nword_bits = 63\nfrac_bits = 52\n"
         "[firmware.velocity]\nfilter_log2 = 8\n",
         "robot.toml:8: firmware.velocity.filter_log2 = 8: the filter of the largest turn "
-        "leaves 64 bits: expected at most 7, or fewer turn_step.frac_bits",
+        "leaves 64 bits: expected at most 7, or fewer turn_step.frac_bits; only --kernel python "
+        "holds more, by --force",
     ),
     _robot(
         "a longest average shorter than the first",

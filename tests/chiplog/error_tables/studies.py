@@ -75,8 +75,8 @@ STUDIES: tuple[Row, ...] = (
     Row(
         "a format that C does not have",
         "chiplog study --sweep position.word_bits=64,128",
-        "firmware.position.word_bits = 128: expected at most 64, the width that the kernel has for "
-        "it in C: no --force makes that wider",
+        "firmware.position.word_bits = 128: expected at most 64, as many as there are in C; only "
+        "--kernel python holds more, by --force (with position.word_bits = 128)",
     ),
     Row(
         "a tick rate without a whole period",
