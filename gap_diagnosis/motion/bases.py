@@ -20,6 +20,8 @@ _LEAST_RANGE: Final = {
     "lateral_acceleration": 0.05,
 }
 """A variable that varies less [SI] is noise: a function of it would fit the noise."""
+_STILL_RAD_S: Final = 0.1
+"""Wheels that are slower turn neither tightly nor widely."""
 
 
 @dataclass(frozen=True)
@@ -29,16 +31,22 @@ class Basis:
     Attributes:
         functions: float64[n] each, or float64[2, n] of both wheels.
         simple: float64[functions, k] each.
+        is_even: the functions add up to one everywhere.
     """
 
     functions: list[Floats]
     simple: list[Floats] = field(default_factory=list)
+    is_even: bool = False
 
 
 def basis(motion: Motion, stage: str, variable: str) -> Basis:
     """Return functions of a variable for a stage; none where it does not vary."""
     own = _OWN_BASIS.get((stage, variable))
-    return _of_the_body(motion, variable) if own is None else own(motion)
+    base = _of_the_body(motion, variable) if own is None else own(motion)
+    if stage == "wheel" and base.is_even:
+        # A wheel that is off by as much everywhere; of a gyro, a list knows every such cause.
+        base.simple.append(np.ones((len(base.functions), 1)))
+    return base
 
 
 def _of_the_body(motion: Motion, variable: str) -> Basis:
@@ -85,6 +93,16 @@ def _by_speeding_up(motion: Motion) -> Basis:
     return _joined(_of_the_body(motion, "acceleration"), _hats(turning) if varies else Basis([]))
 
 
+def _by_turning(motion: Motion) -> Basis:
+    """Return functions of how fast the robot turns, and of how tightly."""
+    across = np.abs(motion.right_rate_rad_s - motion.left_rate_rad_s)
+    along = np.abs(motion.right_rate_rad_s + motion.left_rate_rad_s)
+    by_rate = _of_the_body(motion, "turn_rate")
+    if not by_rate.functions:
+        return by_rate
+    return _joined(by_rate, _hats(across / np.maximum(across + along, _STILL_RAD_S)))
+
+
 def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     """Return functions of each wheel's speeding up, float64[2, n] each."""
     rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
@@ -121,11 +139,13 @@ def _hats(value: Floats) -> Basis:
     return Basis(
         [np.maximum(0.0, 1 - np.abs(place - index)) for index in range(_HATS)],
         [middles / np.abs(middles).max()],
+        is_even=True,
     )
 
 
 _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
+    ("wheel", "turn_rate"): _by_turning,
     ("gyro", "acceleration"): _by_speeding_up,
 }
 """Functions of a variable where they are not the body's."""

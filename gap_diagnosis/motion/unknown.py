@@ -83,6 +83,10 @@ def _turn(p: Prediction, f: Floats) -> None:
     p.yaw_rad = p.yaw_rad + f * 0.5 * (np.abs(p.left_m) + np.abs(p.right_m)) / p.wheelbase_m
 
 
+def _turn_gain(p: Prediction, f: Floats) -> None:
+    p.yaw_rad = p.yaw_rad + f * (p.right_m - p.left_m) / p.wheelbase_m
+
+
 def _lateral(p: Prediction, f: Floats) -> None:
     p.lateral_m = p.lateral_m + f * 0.5 * (np.abs(p.left_m) + np.abs(p.right_m))
 
@@ -121,6 +125,7 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
         Way("wheel", _forward, 1e-3, 0.1),
         Way("wheel", _turn, 1e-3, 0.1),
+        Way("wheel", _turn_gain, 1e-3, 0.1),
         Way("wheel", _lateral, 1e-3, 0.1, needs_reference=True),
     ),
     "encoder": (Way("encoder", _left, 1e-3, 0.1), Way("encoder", _right, 1e-3, 0.1)),
