@@ -20,6 +20,7 @@ from gap_diagnosis.recording import Floats
 _QUANTA: Final = 4.0
 _MOST_WINDOW_S: Final = 30.0
 _MOST_STARTS: Final = 8
+_TRIED_LSB: Final = 1000.0
 _MOST_ENDS: Final = 500
 _PARTS: Final = 12
 _THRESHOLDS_RAD_S: Final = (1e-4, 0.3)
@@ -129,17 +130,22 @@ def calibration_candidates(bench: Workbench) -> list[Candidate]:
     first_row = int(away[0])
     codes = bench.inputs.gyro_code.astype(np.float64)
     fresh = bench.inputs.gyro_validity == FRESH
-    per_lsb = bench.config.constants.gyro_sensitivity_rad_s_per_lsb * bench.steps.period_s
     turns = bench.turning()
     active = np.cumsum(turns)
+    last = int(bench.places[rows[first_row]])
+    zero = bench.config.constants.gyro_zero_rate_code
+    told = bench.poses(Program(base, offset_lsb=zero + _TRIED_LSB, offset_tick=last))[rows, 2]
     later = np.arange(len(rows)) >= first_row
     A = np.column_stack([active[later], np.ones(np.count_nonzero(later))])
-    slope = float(np.linalg.lstsq(A, drift[later], rcond=None)[0][0])
-    offset = bench.config.constants.gyro_zero_rate_code - slope / per_lsb
+    # How much of the gyro the heading takes over is the program's: its weight, its way of turning.
+    both = np.column_stack([drift, told - nominal])[later]
+    slope, slope_tried = np.linalg.lstsq(A, both, rcond=None)[0][0]
+    if slope_tried == 0.0:
+        return []
+    offset = zero + _TRIED_LSB * float(slope / slope_tried)
     # While the heading is held an offset leaves no trace: the window may have ended there.
     before = np.flatnonzero(turns[:first_row])
     earliest = bench.places[rows[before[-1]]] if len(before) else 0
-    last = int(bench.places[rows[first_row]])
     ends = range(max(int(earliest) - 1, last - _MOST_ENDS, 1), min(last + 2, bench.inputs.ticks))
     return _windows_with_mean(bench, codes, fresh, ends, offset)
 

@@ -81,11 +81,11 @@ def kernel_pose(runs: PlantRuns, one: Robot | None = None, **changes: Any) -> Fl
 
 
 def timed_pose(
-    runs: PlantRuns, *, seed: int = 3, **changes: Any
+    runs: PlantRuns, one: Robot | None = None, *, seed: int = 3, **changes: Any
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the odometry of a program that differs in time, and which ticks it executed."""
     program = FirmwareProgram(
-        robot(),
+        one or robot(),
         wire().signal_map,
         round(PERIOD_S * 1e6),
         schedule=((-math.inf, FirmwareChanges(**changes)),),

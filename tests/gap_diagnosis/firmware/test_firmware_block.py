@@ -148,11 +148,12 @@ def test_a_constant_is_known_to_the_values_that_give_the_same_bits_and_no_finer(
     assert 23 <= np.count_nonzero(inside) <= 39
 
 
-@pytest.mark.parametrize("start_s", [3.0, 8.0])
-def test_a_calibration_in_motion_is_found_with_its_window(start_s: float) -> None:
-    runs = plant_runs(TICKS)
-    pose, _ = timed_pose(runs, calibration_start_s=start_s, calibration_stop_s=start_s + 2.0)
-    block = block_of(recording_of(runs, pose))
+@pytest.mark.parametrize(("mode", "start_s"), [("gyro", 3.0), ("gyro", 8.0), ("blend", 3.0)])
+def test_a_calibration_in_motion_is_found_with_its_window(mode: str, start_s: float) -> None:
+    """How much of the gyro's drift a heading shows is the program's: a blend takes its share."""
+    runs, one = plant_runs(TICKS), with_mode(mode)
+    pose, _ = timed_pose(runs, one, calibration_start_s=start_s, calibration_stop_s=start_s + 2.0)
+    block = block_of(recording_of(runs, pose), one)
     found = evidences(block)
     assert max(found, key=lambda name: found[name]) == "moving_calibration"
     window = block.fit(frozenset({"moving_calibration"})).parameters
