@@ -18,10 +18,13 @@ def ticks_per_rev(p: Prediction, *, scale: float) -> None:
 
 
 def _true_steps(angle: Floats, step: Floats, sine: float, cosine: float) -> Floats:
-    """Undo measured = phi + A sin(phi + phase), with A cos(phase) = sine's coefficient."""
+    """Undo measured = phi + A sin(phi + phase), with A cos(phase) = sine's coefficient.
 
-    def error(measured: Floats) -> Floats:
-        phi = measured
+    Angles are counted from where the log begins, at phi = 0; there the encoder shows *cosine*.
+    """
+
+    def error(counted: Floats) -> Floats:
+        phi = measured = counted + cosine
         for _ in range(_TURNS):
             off = sine * np.sin(phi) + cosine * np.cos(phi)
             phi = measured - off

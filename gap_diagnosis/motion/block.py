@@ -302,15 +302,10 @@ class MotionBlock:
             column += width
             for name, samples in named.items():
                 parameters[f"{effect}.{name}"] = _estimate(name, samples)
-            for name, value in term.variant.report.items():
+            for name in term.variant.report:
                 key = f"{effect}.{name}"
                 if name in EDGES:
-                    sd = self.scan.spans.get(effect, {}).get(name)
-                    samples = (
-                        self._on_the_grid(term, name, found, rng)
-                        if sd is None
-                        else float(value) + sd * rng.standard_normal(_DRAWS)
-                    )
+                    samples = self._edge(term, name, found, rng)
                     if name.endswith("_s"):
                         samples = np.clip(samples, *self.model.nodes.motion.t_s[[0, -1]])
                     parameters[key] = _estimate(name, samples)
@@ -320,6 +315,17 @@ class MotionBlock:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
         return parameters, windows
+
+    def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
+        """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""
+        value = float(term.variant.report[name])
+        within = term.variant.told_within.get(name)
+        if within is not None:
+            return value + within * rng.uniform(-1.0, 1.0, _DRAWS)
+        sd = self.scan.spans.get(term.variant.effect, {}).get(name)
+        if sd is None:
+            return self._on_the_grid(term, name, found, rng)
+        return value + sd * rng.standard_normal(_DRAWS)
 
     def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge that was told too faintly to be sought off its

@@ -126,10 +126,10 @@ def estimate_motion(
         / math.sqrt(step_s)
         * plant.gyro.sensitivity_lsb_per_rad_s,
         adc_max_code=high_code,
-        warm_k=None if temperature is None else _filled(temperature, t_s) - _REFERENCE_K,
+        warm_k=None if temperature is None else _unheld(temperature, t_s) - _REFERENCE_K,
         supply_error=None
         if supply is None
-        else _filled(supply, t_s) / plant.supply.nominal_v - 1.0,
+        else _unheld(supply, t_s) / plant.supply.nominal_v - 1.0,
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
@@ -280,6 +280,26 @@ def _filled(values: Floats, t_s: Floats) -> Floats:
     if not known.any():
         return np.zeros(len(values))
     return np.interp(t_s, t_s[known], values[known])
+
+
+def _unheld(values: Floats, t_s: Floats) -> Floats:
+    """Return what a slow sensor measures between its frames: a held reading is late.
+
+    Straight from the last row of a reading that was held to the next reading, over no more than
+    the time between two of them.
+    """
+    known = _filled(values, t_s)
+    changes = np.flatnonzero(np.diff(known)) + 1
+    if len(changes) < 2:
+        return known
+    held = int(np.diff(changes).min())
+    before = np.maximum(changes - held, 0)
+    rows = np.concatenate([[0], before, changes, [len(known) - 1]])
+    readings = np.concatenate([known[:1], known[changes - 1], known[changes], known[-1:]])
+    order = np.lexsort((np.arange(len(rows)), rows))
+    rows, readings = rows[order], readings[order]
+    last = np.append(np.diff(rows) > 0, True)
+    return np.asarray(np.interp(t_s, t_s[rows[last]], readings[last]))
 
 
 def _between(counts: Floats, t_s: Floats) -> Floats:

@@ -1,0 +1,86 @@
+"""What a log tells exactly is not sought: a flat top's limit, a disc's phase, a warming gyro."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE, nodes_of, setting_of, without_noise
+
+from gap_diagnosis.explanations.registry import predict
+from gap_diagnosis.explanations.variant import Value
+from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+DRIVE = replace(scenario("calibration"), seed=3)
+
+
+def test_the_limit_of_a_saturated_gyro_is_known_to_the_code_that_it_never_exceeds() -> None:
+    limit = 0.3735
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        DRIVE,
+        [EffectSetting("gyro_saturation", (("limit", limit),))],
+        5,
+        reference=ReferenceNoise(),
+        duration_s=40.0,
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    own = tuple(one for one in model.columns.terms if one.variant.effect == "gyro_saturation")
+    model.columns = replace(model.columns, terms=own)
+    found = MotionBlock(model).detail(frozenset({"gyro_saturation"}))
+    told = np.asarray(found.parameters["gyro_saturation.limit"].samples)
+    code_rad_s = 1 / ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
+    assert told.min() < limit < told.max()
+    assert told.max() - told.min() < 1.001 * code_rad_s
+    assert told.std() == pytest.approx(code_rad_s / 12**0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.6, -2.5])
+def test_an_eccentric_disc_is_undone_wherever_it_stood_when_the_log_began(phase: float) -> None:
+    """Steps are left with the rounding of two counts, and not with a share of the amplitude."""
+    values: dict[str, Value] = {"side": "left", "amplitude": 0.08, "phase": phase}
+    robot = without_noise(ROBOT)
+    log, plain = (
+        synthetic_recording(robot, WIRE, DRIVE, settings, 3, reference=EXACT, duration_s=30.0)
+        for settings in ([EffectSetting("encoder_eccentricity", tuple(values.items()))], [])
+    )
+    motion = nodes_of(log, robot).motion
+    turned = np.cumsum(predict(motion, setting_of(motion, "encoder_eccentricity", values)).left_rad)
+    true = np.cumsum(predict(nodes_of(plain, robot).motion).left_rad)
+    # Counts are rounded here and there, and by up to 1 / (1 - amplitude) more where undone.
+    assert np.abs(turned - true).max() < (1.0 + 1.0 / 0.92) * motion.rad_per_count
+
+
+def test_between_two_frames_of_a_slow_sensor_a_gyro_warms_on() -> None:
+    """A reading held till the next frame is half a frame late on average."""
+    warm = (("offset", -5.0), ("rise", 15.0), ("time_constant", 20.0))
+    log = synthetic_recording(
+        ROBOT, WIRE, DRIVE, [EffectSetting("warm_up", warm)], 3, reference=EXACT, duration_s=30.0
+    )
+    read = estimate_motion(log, ROBOT).warm_k
+    assert read is not None
+    true = -5.0 - 15.0 * np.expm1(-log.t_s / 20.0)
+    inside = slice(200, -200)
+    code_k = 1 / ROBOT.plant.temperature.sensitivity_lsb_per_k
+    assert abs(float(np.mean((read - true)[inside]))) < 0.5 * code_k
+
+
+def test_a_slow_sensor_that_stood_still_for_long_changes_within_the_time_of_one_frame() -> None:
+    log = synthetic_recording(ROBOT, WIRE, DRIVE, [], 3, reference=EXACT, duration_s=10.0)
+    held = np.full(len(log.t_s), 290.0)
+    held[500:] = 291.0
+    held[510:] = 292.0
+    read = estimate_motion(replace(log, temperature_k=held), ROBOT).warm_k
+    assert read is not None
+    middle = read + 298.15
+    assert np.allclose(middle[:490], 290.0)
+    assert middle[495] == pytest.approx(290.5)
+    assert np.allclose(middle[510:], 292.0)
