@@ -34,6 +34,8 @@ class Motion:
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
         speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, means over each tick, smoothed.
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
+        wheel_unsure_rad2: float64[2, n], variance of each wheel's turn where it was added up from
+            speeds.
         gyro_unsure_rad2: variance of a tick's turn by the gyro beyond its noise: a sample was lost,
             or may be of a moment.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
@@ -44,6 +46,7 @@ class Motion:
         radius_m, wheelbase_m, rad_per_count: of the description.
         rounding_rad: to what a reading of a wheel's turn is rounded: a count, or hardly at all
             where wheels say how fast they are.
+        sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
@@ -77,8 +80,10 @@ class Motion:
     radius_m: float
     wheelbase_m: float
     rad_per_count: float
+    wheel_unsure_rad2: Floats
     gyro_unsure_rad2: Floats
     rounding_rad: float
+    sharp_s: float
     has_counters: bool = True
 
     @property

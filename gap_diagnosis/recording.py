@@ -92,6 +92,8 @@ class Recording:
             and its standard deviation (NaN where the log does not tell).
         speed_cycle_s: how often wheels say their speed, where they say no way: a speed may be one
             of the moment, or a mean since the one before; 0 where counts are recorded.
+        unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where counts
+            were added up from speeds; None where they were recorded.
     """
 
     name: str
@@ -117,6 +119,7 @@ class Recording:
     clock_skew: float = float("nan")
     clock_skew_sd: float = float("nan")
     speed_cycle_s: float = 0.0
+    unsure_ticks2: Floats | None = None
 
     @property
     def duration_s(self) -> float:

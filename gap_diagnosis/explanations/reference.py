@@ -90,9 +90,11 @@ def _move_in_detail(p: Prediction, by_s: float) -> None:
 
 
 def detailed_turn_rate(motion: Motion) -> Floats:
-    """Return the mean turn rate of each tick, smoothed by no more than the rounding of counts."""
+    """Return the mean turn rate of each tick, smoothed by no more than its noise asks for."""
+    if motion.sharp_s == np.inf:
+        return motion.turn_rate_rad_s
     step_s = float(np.median(motion.dt_s[1:]))
-    heading = gaussian_filter1d(motion.heading_rad, SHARP_S / step_s, mode="nearest")
+    heading = gaussian_filter1d(motion.heading_rad, motion.sharp_s / step_s, mode="nearest")
     turn = np.diff(heading, prepend=heading[0])
     return np.asarray(turn / np.maximum(motion.dt_s, 1e-9))
 
@@ -105,7 +107,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     """
     detail = detailed_turn_rate(motion) - motion.turn_rate_rad_s
     step_s = float(np.median(motion.dt_s[1:]))
-    width = SHARP_S / step_s
+    width = motion.sharp_s / step_s
     # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
     slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad

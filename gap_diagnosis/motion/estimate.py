@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
+from gap_diagnosis.explanations.reference import SHARP_S
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.robot import Robot
@@ -37,6 +38,10 @@ _FINE_RAD: Final = math.tau / 65_536
 _NOTHING_SAID_RAD2: Final = 1.0
 """Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
 taken for a measurement, that would say that the wheels never slipped meanwhile."""
+_CONTACT_M_PER_SQRT_M: Final = 5e-4
+"""As levels of noise have it before a log is seen."""
+_NOISY: Final = 0.07
+_MOST_SMOOTHING_S: Final = 0.3
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -90,7 +95,8 @@ def estimate_motion(
         x_m, y_m = dead_reckoned(forward_m, heading)
         x_m = x_m + _slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
         y_m = y_m + _slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
-    turn_rate = gaussian_filter1d(_slope(heading, t_s), width)
+    turning_s = turn_smoothing_s(heading, np.abs(rates) * radius_m, wheelbase_m, step_s)
+    turn_rate = gaussian_filter1d(_slope(heading, t_s), max(turning_s / step_s, 0.5))
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
     along = _slope(x_m, t_s) * np.cos(middle) + _slope(y_m, t_s) * np.sin(middle)
     temperature, supply = recording.temperature_k, recording.supply_v
@@ -116,6 +122,9 @@ def estimate_motion(
         turn_rate_rad_s=turn_rate,
         acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
         gyro_turn_rad=gyro_turn,
+        wheel_unsure_rad2=np.zeros((2, len(t_s)))
+        if recording.unsure_ticks2 is None
+        else recording.unsure_ticks2 * rad_per_count**2,
         gyro_unsure_rad2=gyro_unsure,
         gyro_code=None
         if recording.gyro_code is None or gyro_turn is None
@@ -134,6 +143,7 @@ def estimate_motion(
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
         rounding_rad=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
+        sharp_s=_sharp_s(turning_s),
         has_counters=has_counters,
     )
 
@@ -142,6 +152,35 @@ def _slope(values: Floats, t_s: Floats) -> Floats:
     """Return the mean slope over each tick, of which t_s is the end; the first is the second's."""
     slope = np.diff(values) / np.diff(t_s)
     return np.concatenate([slope[:1], slope])
+
+
+def turn_smoothing_s(
+    heading: Floats, speeds_m_s: Floats, wheelbase_m: float, step_s: float
+) -> float:
+    """Return over how long a turn rate is averaged, so that its change is that of the body.
+
+    Wheels on a road slip to and fro, a random walk over the way, and a heavy body turns smoothly:
+    where the slope of what they say is mostly their own noise, a late or lagging gyro would be
+    told from it. It is a Gaussian that leaves of the noise 7 % of the slope. *speeds_m_s*:
+    float64[2, n], each wheel's.
+    """
+    walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
+    walk_rad2_per_s /= wheelbase_m**2
+    turn_rate = np.diff(heading, prepend=heading[0]) / step_s
+    width_s = _RATE_SMOOTHING_S
+    while width_s < _MOST_SMOOTHING_S:
+        bends = np.gradient(gaussian_filter1d(turn_rate, max(width_s / step_s, 0.5)), step_s)
+        noise = math.sqrt(walk_rad2_per_s / (4.0 * math.sqrt(math.pi) * width_s**3))
+        if noise <= _NOISY * float(bends.std()):
+            break
+        width_s *= 1.1
+    return width_s
+
+
+def _sharp_s(turning_s: float) -> float:
+    """Return what details of a turn rate are smoothed by, the more the more noise there is."""
+    sharp_s = SHARP_S * (turning_s / _RATE_SMOOTHING_S) ** 2
+    return sharp_s if sharp_s < turning_s else math.inf
 
 
 def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:

@@ -51,6 +51,7 @@ class Nodes:
         has_gyro, has_reference, has_heading: which channels there are.
         described: float64[3, n], x, y [m] and heading [rad] along which delays move, hardly
             smoothed: the described wheels' way on the estimated headings, and their own heading.
+        described_t_s: float64[n], the ticks' times, as smooth.
         gyro_kept: bool[m], blocks whose gyro is used.
     """
 
@@ -67,6 +68,7 @@ class Nodes:
     sample_node: Ints
     samples: Floats
     described: Floats
+    described_t_s: Floats
     gyro_kept: NDArray[np.bool_]
     has_gyro: bool
     has_reference: bool
@@ -83,22 +85,21 @@ class Nodes:
         # The noise of a count must not depend on where between two ticks a delay comes to lie.
         motion, tick = self.motion, self.sample_tick
         known = (motion.x_m, motion.y_m, motion.heading_rad)
-        return tuple(
-            path[tick] + (there - described[tick])
-            for path, there, described in zip(
-                known,
-                self._between_ticks(np.clip(true_t_s, *motion.t_s[[0, -1]])),
-                self.described,
-                strict=True,
-            )
-        )
+        moved = self._way(np.clip(true_t_s, *motion.t_s[[0, -1]])) - self._way_at_ticks
+        return tuple(path[tick] + change for path, change in zip(known, moved, strict=True))
 
     @cached_property
-    def _between_ticks(self) -> CubicSpline:
-        """The described way between the ticks: no straight line where a robot turns in and out."""
-        t_s = self.motion.t_s
+    def _way(self) -> CubicSpline:
+        """The described way over time: no straight line where a robot turns in and out."""
+        # As smooth in time as in place: stamps that jitter would bend the way from row to row.
+        t_s = self.described_t_s
         later = np.diff(np.maximum.accumulate(t_s), prepend=-np.inf) > 0
         return CubicSpline(t_s[later], self.described[:, later], axis=1)
+
+    @cached_property
+    def _way_at_ticks(self) -> Floats:
+        """The same at each sample's tick, float64[3, s]."""
+        return np.asarray(self._way(self.motion.t_s[self.sample_tick]))
 
     @cached_property
     def reference_noise(self) -> tuple[float, ...]:
@@ -146,6 +147,7 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
     node_of = tick // size
     node, sample_starts = np.unique(node_of, return_index=True)
     samples = np.diff(np.append(sample_starts, len(tick))).astype(np.float64)
+    described = _described(motion, step_s)
     return Nodes(
         motion=motion,
         smooth=smoothed(motion),
@@ -159,7 +161,8 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
         sample_starts=sample_starts.astype(np.int64),
         sample_node=node.astype(np.int64),
         samples=samples,
-        described=_described(motion, step_s),
+        described=described[:3],
+        described_t_s=described[3],
         gyro_kept=np.logical_and.reduceat(keep, starts),
         has_gyro=motion.gyro_turn_rad is not None,
         has_reference=len(tick) > 0,
@@ -208,13 +211,13 @@ def _deviations(motion: Motion, prediction: Prediction) -> tuple[Floats, Floats,
 
 
 def _described(motion: Motion, step_s: float) -> Floats:
-    """Return x, y and heading by the description's wheels, float64[3, n], hardly smoothed.
+    """Return x, y, heading by the description's wheels, and time, float64[4, n], hardly smoothed.
 
     Where the way leads is the estimated heading's: the wheels' own may have drifted by turns.
     """
     forward_m = 0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad)
     heading = motion.heading_rad + _deviations(motion, Prediction(motion))[2]
-    places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading])
+    places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading, motion.t_s])
     rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
     usual = math.sqrt(float(np.mean(rates**2))) / motion.rounding_rad
     width_s = max(_SHARP_S, _SHARP_COUNTS / max(usual, 1.0))

@@ -111,6 +111,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     slow = [nodes.mean(_creep(motion, step)) * block_s for step in signed]
     if _is_finer(nodes, per_count_m):
         slow = [np.maximum(one, seen) for one, seen in zip(slow, _seen(nodes), strict=True)]
+    unsure = [nodes.mean(np.cumsum(one)) * radius**2 for one in motion.wheel_unsure_rad2]
+    scatter = [np.diff(one, prepend=one[0]) for one in unsure]
     return Course(
         dt_s=block_s,
         step_x_m=np.diff(x_m, prepend=x_m[0]),
@@ -121,8 +123,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_moved=moved[1],
         left_kept=_kept(moved[0], slow[0]),
         right_kept=_kept(moved[1], slow[1]),
-        left_scatter_m2=np.zeros(nodes.count),
-        right_scatter_m2=np.zeros(nodes.count),
+        left_scatter_m2=scatter[0],
+        right_scatter_m2=scatter[1],
         cosine=np.cos(heading),
         sine=np.sin(heading),
         quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.log_ticks import LogByTicks
+from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
 from gap_diagnosis.reading.ticks import Ticks
 from gap_diagnosis.reading.wheels import (
     fastest_ticks,
     gyro_code_and_rate,
-    integrated_speed,
     refuse_impossible_codes,
     running_count,
     ticks_per_unit,
@@ -43,14 +43,21 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     tick = log.rows.tick - log.rows.tick[0]
     gyro = _gyro(log)
     heading = _quantity(log.on_rows("odom_heading"))
+    unsure = None
+    if _is_speed(log.wire.signal_map["left_count"]):
+        left, right = _speed(log, "left_count"), _speed(log, "right_count")
+        left_ticks, right_ticks = left.ticks, right.ticks
+        unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+    else:
+        left_ticks, right_ticks = _wheel(log, "left_count"), _wheel(log, "right_count")
     recording = Recording(
         name=path.name,
         tick_period_s=log.period_s,
         t_s=log.log_seconds(Ticks(log.rows.tick, log.rows.segment)),
         stamp_s=log.rows.place(log.anchor_ticks.tick, np.asarray(log.anchor.stamp_us * _US)),
         tick=tick,
-        left_ticks=_wheel(log, "left_count"),
-        right_ticks=_wheel(log, "right_count"),
+        left_ticks=left_ticks,
+        right_ticks=right_ticks,
         gyro_code=None if gyro is None else gyro[0],
         gyro_rate_rad_s=None if gyro is None else gyro[1],
         temperature_k=_slow(log, "temperature"),
@@ -65,12 +72,35 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         counter_bits=_counter_bits(log.wire.signal_map["left_count"], robot),
         clock_skew=log.clock.skew,
         clock_skew_sd=log.clock.skew_sd,
-        speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
+        speed_cycle_s=0.0 if unsure is None else log.period_s,
+        unsure_ticks2=unsure,
     )
     return recording, _reference(log)
 
 
 def _wheel(log: LogByTicks, role: Role) -> Floats:
+    mapped, raw = _readings(log, role)
+    scale = ticks_per_unit(mapped.quantity, log.plant)
+    if not mapped.signal.is_float:
+        count_to_raw(mapped, log.plant)  # refuses a signal narrower than the counter
+    wrap = None if mapped.signal.is_float else float(wrap_of(mapped)[0])
+    return running_count(
+        raw,
+        log.rows.tick,
+        wrap=wrap,
+        scale=scale * mapped.si_per_lsb,
+        fastest_per_tick=fastest_ticks(log.plant, log.period_s),
+    )
+
+
+def _speed(log: LogByTicks, role: Role) -> AddedUp:
+    mapped, raw = _readings(log, role)
+    speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
+    ecu_s = np.asarray(log.rows.tick * log.period_s, dtype=np.float64)
+    return integrated_speed(speed, ecu_s, scale=ticks_per_unit(mapped.quantity, log.plant))
+
+
+def _readings(log: LogByTicks, role: Role) -> tuple[MappedSignal, Floats]:
     mapped = log.wire.signal_map[role]
     name = mapped.message.name
     if name not in log.frames:
@@ -79,22 +109,7 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
         )
     found = log.on_rows(role)
     assert found is not None  # mapped and there
-    raw, rows = found[1], log.rows.tick
-    scale = ticks_per_unit(mapped.quantity, log.plant)
-    if _is_speed(mapped):
-        speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
-        ecu_s = np.asarray(rows * log.period_s, dtype=np.float64)
-        return integrated_speed(speed, ecu_s, scale=scale)
-    if not mapped.signal.is_float:
-        count_to_raw(mapped, log.plant)  # refuses a signal narrower than the counter
-    wrap = None if mapped.signal.is_float else float(wrap_of(mapped)[0])
-    return running_count(
-        raw,
-        rows,
-        wrap=wrap,
-        scale=scale * mapped.si_per_lsb,
-        fastest_per_tick=fastest_ticks(log.plant, log.period_s),
-    )
+    return mapped, found[1]
 
 
 def _is_speed(mapped: MappedSignal) -> bool:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.rows import Rows, hold, rows_of_ticks
+from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
 from gap_diagnosis.reading.stamp_jitter import sampled_at
 from gap_diagnosis.reading.table_clock import TableClock, table_clock
 from gap_diagnosis.reading.table_file import read_columns, read_header
 from gap_diagnosis.reading.wheels import (
     fastest_ticks,
     gyro_code_and_rate,
-    integrated_speed,
     refuse_impossible_codes,
     running_count,
     ticks_per_unit,
@@ -136,10 +136,15 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
-    left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
-    t_s = table.t_s
-    if table.map.get("ecu_time") is None and not _is_speed(table):
-        t_s = sampled_at(t_s, rows.tick, (left_ticks, right_ticks), clock.period_s)
+    t_s, unsure = table.t_s, None
+    if _is_speed(table):
+        left, right = _speed(table, "left_count"), _speed(table, "right_count")
+        left_ticks, right_ticks = left.ticks, right.ticks
+        unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+    else:
+        left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
+        if table.map.get("ecu_time") is None:
+            t_s = sampled_at(t_s, rows.tick, (left_ticks, right_ticks), clock.period_s)
     gyro = _gyro(table)
     heading = _quantity(table, "odom_heading")
     recording = Recording(
@@ -162,7 +167,8 @@ def read_table_recording(
         counter_bits=_counter_bits(table, robot),
         clock_skew=clock.skew,
         clock_skew_sd=clock.skew_sd,
-        speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
+        speed_cycle_s=0.0 if unsure is None else clock.period_s,
+        unsure_ticks2=unsure,
     )
     return recording, _reference(table, t_s)
 
@@ -170,16 +176,19 @@ def read_table_recording(
 def _wheel(table: _Table, role: Role) -> Floats:
     mapped = table.map.columns[role]
     reading, tick = table.last(role), table.rows.tick
-    scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
-    if _is_speed(table):
-        return integrated_speed(reading, table.t_s, scale=scale)
     return running_count(
         reading,
         tick,
         wrap=_wrap(mapped, reading, table),
-        scale=scale,
+        scale=ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor,
         fastest_per_tick=fastest_ticks(table.plant, table.clock.period_s),
     )
+
+
+def _speed(table: _Table, role: Role) -> AddedUp:
+    mapped = table.map.columns[role]
+    scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
+    return integrated_speed(table.last(role), table.t_s, scale=scale)
 
 
 def _is_speed(table: _Table) -> bool:

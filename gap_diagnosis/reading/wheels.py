@@ -62,17 +62,6 @@ def running_count(
     return (reading - reading[valid[0]]) * scale if len(valid) else reading.copy()
 
 
-def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> Floats:
-    """Return the running count that wheel speeds add up to (trapezoids; a gap is bridged)."""
-    valid = np.flatnonzero(np.isfinite(speed))
-    result = np.full(len(speed), np.nan)
-    if len(valid):
-        rate = speed[valid] * scale
-        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s[valid])
-        result[valid] = np.concatenate(([0.0], np.cumsum(steps)))
-    return result
-
-
 def gyro_code_and_rate(
     reading: Floats, kind: Kind, plant: PlantDescription, path: str
 ) -> tuple[Floats, Floats]:

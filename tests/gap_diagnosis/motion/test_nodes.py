@@ -119,6 +119,24 @@ def test_a_delay_leads_back_along_the_way_however_far_the_wheels_own_heading_has
         np.testing.assert_allclose(change[channel, nodes.sample_node][5:], means[5:], atol=0.004)
 
 
+def test_a_short_delay_leads_along_the_same_way_as_a_long_one_where_stamps_jitter():
+    """Counts that are late by what the reference is late by are no news, whatever the steps."""
+    jitter_s = 0.001 * np.random.default_rng(1).random(len(RECORDING.t_s))
+    nodes = nodes_of(replace(RECORDING, t_s=RECORDING.t_s + jitter_s))
+    (late,) = EXPLAINED["reference_time_offset"].variants(nodes.motion)
+
+    def per_second(delay_s: float) -> np.ndarray:
+        ahead, behind = (
+            residuals(nodes, predict(nodes.motion, [(late, (sign * delay_s,))])) for sign in (1, -1)
+        )
+        return (behind - ahead)[:2] / (2 * delay_s)
+
+    short, long = per_second(0.002), per_second(0.02)
+    apart = np.sqrt(np.nanmean((short - long) ** 2) / np.nanmean(long**2))
+    # Of a way that turns and speeds up within a second, the third order over 20 ms.
+    assert apart < 0.02**2 / 6 / 0.1**2
+
+
 def test_a_wheel_that_counts_to_and_fro_at_rest_does_not_move():
     """In an hour of it a slip of more than the whole way would take the counts' noise away."""
     stands_s = 30.0

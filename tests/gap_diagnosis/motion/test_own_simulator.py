@@ -14,7 +14,7 @@ from gap_diagnosis.motion.noise import fit_noise
 from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
-from gap_diagnosis.reading.wheels import integrated_speed
+from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
 from gap_diagnosis.recording import Recording, Reference
 from hil_harness.robot import Robot
 
@@ -163,7 +163,7 @@ def test_speeds_that_are_means_since_the_row_before_are_not_late() -> None:
     robot = with_ticks(4096)
     log = recorded(robot, row_s=0.04)
     left, right = (
-        integrated_speed(np.diff(one, prepend=one[0]) / 0.04, log.t_s, scale=1.0)
+        integrated_speed(np.diff(one, prepend=one[0]) / 0.04, log.t_s, scale=1.0).ticks
         for one in (log.left_ticks, log.right_ticks)
     )
     log = replace(log, left_ticks=left, right_ticks=right, speed_cycle_s=0.04)
@@ -178,3 +178,57 @@ def test_a_search_that_ends_at_better_levels_makes_no_noise_of_a_reference() -> 
     nothing = Found(frozenset(), (), evidence, evidence, levels)
     fit = fit_noise(model, nothing, nothing, "reference_noise", ("reference_noise",))
     assert fit.log_evidence < NEWS
+
+
+def on_the_road(robot: Robot) -> Recording:
+    """Return a car's speeds: its tyres slip to and fro, and it turns as smoothly as it is heavy."""
+    rng = np.random.default_rng(3)
+    t_s = np.arange(STEP_S, 120.0, STEP_S)
+    speed = 9.0 + 4.0 * np.sin(t_s / 7.0)
+    rate = 0.2 * np.sin(math.tau * t_s / 11.0) * np.sin(math.tau * t_s / 31.0)
+    heading = np.cumsum(rate) * STEP_S
+    x_m, y_m = (np.cumsum(speed * one(heading)) * STEP_S for one in (np.cos, np.sin))
+    wheels, gyro, row_s = robot.plant.wheels, robot.plant.gyro, 0.02
+    rows, stamps = np.arange(row_s, 119.0, row_s), np.arange(0.013, 119.0, 0.1)
+    every = round(row_s / STEP_S)
+
+    def told(side: float) -> AddedUp:
+        slip = 4e-4 * np.sqrt(speed / STEP_S) * rng.standard_normal(len(t_s))
+        wheel = np.cumsum(speed + side * 0.5 * wheels.wheelbase_m * rate + slip) * STEP_S
+        mean = np.diff(np.interp(rows, t_s, wheel), prepend=wheel[0]) / row_s
+        scale = robot.plant.encoder.ticks_per_rev / math.tau / wheels.radius_m
+        return integrated_speed(np.round(mean, 2), rows, scale=scale)
+
+    left, right = told(-1.0), told(1.0)
+    turned = np.diff(heading[every - 1 :: every][: len(rows)], prepend=0.0) / row_s
+    noise = gyro.noise_density_rad_per_sqrt_s / math.sqrt(row_s)
+    turned += noise * rng.standard_normal(len(rows))
+    return Recording(
+        name="car",
+        tick_period_s=row_s,
+        t_s=rows,
+        stamp_s=rows,
+        tick=np.arange(len(rows)),
+        left_ticks=left.ticks,
+        right_ticks=right.ticks,
+        gyro_rate_rad_s=turned,
+        gyro_code=turned * gyro.sensitivity_lsb_per_rad_s + gyro.zero_rate_code,
+        reference=Reference(
+            stamps,
+            *(
+                np.interp(stamps, t_s, one) + 0.01 * rng.standard_normal(len(stamps))
+                for one in (x_m, y_m)
+            ),
+            np.interp(stamps, t_s, heading) + 1e-3 * rng.standard_normal(len(stamps)),
+        ),
+        speed_cycle_s=row_s,
+        unsure_ticks2=np.stack([left.unsure_ticks2, right.unsure_ticks2]),
+    )
+
+
+def test_tyres_that_slip_to_and_fro_under_a_heavy_car_are_no_lag_of_its_gyro() -> None:
+    plant = ROBOT.plant
+    wheels = plant.wheels.model_copy(update={"radius_m": 0.3, "wheelbase_m": 1.5})
+    robot = replace(ROBOT, plant=plant.model_copy(update={"wheels": wheels}))
+    model = MotionModel(on_the_road(robot), robot, default_prior())
+    assert max(gains(model, model.no_effect_levels).values()) < NEWS

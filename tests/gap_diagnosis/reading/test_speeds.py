@@ -1,0 +1,52 @@
+"""Wheel speeds add up to a way, and say how sure it is."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.reading.speeds import integrated_speed
+
+ROW_S = 0.02
+LEAST_M_S = 0.5
+
+
+def braking() -> tuple[np.ndarray, np.ndarray]:
+    """Return times and speeds of four stops of 3 s, each from 5 m/s at 2 m/s² and up again."""
+    t_s = np.arange(0.0, 60.0, ROW_S)
+    away_s = np.abs((t_s + 7.5) % 15.0 - 7.5)  # from the middle of the nearest stop
+    return t_s, np.clip(2.0 * (away_s - 1.5), 0.0, 5.0)
+
+
+def test_a_wheel_too_slow_for_its_sensor_creeps_to_its_stop_as_it_slowed_down() -> None:
+    t_s, speed = braking()
+    told = np.where(speed < LEAST_M_S, 0.0, speed)
+    exact = float(np.sum(speed) * ROW_S)
+    untold = exact - float(np.sum(told) * ROW_S)
+    found = integrated_speed(told, t_s, scale=1.0)
+    unsure = math.sqrt(found.unsure_ticks2.sum())
+    assert untold > 8 * 0.9 * LEAST_M_S**2 / (2 * 2.0)
+    assert found.ticks[-1] == pytest.approx(exact, abs=0.2 * untold)
+    assert 0.5 * untold / math.sqrt(8) < unsure < untold
+    still = (told == 0.0) & (speed == 0.0)
+    assert not found.unsure_ticks2[still][5:-5].all()
+
+
+def test_a_wheel_that_tells_every_speed_creeps_no_further() -> None:
+    t_s, speed = braking()
+    found = integrated_speed(speed, t_s, scale=1.0)
+    assert found.ticks[-1] == pytest.approx(np.trapezoid(speed, t_s), abs=1e-9)
+
+
+def test_what_a_step_of_the_signal_rounds_off_adds_up_for_as_long_as_it_says_the_same() -> None:
+    rng = np.random.default_rng(1)
+    step, rows, holds = 0.1, 40, 100
+    speed = np.repeat(3.0 + rng.uniform(-1.0, 1.0, holds), rows)
+    t_s = ROW_S * np.arange(len(speed))
+    told = np.round(speed / step) * step
+    exact = float(np.sum(speed) * ROW_S)
+    found = integrated_speed(told, t_s, scale=1.0)
+    rounding2 = holds * (rows * ROW_S * step) ** 2 / 12.0
+    unsure2 = float(found.unsure_ticks2.sum())
+    assert abs(found.ticks[-1] - exact) < 4 * math.sqrt(unsure2)
+    assert rounding2 < unsure2 < 3 * rounding2
