@@ -104,7 +104,8 @@ class _Along:
         self._steps.close(parts, self._end_m)
         shift = higher_m + np.sum([one.shift_m for one in parts.values()], axis=0)
         noise = sum(one.noise_m2 for one in parts.values())
-        turn = sum(one.turn_rad for one in parts.values())
+        # A heading is an angle: more than half a turn is measured short by whole ones.
+        turn = math.remainder(sum(one.turn_rad for one in parts.values()), 2.0 * math.pi)
         turn_noise = sum(one.noise_rad2 for one in parts.values())
         return Expected(
             {name: one.share for name, one in parts.items()},

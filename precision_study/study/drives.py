@@ -19,8 +19,9 @@ from sim_plant import BLOCK_TICKS, Batch, PlantDescription
 
 Floats = NDArray[np.float64]
 
+TOGETHER_SEEDS: Final = 16
 TOGETHER_TICKS: Final = 4_000_000
-"""Seeds with so many ticks of drives, or one, are run and written to disk together."""
+"""So many seeds, or those with so many ticks of drives, are run and written to disk together."""
 HELD_TICKS: Final = 1 << 18
 """So many ticks of drives are held at once, 12 MB with the truth, …"""
 HELD_TICKS_OF_A_ROW: Final = 1 << 16
@@ -173,7 +174,7 @@ def drive_in_blocks(
 
 def seed_blocks(seeds: tuple[int, ...], ticks: int) -> list[tuple[int, ...]]:
     """Return the seeds in blocks that are run together."""
-    size = min(max(TOGETHER_TICKS // ticks, 1), 64)
+    size = min(max(TOGETHER_TICKS // ticks, 1), TOGETHER_SEEDS)
     return [seeds[start : start + size] for start in range(0, len(seeds), size)]
 
 

@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Final
+from typing import Any
 
 from firmware_model import KernelConfig
 from hil_harness.assembly import Wire
@@ -27,9 +27,6 @@ from precision_study.study.drives import Drives, course_ticks, drive_in_blocks, 
 from precision_study.study.measure import Measurement
 from precision_study.study.requirement import Course
 from precision_study.study.space import Point
-
-_PATHS: Final = 16
-"""Drives that the expected error is averaged over: so many tell a root mean square to 1/√32."""
 
 
 @dataclass
@@ -98,19 +95,18 @@ class Family:
     def __init__(self, configs: Sequence[KernelConfig], rows: int) -> None:
         """Begin so many drives."""
         self._members = [_One(config, rows) for config in configs]
-        self._tracers = [Tracer(configs[0]) for _ in range(min(rows, _PATHS))]
+        self._tracers = [Tracer(configs[0]) for _ in range(rows)]
 
     def add(self, part: Drives) -> None:
         """Go on over the next ticks of the same drives."""
-        paths = []
-        for row, (tracer, ticks) in enumerate(
-            zip(self._tracers, part.ticks.tolist(), strict=False)
-        ):
+        for one in self._members:
+            one.measure(part)
+        for row, ticks in enumerate(part.ticks.tolist()):
             if ticks > 0:
                 inputs = (one[row, :ticks] for one in (part.left, part.right, part.gyro))
-                paths.append((row, tracer.add(*inputs)))
-        for one in self._members:
-            one.add(part, paths)
+                path = self._tracers[row].add(*inputs)
+                for one in self._members:
+                    one.expect(row, path)
 
     def statistics(self, asked: Asked) -> list[dict[str, Any]]:
         """Return errors, budget and expected error of each configuration over the whole drives."""
@@ -123,12 +119,15 @@ class _One:
     def __init__(self, config: KernelConfig, rows: int) -> None:
         self._config = config
         self._measurement = Measurement(config, rows)
-        self._expectation = Expectation(config, min(rows, _PATHS))
+        self._expectation = Expectation(config, rows)
 
-    def add(self, part: Drives, paths: Sequence[tuple[int, Path]]) -> None:
+    def measure(self, part: Drives) -> None:
+        """Go on over the next ticks of all drives."""
         self._measurement.add(part)
-        for row, path in paths:
-            self._expectation.add(row, path)
+
+    def expect(self, row: int, path: Path) -> None:
+        """Go on along the next ticks of one drive."""
+        self._expectation.add(row, path)
 
     def statistics(self, asked: Asked) -> dict[str, Any]:
         errors = self._measurement.errors()
