@@ -90,7 +90,7 @@ class Ranking:
             for one in self.sets
             if one.effects != effects
             and len(one.effects) <= len(effects)
-            and 2 * (own.explained - one.explained) < THRESHOLD
+            and 2 * (own.explained - _as_well(one, own)) < THRESHOLD
         ]
         return [one for one in near if not any(_adds_nothing(one, less) for less in self.sets)]
 
@@ -198,6 +198,12 @@ def _triples(
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
     return found
+
+
+def _as_well(one: Ranked, own: Ranked) -> float:
+    """Return what a set explains with no more company than *own* has: what only an unlisted cause
+    beside it explains, it does not."""
+    return one.log_likelihood + min(one.company, own.company)
 
 
 def _adds_nothing(one: Ranked, less: Ranked) -> bool:

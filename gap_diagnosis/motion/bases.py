@@ -93,6 +93,13 @@ def _by_speeding_up(motion: Motion) -> Basis:
     return _joined(_of_the_body(motion, "acceleration"), _hats(turning) if varies else Basis([]))
 
 
+def _by_heading(motion: Motion) -> Basis:
+    """Return functions of the heading about the body: what is off evenly there turns with it."""
+    turning = _of_the_body(motion, "heading")
+    even = Basis([np.ones(len(motion.t_s))])
+    return _joined(turning, even)
+
+
 def _by_turning(motion: Motion) -> Basis:
     """Return functions of how fast the robot turns, and of how tightly."""
     across = np.abs(motion.right_rate_rad_s - motion.left_rate_rad_s)
@@ -146,6 +153,7 @@ def _hats(value: Floats) -> Basis:
 _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
     ("wheel", "turn_rate"): _by_turning,
+    ("reference", "heading"): _by_heading,
     ("gyro", "acceleration"): _by_speeding_up,
 }
 """Functions of a variable where they are not the body's."""

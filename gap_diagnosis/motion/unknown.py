@@ -31,7 +31,9 @@ from gap_diagnosis.recording import Floats
 _SCALES: Final = 4
 _WORTH_LEVELS: Final = 6.0
 """What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
-_ROUNDS: Final = 10
+_LIKELY: Final = 1.0
+"""So does what is likelier than no effect by more than this [nat], however few its columns."""
+_ROUNDS: Final = 30
 _CODE: Final = ("adc_code", "turn_rate")
 """Which code there should be, the wheels' turn rate says: a function of the codes that there are
 would explain their noise with itself."""
@@ -222,13 +224,16 @@ def alternatives(
 
 def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats | None:
     """Return the noise levels that suit an alternative best, sought from *start*; None where it
-    gains no more than its many columns gain from noise.
+    gains no more than columns gain from noise.
 
     At the levels of no effect, noise has taken what the alternative explains.
     """
     variable = _CODE[1] if one.variable == _CODE[0] else one.variable
     laid = _lay_out(model, (), only=(one.stage, variable))
-    if not laid.plans or one.log_likelihood < 0.5 * len(laid.plans[0].columns) + _WORTH_LEVELS:
+    gains = one.log_evidence > _LIKELY
+    if laid.plans and not gains:
+        gains = one.log_likelihood > 0.5 * len(laid.plans[0].columns) + _WORTH_LEVELS
+    if not gains:
         return None
 
     def evidence(levels: Floats) -> float:

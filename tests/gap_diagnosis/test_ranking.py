@@ -124,7 +124,8 @@ def test_what_gains_by_chance_is_no_member_where_no_effect_is_just_out_of_the_gr
 
 def test_what_an_unlisted_cause_explains_beside_it_makes_no_effect_a_member() -> None:
     """Lost frames, told by their name; an unlisted bus would explain it beside anything."""
-    motion = FakeBlock({"gyro_bias": 0.0, "wheelbase_scale": 0.0})
+    likelihood = {"gyro_bias": 3.0, "wheelbase_scale": 5.0}
+    motion = FakeBlock({"gyro_bias": 0.0, "wheelbase_scale": 0.0}, likelihood=likelihood)
     bus = FakeBlock({"frame_loss": 500.0}, name="bus")
     ranking = ranked(motion, bus, unknown={"bus": 495.0, "wheel": -5.0})
     assert ranking.best.effects == {"frame_loss"}

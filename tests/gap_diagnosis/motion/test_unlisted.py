@@ -78,6 +78,28 @@ def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_h
     assert best.log_evidence > named.log_evidence - np.log(25) - 6
 
 
+def test_a_point_beside_the_robots_middle_turns_with_it() -> None:
+    """Hats over the place add up to it too, but pay for nine bends that are not there."""
+    arm = EffectSetting("reference_lever_arm", (("x", 0.02), ("y", 0.0)))
+    model = MotionModel(drive(arm), ROBOT, default_prior(), without=frozenset({arm.effect}))
+    best, second = alternatives(model, model.no_effect_levels)[:2]
+    assert (best.stage, best.variable) == ("reference", "heading")
+    assert best.log_evidence > second.log_evidence + 10
+
+
+def test_a_slow_reference_does_not_keep_a_cause_from_its_levels() -> None:
+    """No effect's levels wander for minutes instead: from there the way back is long."""
+    toe = EffectSetting("reference_yaw", (("angle", 0.01),))
+    without = frozenset({"reference_yaw"})
+    model = MotionModel(drive(toe, name="random"), ROBOT, default_prior(), without=without)
+    wandering = model.level_prior.median.copy()
+    wandering[-2:] = 0.005, 100.0
+    best = alternatives(model, wandering)[0]
+    levels = levels_beside(model, best, wandering)
+    assert levels is not None
+    assert levels[-1] < 20.0
+
+
 def test_a_cause_without_a_name_gets_noise_levels_of_its_own() -> None:
     """At those of no effect, noise has taken most of what it explains."""
     slip = EffectSetting("lateral_slip", (("compliance", 0.1),))
