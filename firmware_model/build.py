@@ -78,11 +78,10 @@ def build_config(
     half_tick, count_limit = scales.half_tick(asked, max_step_ticks)
     position_low, position_high = scales.word(one.position.word_bits)
     position_shift = bounds.position_shift(asked)
-    if not allow_overflow:
-        held = bounds.position_count_limit(
-            asked, half_tick, max_step_ticks, position_shift, position_high
-        )
-        count_limit = min(count_limit, held)
+    held = bounds.position_count_limit(
+        asked, half_tick, max_step_ticks, position_shift, position_high
+    )
+    count_limit = min(count_limit, held)
 
     step_low, step_high = scales.word(one.step.word_bits)
     step_bound = min(half_tick.bound(2 * count_limit), -step_low)

@@ -114,12 +114,17 @@ def position_count_limit(
 ) -> int:
     """Return the largest increment of both wheels whose step the position's word holds.
 
-    A longer gap is not bridged. How far many steps go is for `firmware_model.reach` to say.
+    A longer gap is not bridged, but where by force not even the step of a tick fits. How far many
+    steps go is for `firmware_model.reach` to say.
     """
+    if half_tick.value_q == 0:  # no step is too long
+        return INTERMEDIATE_LIMIT
     # step · cosine ≤ 2^31 · 2^30; the carried remainder is at most 2^shift ≤ 2^61.
     frac_bits = asked.description.trig.frac_bits
     limit = half_tick.largest_factor((position_high << shift) - 1 >> frac_bits) // 2
     if limit < max_step_ticks:
+        if asked.allow_overflow:
+            return INTERMEDIATE_LIMIT
         one = asked.description
         step = half_tick.bound(2 * max_step_ticks)
         least = ((step << frac_bits >> shift) + 1).bit_length() + 1

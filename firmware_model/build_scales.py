@@ -154,8 +154,8 @@ def max_step_ticks(asked: Asked) -> int:
 def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
     """Return half a tick's distance and the largest increment ever accepted [encoder ticks].
 
-    The increment stays within half the counter's range, and so small that a step of both
-    wheels fits its word.
+    The increment stays within half the counter's range, and so small that a step of both wheels
+    fits its word. Where by force not even that of a tick does, any increment is accepted.
     """
     known, step = asked.constants, asked.description.step
     half_range = (1 << (known.counter_bits - 1)) - 1
@@ -170,7 +170,8 @@ def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
     half_tick_m = asked.exact.half_tick_m
     tick_q = 2 * half_tick_m.numerator << step.frac_bits
     longest = -(-high * half_tick_m.denominator // tick_q)
-    roughly = half_range if asked.allow_overflow else min(half_range, longest)
+    is_short = asked.allow_overflow and longest < max_step_ticks
+    roughly = half_range if is_short else min(half_range, longest)
     found = to_scale(
         asked,
         "firmware.step.constant_frac_bits",
@@ -180,10 +181,12 @@ def half_tick(asked: Asked, max_step_ticks: int) -> tuple[Scale, int]:
         kept=("firmware.step.frac_bits", step.frac_bits),
         factor=2 * max(roughly, max_step_ticks),
     )
-    if asked.allow_overflow:
+    if found.value_q == 0:  # no step is too long
         return found, half_range
     capacity = found.largest_factor(high) // 2
     if capacity < max_step_ticks:
+        if asked.allow_overflow:
+            return found, half_range
         farthest_m = 2 * max_step_ticks * asked.exact.half_tick_m
         bits = math.floor(math.log2(max(high - 2, 1) / farthest_m))
         right = f"at most {bits}" if bits >= 0 else "a wider step.word_bits"

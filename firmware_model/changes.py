@@ -154,12 +154,25 @@ class FirmwareChanges:
         *,
         allow_overflow: bool = False,
     ) -> KernelConfig:
-        """Return the kernel's integers of the program that runs. Raises FirmwareError."""
-        config = build_config(
-            self.description(description),
-            self.constants(constants),
-            allow_overflow=allow_overflow or self.overflow_bits != 0,
-        )
+        """Return the kernel's integers of the program that runs. Raises FirmwareError.
+
+        A word that is narrower than described overflows; all that was dimensioned for the described
+        one, constants and the longest gap, stays.
+        """
+        running, used = self.description(description), self.constants(constants)
+        if self.overflow_bits == 0:
+            return build_config(running, used, allow_overflow=allow_overflow)
+        config = build_config(running, used, allow_overflow=True)
         if not allow_overflow:
             require_c(config)
-        return config
+        if self.overflow_bits >= getattr(description, self.overflow_variable).word_bits:
+            return config
+        usual = replace(self, overflow_bits=0).config(
+            description, constants, allow_overflow=allow_overflow
+        )
+        name = self.overflow_variable.removesuffix("_step")
+        limits: dict[str, Any] = {
+            one: getattr(config, one)
+            for one in (f"{name}_low_q", f"{name}_high_q", f"{name}_overflow")
+        }
+        return replace(usual, description=running, **limits)

@@ -10,6 +10,7 @@ from hypothesis import assume, event, given, settings
 from kernel_cases import ROBOT, config_of, robots
 
 from firmware_model import (
+    FirmwareChanges,
     FirmwareConstants,
     FirmwareDescription,
     FirmwareError,
@@ -17,6 +18,8 @@ from firmware_model import (
     KernelConfig,
     build_config,
 )
+from firmware_model.changes import LimitedVariable
+from firmware_model.config import CONFIG_FIELDS
 from firmware_model.integers import INTERMEDIATE_LIMIT
 
 DESCRIPTION_ROWS: list[tuple[dict[str, Any], str]] = [
@@ -179,6 +182,40 @@ def test_a_velocity_filter_too_long_for_its_word_is_refused() -> None:
         "expected at most 4, or fewer turn_step.frac_bits; only --kernel python holds more, by "
         "--force"
     )
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {},
+        {"step": {"word_bits": 24}},
+        {"step": {"word_bits": 32, "frac_bits": 34}},
+        {"position": {"word_bits": 12, "frac_bits": 14}},
+    ],
+)
+def test_force_changes_nothing_of_what_need_not_be_forced(table: dict[str, Any]) -> None:
+    """Nor does it elsewhere: a gap whose step a narrow word does not hold is not bridged."""
+    described = FirmwareDescription.from_table(table)
+    usual = build_config(described, ROBOT)
+    assert build_config(described, ROBOT, allow_overflow=True) == usual
+    turning = FirmwareDescription.from_table(table | {"turn_step": {"word_bits": 16}})
+    with pytest.raises(FirmwareError):
+        build_config(turning, ROBOT)
+    forced = build_config(turning, ROBOT, allow_overflow=True)
+    assert forced.gap_limit_ticks == usual.gap_limit_ticks
+
+
+@pytest.mark.parametrize(("variable", "bits"), [("position", 33), ("step", 20), ("turn_step", 44)])
+def test_an_effect_that_narrows_a_word_leaves_all_else_as_described(
+    variable: LimitedVariable, bits: int
+) -> None:
+    """A word so narrow is not bridged over long gaps where it is described: here it overflows."""
+    changes = FirmwareChanges(overflow_variable=variable, overflow_bits=bits)
+    usual, found = config_of(), changes.config(FirmwareDescription(), ROBOT)
+    name = variable.removesuffix("_step")
+    apart = {one for one in CONFIG_FIELDS if getattr(usual, one) != getattr(found, one)}
+    assert {f"{name}_low_q", f"{name}_high_q"} <= apart
+    assert apart <= {f"{name}_low_q", f"{name}_high_q", f"{name}_overflow"}
 
 
 def test_a_wheel_too_fast_for_its_counter_is_refused() -> None:

@@ -128,7 +128,7 @@ def test_words_at_the_limits_of_32_and_64_bits_wrap_and_saturate_alike() -> None
             position = {"word_bits": word_bits, "frac_bits": frac_bits, "overflow": overflow}
             table = {"position": position, "step": {"frac_bits": 30, "overflow": overflow}}
             config = build_config(FirmwareDescription.from_table(table), ROBOT, allow_overflow=True)
-            drive = [(400 * tick, 400 * tick, 0, 32768, 0) for tick in range(3_000)]
+            drive = [(100 * tick, 100 * tick, 0, 32768, 0) for tick in range(3_000)]
             jobs.append(job_of(config, drive))
     assert any(answer.state["overflow_count"] for answer in assert_four_ways(jobs))
 
