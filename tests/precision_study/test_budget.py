@@ -151,8 +151,7 @@ def test_the_bound_holds_in_every_run_and_the_expected_error_is_within_a_factor_
     apart = {seed: own for seed, (own, _) in compared.items() if not is_within(2.0, own)}
     assert not apart, "on its own drives"
     apart = {seed: others for seed, (_, others) in compared.items() if not is_within(2.0, others)}
-    print(f"{name}: {len(compared) - len(apart)} of {len(compared)} within a factor of two")
-    assert len(apart) <= 0.05 * count, apart
+    assert not apart, "on other drives of the kind"
 
 
 def test_causes_that_cancel_leave_what_a_turned_heading_bends() -> None:
