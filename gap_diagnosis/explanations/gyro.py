@@ -56,8 +56,21 @@ def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
     """Bend the scale with the rate's size."""
-    rate = p.gyro_rad_s
-    p.gyro_rad_s = rate + quadratic * rate * np.abs(rate) + cubic * rate**3
+    _bend(p, p.gyro_rad_s, quadratic, cubic)
+
+
+def exact_gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
+    """Bend the scale with the size of the rate as sharp as it is."""
+    _bend(p, _rate_with_details(p), quadratic, cubic)
+
+
+def _bend(p: Prediction, rate: Floats, quadratic: float, cubic: float) -> None:
+    p.gyro_rad_s = p.gyro_rad_s + quadratic * rate * np.abs(rate) + cubic * rate**3
+
+
+def _rate_with_details(p: Prediction) -> Floats:
+    """Return the rate as the gyro has it so far, with what smoothing rounded off."""
+    return p.gyro_rad_s + turn_rate_with_details(p.motion) - p.motion.turn_rate_rad_s
 
 
 def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
@@ -70,16 +83,33 @@ def gyro_scale(p: Prediction, *, scale: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s * (1 + scale)
 
 
+def exact_gyro_scale(p: Prediction, *, scale: float) -> None:
+    """Read every rate, as sharp as it is, too large."""
+    p.gyro_rad_s = p.gyro_rad_s + scale * _rate_with_details(p)
+
+
 def gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
     """Let the scale follow the temperature."""
     if p.motion.warm_k is not None:
         p.gyro_rad_s = p.gyro_rad_s * (1 + slope * p.motion.warm_k)
 
 
+def exact_gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
+    """Let the scale of a rate as sharp as it is follow the temperature."""
+    if p.motion.warm_k is not None:
+        p.gyro_rad_s = p.gyro_rad_s + slope * p.motion.warm_k * _rate_with_details(p)
+
+
 def supply_ratio(p: Prediction, *, coefficient: float) -> None:
     """Let the scale follow the supply."""
     if p.motion.supply_error is not None:
         p.gyro_rad_s = p.gyro_rad_s * (1 + coefficient * p.motion.supply_error)
+
+
+def exact_supply_ratio(p: Prediction, *, coefficient: float) -> None:
+    """Let the scale of a rate as sharp as it is follow the supply."""
+    if p.motion.supply_error is not None:
+        p.gyro_rad_s = p.gyro_rad_s + coefficient * p.motion.supply_error * _rate_with_details(p)
 
 
 def gyro_bias(p: Prediction, *, bias: float) -> None:
@@ -112,7 +142,7 @@ def gyro_saturation(p: Prediction, *, limit: float) -> None:
     """
     m = p.motion
     sd = max(m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s, 1e-12)
-    rate = p.gyro_rad_s + turn_rate_with_details(m) - m.turn_rate_rad_s
+    rate = _rate_with_details(p)
     p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond((rate - limit) / sd)
     p.gyro_rad_s = p.gyro_rad_s + sd * _mean_beyond((-limit - rate) / sd)
 

@@ -14,9 +14,14 @@ _RANK: Final = {"encoder": 0, "wheel": 1, "gyro": 2, "reference": 3}
 
 
 def _plain(
-    effect: str, stage: str, act: Action, *coefficients: str, positive: bool = False
+    effect: str,
+    stage: str,
+    act: Action,
+    *coefficients: str,
+    positive: bool = False,
+    exact: Action | None = None,
 ) -> Explanation:
-    variant = Variant(effect, act, coefficients, is_positive=positive)
+    variant = Variant(effect, act, coefficients, is_positive=positive, exact=exact)
     return Explanation(effect, _RANK[stage], lambda motion: (variant,))
 
 
@@ -80,7 +85,14 @@ _ALL: Final = (
     _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
     _plain("longitudinal_slip", "wheel", wheel.longitudinal_slip, "compliance", positive=True),
     Explanation("one_sided_slip", 1, choices.one_sided_slip),
-    _plain("lateral_slip", "wheel", wheel.lateral_slip, "compliance", positive=True),
+    _plain(
+        "lateral_slip",
+        "wheel",
+        wheel.lateral_slip,
+        "compliance",
+        positive=True,
+        exact=wheel.exact_lateral_slip,
+    ),
     Explanation(
         "cross_slope_drift",
         1,
@@ -113,10 +125,23 @@ _ALL: Final = (
     ),
     Explanation("frame_latency", 2, choices.frame_latency),
     Explanation("gyro_lag", 2, lambda motion: (_LAG,)),
-    _plain("gyro_nonlinearity", "gyro", gyro.gyro_nonlinearity, "quadratic", "cubic"),
-    _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale"),
-    _plain("gyro_temperature_scale", "gyro", gyro.gyro_temperature_scale, "slope"),
-    _plain("supply_ratio", "gyro", gyro.supply_ratio, "coefficient"),
+    _plain(
+        "gyro_nonlinearity",
+        "gyro",
+        gyro.gyro_nonlinearity,
+        "quadratic",
+        "cubic",
+        exact=gyro.exact_gyro_nonlinearity,
+    ),
+    _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale", exact=gyro.exact_gyro_scale),
+    _plain(
+        "gyro_temperature_scale",
+        "gyro",
+        gyro.gyro_temperature_scale,
+        "slope",
+        exact=gyro.exact_gyro_temperature_scale,
+    ),
+    _plain("supply_ratio", "gyro", gyro.supply_ratio, "coefficient", exact=gyro.exact_supply_ratio),
     _plain("gyro_bias", "gyro", gyro.gyro_bias, "bias"),
     _plain("gyro_temperature_bias", "gyro", gyro.gyro_temperature_bias, "slope"),
     _plain("gyro_vibration", "gyro", gyro.gyro_vibration, "coefficient"),

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gap_diagnosis.explanations.reference import turn_rate_with_details
 from gap_diagnosis.prediction import Prediction
 
 
@@ -67,6 +68,11 @@ def slip_right(p: Prediction, *, ratio: float, start_s: float, stop_s: float) ->
 def lateral_slip(p: Prediction, *, compliance: float) -> None:
     """Slide outward in turns: v_y = -c * v * omega."""
     p.lateral_m = p.lateral_m - compliance * p.forward_m * p.motion.turn_rate_rad_s
+
+
+def exact_lateral_slip(p: Prediction, *, compliance: float) -> None:
+    """Slide outward in turns as sharp as they are."""
+    p.lateral_m = p.lateral_m - compliance * p.forward_m * turn_rate_with_details(p.motion)
 
 
 def cross_slope_drift(p: Prediction, *, north: float, east: float) -> None:
