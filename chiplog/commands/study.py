@@ -225,7 +225,7 @@ def _study(
         if known.count(name) > 1:
             raise CommandError(f"--scenario {name}: stands twice: expected each name once")
     distance_m, mission_s = _mission(scenarios, course, wire)
-    refuse_unfit(
+    forced = refuse_unfit(
         points,
         described,
         distance_m=max(distance_m, 1e-3),  # turning on the spot goes nowhere
@@ -241,7 +241,7 @@ def _study(
         seeds=tuple(range(1, seeds + 1)),
         course=course,
         force=force,
-        table_bytes=table_bytes,
+        forced=forced,
     )
     require_drives_fit(study)
     return study

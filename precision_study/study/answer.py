@@ -53,7 +53,7 @@ class Outcome:
     point: Point
     cost: Cost
     scenarios: tuple[ScenarioOutcome, ...]
-    has_room: bool = True
+    is_forced: bool = False
     in_c: bool = True
 
     def worst(self, what: str) -> ScenarioOutcome:
@@ -70,8 +70,8 @@ class Outcome:
 
     @property
     def is_sound(self) -> bool:
-        """Whether no word overflows, C holds it, the table has room: others are never chosen."""
-        return self.overflows == 0 and self.in_c and self.has_room
+        """Whether no word has overflowed and nothing was forced: others are never chosen."""
+        return self.overflows == 0 and not self.is_forced
 
     @property
     def overflows(self) -> int:
@@ -96,9 +96,15 @@ def outcomes(study: Study, store: Store) -> list[Outcome]:
             for scenario in study.scenarios
         )
         config = build(point, study.robot, force=study.force)
-        cost = table.cost(config)
-        has_room = study.table_bytes is None or cost.table_bytes <= study.table_bytes
-        found.append(Outcome(point, cost, by_scenario, has_room, in_c=not config.beyond_c))
+        found.append(
+            Outcome(
+                point,
+                table.cost(config),
+                by_scenario,
+                is_forced=point.key in study.forced,
+                in_c=not config.beyond_c,
+            )
+        )
     return found
 
 

@@ -41,7 +41,7 @@ class Study:
         seeds: of the noise, for every scenario.
         course: how far the robots drive.
         force: run configurations that overflow, and count.
-        table_bytes: room for a table; None: any.
+        forced: keys of the points that only force runs, from `refuse_unfit`; never chosen.
     """
 
     robot: Robot
@@ -51,7 +51,7 @@ class Study:
     seeds: tuple[int, ...]
     course: Course
     force: bool = False
-    table_bytes: int | None = None
+    forced: frozenset[str] = frozenset()
     _laps: dict[tuple[str, int], str] = field(default_factory=dict, repr=False, compare=False)
 
     @property

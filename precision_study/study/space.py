@@ -215,8 +215,10 @@ def refuse_unfit(
     mission_s: float,
     table_bytes: int = MAX_TABLE_BYTES,
     force: bool = False,
-) -> None:
+) -> frozenset[str]:
     """Refuse a study of which a configuration overflows, has no room or rounds a scale to zero.
+
+    And one that C cannot hold. Return the keys of those that only *force* runs.
 
     Args:
         points: the configurations.
@@ -224,16 +226,31 @@ def refuse_unfit(
         distance_m: longest way of a drive.
         mission_s: longest time that it takes.
         table_bytes: largest table that fits.
-        force: let words that overflow pass, tables without room and constants of zero.
+        force: let them pass.
 
     Raises:
-        StudyError: field, value and what would be right, for the first such configuration.
+        StudyError: field, value and what would be right, for the first such configuration; with
+            *force* for formats that do not belong together.
     """
+    forced = set()
     for point in points:
-        wrong = _unfit(point, robot, distance_m, mission_s, table_bytes, force)
+        wrong = _unfit(point, robot, distance_m, mission_s, table_bytes)
+        if wrong is not None and force:
+            forced.add(point.key)
+            wrong = _unbuilt(point, robot)
         if wrong is not None:
             where = f" (with {point.words})" if point.values else ""
             raise StudyError(f"{wrong}{where}")
+    return frozenset(forced)
+
+
+def _unbuilt(point: Point, robot: Robot) -> str | None:
+    """Return why not even force runs a configuration."""
+    try:
+        build(point, robot, force=True)
+    except FirmwareError as error:
+        return str(error)
+    return None
 
 
 def _unfit(
@@ -242,14 +259,13 @@ def _unfit(
     distance_m: float,
     mission_s: float,
     table_bytes: int,
-    force: bool,
 ) -> str | None:
     try:
-        config = build(point, robot, force=force)
+        config = build(point, robot)
     except FirmwareError as error:
         return str(error)
     size = bytes_of_table(config)
-    if size > table_bytes and not force:
+    if size > table_bytes:
         trig = point.firmware.trig
         field = "iterations" if trig.method == "cordic" else "entries"
         value = getattr(trig, field)
@@ -257,17 +273,16 @@ def _unfit(
             f"firmware.trig.{field} = {value}: a table of {size} bytes does not fit "
             f"--table-bytes {table_bytes}: expected at most {_fitting(trig.method, table_bytes)}"
         )
-    if not force:
-        try:
-            envelope = Envelope.of(
-                config,
-                mission_s=mission_s,
-                distance_m=distance_m,
-                noise_ticks=point.plant.encoder.noise_ticks,
-            )
-            require_mission_fits(config, envelope, f"{distance_m:g} m")
-        except FirmwareError as error:
-            return str(error)
+    try:
+        envelope = Envelope.of(
+            config,
+            mission_s=mission_s,
+            distance_m=distance_m,
+            noise_ticks=point.plant.encoder.noise_ticks,
+        )
+        require_mission_fits(config, envelope, f"{distance_m:g} m")
+    except FirmwareError as error:
+        return str(error)
     return None
 
 

@@ -307,6 +307,23 @@ def test_what_c_cannot_hold_is_run_by_force_and_counted_and_never_chosen(
         assert in_c[name] == in_python[name]
 
 
+def test_a_constant_of_zero_is_run_by_force_and_never_chosen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gyro's, of a robot that does not use it: nothing overflows, and no C is made of it."""
+    words = ["study", "--sweep", "gyro.sensitivity_frac_bits=4,30", "--sweep", "mode=wheel"]
+    words += ["--sweep", "turn_step.frac_bits=20", "--sweep", "heading.frac_bits=16"]
+    words += ["--sweep", "velocity.frac_bits=12", "--scenario", "straight", "--seeds", "1"]
+    words += ["--out", str(tmp_path), "--meet", "position 1 m after 1 m"]
+    assert main(words) == 2
+    assert "rounds to zero" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    cheapest = re.search(r"Cheapest that holds .*", capsys.readouterr().out)
+    assert cheapest is not None
+    assert "gyro.sensitivity_frac_bits = 30" in cheapest[0]
+    assert main(["export-c", "--robot", str(tmp_path / "robot.toml"), "--out", str(tmp_path)]) == 0
+
+
 def test_a_table_without_room_is_run_by_force_and_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
