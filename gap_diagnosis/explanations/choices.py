@@ -97,8 +97,9 @@ def gyro_saturation(motion: Motion) -> Iterable[Variant]:
     flat = _flat_top(motion)
     if flat is not None:
         known = {"limit": flat}
-        half_a_code = {"limit": 0.5 / motion.gyro_sensitivity_lsb_per_rad_s}
-        yield Variant("gyro_saturation", gyro.gyro_saturation, (), known, known, half_a_code)
+        half_a_code = 0.5 / motion.gyro_sensitivity_lsb_per_rad_s
+        told = {"limit": (flat - half_a_code, flat + half_a_code)}
+        yield Variant("gyro_saturation", gyro.gyro_saturation, (), known, known, told)
         return
     fastest = float(np.abs(motion.turn_rate_rad_s).max())
     for share in (0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3):

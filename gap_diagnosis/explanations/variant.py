@@ -30,7 +30,8 @@ class Variant:
         coefficients: names of the amplitudes, empty for an effect that is there or not.
         fixed: values decided for this variant, handed to `act`.
         report: values decided for this variant, as the catalogue names them.
-        told_within: of a fixed value that the log itself tells, how far it may be off either way.
+        told: of a fixed value that the log itself tells, the least and the largest that it may be;
+            the fit may move it where the effect acts not quite so.
         polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
@@ -51,7 +52,7 @@ class Variant:
     coefficients: tuple[str, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     report: Mapping[str, Value] = field(default_factory=dict)
-    told_within: Mapping[str, float] = field(default_factory=dict)
+    told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     polar: tuple[str, str] | None = None
     polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
     is_positive: bool = False

@@ -318,14 +318,12 @@ class MotionBlock:
 
     def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""
-        value = float(term.variant.report[name])
-        within = term.variant.told_within.get(name)
-        if within is not None:
-            return value + within * rng.uniform(-1.0, 1.0, _DRAWS)
+        if name in term.variant.told:
+            return rng.uniform(*term.variant.told[name], size=_DRAWS)
         sd = self.scan.spans.get(term.variant.effect, {}).get(name)
         if sd is None:
             return self._on_the_grid(term, name, found, rng)
-        return value + sd * rng.standard_normal(_DRAWS)
+        return float(term.variant.report[name]) + sd * rng.standard_normal(_DRAWS)
 
     def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge that was told too faintly to be sought off its

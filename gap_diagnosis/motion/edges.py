@@ -30,13 +30,8 @@ class Edged:
 
 
 def has_edges(term: Term) -> bool:
-    """Tell whether a term has a window, a threshold or a limit that must be sought."""
-    return bool(_sought(term))
-
-
-def _sought(term: Term) -> list[str]:
-    variant = term.variant
-    return [name for name in EDGES if name in variant.fixed and name not in variant.told_within]
+    """Tell whether a term has a window, a threshold or a limit."""
+    return any(name in term.variant.fixed for name in EDGES)
 
 
 def best_edges(
@@ -48,7 +43,7 @@ def best_edges(
 ) -> Edged:
     """Move the edges of ``terms[place]`` to where the evidence is best, by halving steps."""
     term = terms[place]
-    names = _sought(term)
+    names = [name for name in EDGES if name in term.variant.fixed]
     t_s = model.nodes.motion.t_s
     log_s = float(t_s[0]), float(t_s[-1])
     width_s = (log_s[1] - log_s[0]) / _GRID_PARTS

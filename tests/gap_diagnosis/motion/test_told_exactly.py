@@ -37,12 +37,15 @@ def test_the_limit_of_a_saturated_gyro_is_known_to_the_code_that_it_never_exceed
     model = MotionModel(log, ROBOT, default_prior())
     own = tuple(one for one in model.columns.terms if one.variant.effect == "gyro_saturation")
     model.columns = replace(model.columns, terms=own)
-    found = MotionBlock(model).detail(frozenset({"gyro_saturation"}))
+    block = MotionBlock(model)
+    found = block.detail(frozenset({"gyro_saturation"}))
     told = np.asarray(found.parameters["gyro_saturation.limit"].samples)
     code_rad_s = 1 / ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
     assert told.min() < limit < told.max()
     assert told.max() - told.min() < 1.001 * code_rad_s
     assert told.std() == pytest.approx(code_rad_s / 12**0.5, rel=0.05)
+    # The fit seeks its own: held to the code, what it rounds off at the limit would be gyro_scale.
+    assert "limit" in block.scan.spans["gyro_saturation"]
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.6, -2.5])
