@@ -84,12 +84,14 @@ def analyse(
     *library* a user's own."""
     motion, gross = None, False
     blocks: list[Block] = []
+    # What a stale producer said again, only the ECU took for news; counts that then catch up look
+    # like leaps of the reference.
+    bus = bus_block(recording, robot, wire) if recording.frames else None
+    received, recording = recording, recording if bus is None else bus.without_stale()
     recording, mistake = with_reference_put_right(recording, robot, without)
     recording, late_s = with_clock_set(recording, robot)
     recording, lost = with_tracking(recording, robot)
-    # What a stale producer said again, only the ECU took for news.
-    bus = bus_block(recording, robot, wire) if recording.frames else None
-    as_received, recording = recording, recording if bus is None else bus.without_stale()
+    as_received = replace(received, reference=recording.reference)
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)

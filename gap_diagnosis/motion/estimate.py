@@ -256,6 +256,8 @@ def wraps(
     span = 2.0**bits
     if bits < 8 or np.any(np.abs(large - span) > reach[is_large] + 2):
         return 0, none
+    if max(np.ptp(np.cumsum(steps)) for steps in counts) >= span:
+        return 0, none  # no counter that narrow says so much
     return bits, [span * np.rint(steps / span) for steps in beyond]
 
 

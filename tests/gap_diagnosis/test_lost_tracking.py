@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from test_outliers import drive, reference, with_x
 
+from gap_diagnosis.analysis import analyse
 from gap_diagnosis.lost_tracking import Lost, with_tracking
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording, Reference
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.assembly import load_wire
+from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
 FROZEN = slice(1000, 1200)
@@ -75,3 +81,14 @@ def test_what_wheels_could_do_is_no_leap() -> None:
     x_m = reference().x_m.copy()
     x_m[700:] += 0.1 * np.clip(np.arange(len(x_m) - 700) / 10.0, 0.0, 1.0)
     assert with_tracking(with_x(x_m), ROBOT)[1] == Lost()
+
+
+def test_counts_that_leap_after_they_were_said_again_are_no_leaps_of_the_reference() -> None:
+    values = (("frame", "ENCODER"), ("cycles", 12), ("probability", 0.005))
+    stale = EffectSetting("stale_producer", values)
+    wire = load_wire()
+    log = synthetic_recording(
+        ROBOT, wire, scenario("figure8"), (stale,), 3, reference=ReferenceNoise(), duration_s=30.0
+    )
+    assert with_tracking(log, ROBOT)[1].leaps, "else there is nothing to mistake"
+    assert analyse(log, ROBOT, wire, default_prior()).lost == Lost()

@@ -53,6 +53,16 @@ def test_what_a_wheel_goes_in_a_silence_is_no_wrap(effects: tuple[EffectSetting,
     assert motion.left_angle_rad[-1] == pytest.approx(turned, abs=1e-9)
 
 
+def test_counts_that_leap_after_they_were_said_again_are_no_wrap() -> None:
+    """Seven ticks of turning are nearly 2^8 counts; but no counter of 8 bits says thousands."""
+    values = (("frame", "ENCODER"), ("cycles", 6), ("probability", 0.005))
+    stale = EffectSetting("stale_producer", values)
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (stale,), 3, duration_s=60.0)
+    leaps = np.abs(np.diff(log.left_ticks))
+    assert 240 < np.max(leaps) < 280
+    assert estimate_motion(log, ROBOT).wrap_bits == 0
+
+
 def test_a_disc_far_off_centre_is_undone_at_the_angle_that_the_wheel_has() -> None:
     """At the angle that was read instead, a quarter of a percent of a turn would remain."""
     log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3, duration_s=30.0)
@@ -60,7 +70,7 @@ def test_a_disc_far_off_centre_is_undone_at_the_angle_that_the_wheel_has() -> No
     true = motion.left_angle_rad
     read = true + AMPLITUDE_RAD * np.sin(true + PHASE_RAD)
     steps = np.diff(read, prepend=read[0])
-    measured = replace(motion, left_angle_rad=read, left_step_rad=steps)
+    measured = replace(motion, left_angle_rad=read - read[0], left_step_rad=steps)
     (variant, _) = EXPLAINED["encoder_eccentricity"].variants(motion)
     sizes = AMPLITUDE_RAD * np.cos(PHASE_RAD), AMPLITUDE_RAD * np.sin(PHASE_RAD)
     found = predict(measured, [(variant, sizes)]).left_rad
