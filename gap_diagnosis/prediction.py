@@ -46,6 +46,7 @@ class Motion:
         radius_m, wheelbase_m, rad_per_count: of the description.
         rounding_rad: to what a reading of a wheel's turn is rounded: a count, or hardly at all
             where wheels say how fast they are.
+        turning_s: over how long turn rates were averaged.
         sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
@@ -83,6 +84,7 @@ class Motion:
     wheel_unsure_rad2: Floats
     gyro_unsure_rad2: Floats
     rounding_rad: float
+    turning_s: float
     sharp_s: float
     has_counters: bool = True
 

@@ -143,6 +143,7 @@ def estimate_motion(
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
         rounding_rad=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
+        turning_s=turning_s,
         sharp_s=_sharp_s(turning_s),
         has_counters=has_counters,
     )
@@ -183,7 +184,7 @@ def _sharp_s(turning_s: float) -> float:
     return sharp_s if sharp_s < turning_s else math.inf
 
 
-def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:
+def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float, least_s: float) -> Floats:
     """Smooth steps a little where they are large, and much where they are hardly more than noise.
 
     On a straight the difference of two counts is nothing but their noise.
@@ -197,7 +198,7 @@ def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float) -> Floats:
     calm = np.exp(-((rate / noise) ** 2))
     # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
     slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
-    return np.asarray((1 - calm) * smooth(_RATE_SMOOTHING_S) + calm * slow)
+    return np.asarray((1 - calm) * smooth(least_s) + calm * slow)
 
 
 def unwrapped(recording: Recording, robot: Robot) -> Recording:
@@ -284,13 +285,20 @@ def smoothed(motion: Motion) -> Motion:
             (motion.right_angle_rad, motion.right_step_rad),
         )
     )
-    ahead = _denoised(right + left, tick_s, motion.rounding_rad)
-    turning = _denoised(right - left, tick_s, motion.rounding_rad)
+    # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
+    # by as much: of a wheel that stands nothing must be left.
+    is_speed = motion.rounding_rad == _FINE_RAD
+    least_s = motion.turning_s if is_speed else _RATE_SMOOTHING_S
+    ahead, turning = (
+        _denoised(steps, tick_s, motion.rounding_rad, least_s)
+        for steps in (right + left, right - left)
+    )
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     geometry = motion.radius_m / motion.wheelbase_m
-    turn = _denoised(motion.turn_rate_rad_s * tick_s / geometry, tick_s, motion.rounding_rad)
+    turn = motion.turn_rate_rad_s * tick_s / geometry
+    turn = _denoised(turn, tick_s, motion.rounding_rad, _RATE_SMOOTHING_S)
     return replace(
         motion,
         x_m=x_m,
