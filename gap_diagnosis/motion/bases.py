@@ -29,7 +29,7 @@ class Basis:
     """Functions of a variable, and the simplest combinations of them.
 
     Attributes:
-        functions: float64[n] each, or float64[2, n] of both wheels.
+        functions: float64[n] each, or float64[2, n] of both wheels, or both directions of a room.
         simple: float64[functions, k] each.
         is_even: the functions add up to one everywhere.
     """
@@ -68,8 +68,6 @@ def _of_the_body(motion: Motion, variable: str) -> Basis:
     if variable == "direction":
         forward = np.tanh(motion.speed_m_s / 0.02)
         return Basis([forward] if np.ptp(forward) > 1 else [])
-    if variable == "place":
-        return _joined(_hats(motion.x_m), _hats(motion.y_m))
     value = _variable(motion, variable)
     least = _LEAST_RANGE.get(variable, 0.0)
     if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
@@ -91,6 +89,27 @@ def _by_speeding_up(motion: Motion) -> Basis:
     turning = np.gradient(motion.turn_rate_rad_s, motion.elapsed_s)
     varies = np.subtract(*np.percentile(turning, [95, 5])) > _LEAST_RANGE["acceleration"]
     return _joined(_of_the_body(motion, "acceleration"), _hats(turning) if varies else Basis([]))
+
+
+def _by_place(motion: Motion) -> Basis:
+    """Return shifts in either direction, float64[2, n] each, by where the robot is; the plainest is
+    a scale of the room."""
+    by_x, by_y = _hats(motion.x_m), _hats(motion.y_m)
+    functions = []
+    scale: list[float] = []
+    for direction, (base, way) in enumerate(((by_x, motion.x_m), (by_y, motion.y_m))):
+        extent = float(np.abs(way).max())
+        for place, hat in enumerate(base.functions):
+            for shifted in (0, 1):
+                shift = np.zeros((2, len(hat)))
+                shift[shifted] = hat
+                functions.append(shift)
+                along = float(base.simple[0][place, 0]) * extent
+                scale.append(along if shifted == direction else 0.0)
+    if not functions:
+        return Basis([])
+    column = np.array(scale)[:, np.newaxis]
+    return Basis(functions, [column / np.abs(column).max()])
 
 
 def _by_heading(motion: Motion) -> Basis:
@@ -154,6 +173,7 @@ _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
     ("wheel", "turn_rate"): _by_turning,
     ("reference", "heading"): _by_heading,
+    ("reference", "place"): _by_place,
     ("gyro", "acceleration"): _by_speeding_up,
 }
 """Functions of a variable where they are not the body's."""

@@ -117,6 +117,16 @@ def _reference_across(p: Prediction, f: Floats) -> None:
     p.reference_left_m = p.reference_left_m + f
 
 
+def _reference_delay(p: Prediction, f: Floats) -> None:
+    p.reference_delay_s = p.reference_delay_s + f
+
+
+def _reference_place(p: Prediction, f: Floats) -> None:
+    cosine, sine = np.cos(p.motion.heading_rad), np.sin(p.motion.heading_rad)
+    p.reference_forward_m = p.reference_forward_m + f[0] * cosine + f[1] * sine
+    p.reference_left_m = p.reference_left_m - f[0] * sine + f[1] * cosine
+
+
 def _reference_heading(p: Prediction, f: Floats) -> None:
     p.reference_heading_rad = p.reference_heading_rad + f
 
@@ -142,6 +152,9 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1),),
+    # In the room's directions, not the body's.
+    ("reference", "place"): (Way("reference", _reference_place, 1e-3, 0.2, needs_reference=True),),
+    ("reference", "time"): (Way("reference", _reference_delay, 1e-3, 0.2, needs_reference=True),),
     # What drifts with its surroundings may be the scale as well as the bias.
     ("gyro", "temperature"): _DRIFTING,
     ("gyro", "supply"): _DRIFTING,
@@ -169,8 +182,8 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "supply",
         "time",
     ),
-    # Not with time: every reference wanders about slowly, and that is noise.
-    "reference": ("heading", "place"),
+    # With time only its delay: every reference wanders about slowly, and that is noise.
+    "reference": ("heading", "place", "time"),
 }
 
 

@@ -78,12 +78,24 @@ def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_h
     assert best.log_evidence > named.log_evidence - np.log(25) - 6
 
 
-def test_a_point_beside_the_robots_middle_turns_with_it() -> None:
-    """Hats over the place add up to it too, but pay for nine bends that are not there."""
-    arm = EffectSetting("reference_lever_arm", (("x", 0.02), ("y", 0.0)))
-    model = MotionModel(drive(arm), ROBOT, default_prior(), without=frozenset({arm.effect}))
+@pytest.mark.parametrize(
+    ("effect", "values", "variable"),
+    [
+        ("reference_lever_arm", (("x", 0.02), ("y", 0.0)), "heading"),
+        ("reference_scale", (("scale", 0.01),), "place"),
+        ("reference_clock_skew", (("skew", 0.001),), "time"),
+    ],
+)
+def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on(
+    effect: str, values: tuple[tuple[str, float], ...], variable: str
+) -> None:
+    """A point beside the middle turns with the robot, a room's scale goes with the place, a clock
+    that runs off with time; hats that add up to the same pay for the bends that are not there."""
+    without = frozenset({effect})
+    log = drive(EffectSetting(effect, values))
+    model = MotionModel(log, ROBOT, default_prior(), without=without)
     best, second = alternatives(model, model.no_effect_levels)[:2]
-    assert (best.stage, best.variable) == ("reference", "heading")
+    assert (best.stage, best.variable) == ("reference", variable)
     assert best.log_evidence > second.log_evidence + 10
 
 
@@ -94,8 +106,8 @@ def test_a_slow_reference_does_not_keep_a_cause_from_its_levels() -> None:
     model = MotionModel(drive(toe, name="random"), ROBOT, default_prior(), without=without)
     wandering = model.level_prior.median.copy()
     wandering[-2:] = 0.005, 100.0
-    best = alternatives(model, wandering)[0]
-    levels = levels_beside(model, best, wandering)
+    evenly = next(one for one in alternatives(model, wandering) if one.variable == "direction")
+    levels = levels_beside(model, evenly, wandering)
     assert levels is not None
     assert levels[-1] < 20.0
 
