@@ -25,6 +25,9 @@ NEVER_NUISANCE: Final = frozenset(
 )
 """Effects whose small amounts another nuisance already stands for, or that come not in bits."""
 
+_ON_EACH_SIDE: Final = frozenset({"encoder_eccentricity"})
+"""Effects that either side may have a little of. Of a wheel off centre an encoder's as little is
+hardly another."""
 GROSS: Final = frozenset({"setup_wheels_swapped", "setup_sign", "setup_unit"})
 NEEDS_REFERENCE: Final = frozenset(
     {
@@ -114,7 +117,8 @@ def build_columns(
         if explanation.stage_rank == 2 and not nodes.has_gyro:
             continue
         variants = list(explanation.variants(motion))
-        is_nuisance = len(variants) == 1 and effect not in NEVER_NUISANCE and effect in EXPLAINED
+        is_plain = len(variants) == 1 or effect in _ON_EACH_SIDE
+        is_nuisance = is_plain and effect not in NEVER_NUISANCE and effect in EXPLAINED
         if effect in without and not is_nuisance:
             continue
         if effect == "one_sided_slip":

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.unknown import alternatives
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -54,3 +55,12 @@ def test_a_wheel_within_tolerance_is_no_news_though_it_may_not_be_named() -> Non
     )
     assert all(one.variant.effect != "radius_scale" for one in model.columns.terms)
     assert gain_of("reference_scale", model) < 3.0
+
+
+def test_a_disc_within_tolerance_is_no_unlisted_cause() -> None:
+    """Of either side: an encoder a little off centre fitted a function of its angle (13 nats)."""
+    tolerance = default_prior().of("encoder_eccentricity", "amplitude").tolerance
+    recording = drive_with(f"encoder_eccentricity.amplitude={0.7 * tolerance},phase=2.8,side=right")
+    model = MotionModel(recording, ROBOT, default_prior())
+    best = alternatives(model, model.no_effect_levels)[0]
+    assert best.log_evidence < 3.0
