@@ -8,7 +8,7 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
-from hil_harness.effects import parse_effect
+from hil_harness.effects import EffectSetting, parse_effect
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
@@ -16,12 +16,12 @@ ROBOT = load_robot()
 PRECISE = ReferenceNoise(2e-4, 2e-4, 1e-4, 1e-4)
 
 
-def drive_with(effect: str) -> Recording:
+def drive_with(effect: str | EffectSetting) -> Recording:
     return synthetic_recording(
         ROBOT,
         load_wire(),
         scenario("calibration"),
-        (parse_effect(effect),),
+        (parse_effect(effect) if isinstance(effect, str) else effect,),
         seed=5,
         reference=PRECISE,
         contact_noise_m_per_sqrt_m=3e-4,
@@ -60,7 +60,8 @@ def test_a_wheel_within_tolerance_is_no_news_though_it_may_not_be_named() -> Non
 def test_a_disc_within_tolerance_is_no_unlisted_cause() -> None:
     """Of either side: an encoder a little off centre fitted a function of its angle (13 nats)."""
     tolerance = default_prior().of("encoder_eccentricity", "amplitude").tolerance
-    recording = drive_with(f"encoder_eccentricity.amplitude={0.7 * tolerance},phase=2.8,side=right")
+    values = (("amplitude", 0.7 * tolerance), ("phase", 2.8), ("side", "right"))
+    recording = drive_with(EffectSetting("encoder_eccentricity", values))
     model = MotionModel(recording, ROBOT, default_prior())
     best = alternatives(model, model.no_effect_levels)[0]
     assert best.log_evidence < 3.0
