@@ -23,7 +23,8 @@ def test_stamps_without_jitter_give_the_clock_to_the_step_of_the_stamps(
     stamp_s = np.round(start_s + tick * PERIOD_S / (1 + skew), 6)
     clock = fit_clock(tick, one_segment(tick), stamp_s, PERIOD_S)
     assert np.max(np.abs(clock.time_s(tick) - start_s - tick * PERIOD_S / (1 + skew))) < 2e-6
-    assert abs(clock.skew - skew) < 6 * clock.skew_sd + 1e-12
+    # Rounding that goes one way over the log is no noise: it tilts the line by a step at most.
+    assert abs(clock.skew - skew) < 6 * clock.skew_sd + 1e-6 / (ticks * PERIOD_S)
 
 
 @pytest.mark.parametrize("law", ["exponential", "normal", "uniform"])
