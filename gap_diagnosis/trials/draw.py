@@ -9,15 +9,28 @@ from typing import Final
 
 import numpy as np
 
+from can_bus import CanBusError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.trials.case import Stratum
-from gap_diagnosis.trials.sizes import SIZES, Code, Drawn, Even, Lasting, Moment, Peak, Pick, Size
+from gap_diagnosis.trials.sizes import (
+    SIZES,
+    UNIT_FACTORS,
+    Code,
+    Drawn,
+    Even,
+    Lasting,
+    Moment,
+    Peak,
+    Pick,
+    Size,
+)
 from gap_diagnosis.trials.truth import class_of
 from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 from hil_harness.scenarios.scenario import Scenario
+from hil_harness.signal_roles import Role
 
 Draw = np.random.Generator
 Values = dict[str, Value]
@@ -33,11 +46,13 @@ class World:
         duration_s: of the drive.
         peaks: the largest wheel rate, wheel acceleration and turn rate that it asks for.
         zero_code: of the gyro.
+        room: how many times larger each command may be and still be carried on the bus.
     """
 
     duration_s: float
     peaks: Mapping[str, float]
     zero_code: int
+    room: Mapping[str, float]
 
 
 def world_of(scenario: Scenario, robot: Robot, wire: Wire) -> World:
@@ -57,7 +72,30 @@ def world_of(scenario: Scenario, robot: Robot, wire: Wire) -> World:
             "turn_rate": float(np.abs(commands[:, 1]).max()),
         },
         zero_code=robot.plant.gyro.zero_rate_code,
+        room={
+            name: _room(wire, role, float(np.abs(commands[:, column]).max()))
+            for column, (name, role) in enumerate(_COMMANDS.items())
+        },
     )
+
+
+_COMMANDS: Final[Mapping[str, Role]] = {"command_speed": "v_command", "command_turn": "w_command"}
+
+
+def _room(wire: Wire, role: Role, peak: float) -> float:
+    """Return how many times *peak* a command's signal carries, of the factors that are drawn."""
+    signal = wire.signal_map.get(role)
+    if signal is None:
+        return math.inf
+    carried = 0.0
+    for factor in sorted(UNIT_FACTORS):
+        try:
+            signal.to_raw(factor * peak)
+            signal.to_raw(-factor * peak)
+        except CanBusError:
+            break
+        carried = factor
+    return carried
 
 
 def draw_values(effect: str, stratum: Stratum, world: World, draw: Draw) -> Values:
@@ -67,6 +105,10 @@ def draw_values(effect: str, stratum: Stratum, world: World, draw: Draw) -> Valu
         if isinstance(drawn, Size):
             size = _size(effect, name, drawn, stratum, draw)
             values[name] = size * float(draw.choice([-1.0, 1.0])) if drawn.signed else size
+        elif effect == "setup_unit" and name == "factor":
+            room = world.room.get(str(values["signal"]), math.inf)
+            fitting = [factor for factor in UNIT_FACTORS if factor <= room]
+            values[name] = fitting[int(draw.integers(len(fitting)))]
         elif isinstance(drawn, Lasting):
             start_s = values["start_s"]
             values[name] = float(start_s) + float(draw.uniform(drawn.low_s, drawn.high_s))

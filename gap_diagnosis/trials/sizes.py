@@ -84,6 +84,8 @@ def _up(tolerance: float, low: float, high: float) -> Size:
 
 
 _PI: Final = math.pi / 180
+UNIT_FACTORS: Final = (2.0, 0.5, 4.0, 0.25, 10.0, 0.1, _PI, 1 / _PI)
+"""By which a signal in a wrong unit is off."""
 _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     # actuation
     "drive_gain": {"left": Size(0.01, 0.02, 0.1), "right": Size(0.01, 0.02, 0.1)},
@@ -217,7 +219,7 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
             ("left_ticks", "right_ticks", "ticks", "gyro", "command_speed", "command_turn",
              "reference_position", "reference_heading")
         ),
-        "factor": Pick((2.0, 0.5, 4.0, 0.25, 10.0, 0.1, _PI, 1 / _PI)),
+        "factor": Pick(UNIT_FACTORS),
     },
 }  # fmt: skip
 

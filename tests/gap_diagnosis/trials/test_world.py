@@ -18,7 +18,7 @@ from gap_diagnosis.trials.logs import write_log
 from gap_diagnosis.trials.reference_noise import draw_levels, reference_errors
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.sizes import SIZES
-from hil_harness.assembly import load_wire
+from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.effect_runs import run_with_effects
 from hil_harness.effects import catalogue, parse_effect
 from hil_harness.effects.model import EffectSetting
@@ -139,6 +139,22 @@ def test_every_effect_of_the_catalogue_can_be_drawn_within_what_it_admits() -> N
                     assert value in parameter.choices
                 elif parameter.kind != "message":
                     assert parameter.minimum <= float(value) <= parameter.maximum
+
+
+def test_a_command_in_a_wrong_unit_is_one_that_the_bus_carries() -> None:
+    """A speed ten times as large as 1 m/s left its signal, and a whole trial was lost."""
+    world = world_of(scenario("calibration"), ROBOT, WIRE)
+    draw = np.random.default_rng(2)
+    signal = WIRE.signal_map.get("v_command")
+    assert signal is not None
+    peak_m_s = float(np.abs(commands_on_the_wire(scenario("calibration"), 6000, WIRE)[:, 0]).max())
+    factors = set()
+    for _ in range(400):
+        values = draw_values("setup_unit", "field", world, draw)
+        if values["signal"] == "command_speed":
+            factors.add(float(values["factor"]))
+    assert len(factors) > 4
+    signal.to_raw(max(factors) * peak_m_s)
 
 
 def test_a_size_that_no_robot_has_is_not_drawn() -> None:
