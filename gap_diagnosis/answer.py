@@ -31,6 +31,8 @@ _LISTED: Final = 12
 _DETAILED: Final = 4
 _MOST_AMBIGUOUS: Final = 40
 _LEAST_SHARE: Final = 0.02
+_EXACT: Final = 1e-100
+"""What is known to the last digit is as sure as this; its square is still a number."""
 
 
 def candidates(ranking: Ranking, analyses: Sequence[Analysis]) -> tuple[list[Candidate], float]:
@@ -103,10 +105,10 @@ def _converted(key: str, estimates: Sequence[Estimate]) -> ParameterEstimate:
     best = min(estimates, key=lambda one: one.sd)
     samples = np.asarray(best.samples, dtype=np.float64)
     if len(estimates) > 1:
-        weights = np.array([1 / max(one.sd, 1e-300) ** 2 for one in estimates])
+        weights = np.array([max(one.sd, _EXACT) ** -2 for one in estimates])
         mean = float(np.average([float(one.value) for one in estimates], weights=weights))
         sd = float(weights.sum() ** -0.5)
-        samples = mean + (samples - samples.mean()) * sd / max(best.sd, 1e-300)
+        samples = mean + (samples - samples.mean()) * sd / max(best.sd, _EXACT)
     effect, _, name = key.partition(".")
     try:
         unit = catalogue()[effect].parameter(name).unit

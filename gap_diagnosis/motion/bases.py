@@ -20,6 +20,8 @@ _LEAST_RANGE: Final = {
     "lateral_acceleration": 0.05,
 }
 """A variable that varies less [SI] is noise: a function of it would fit the noise."""
+_STRAIGHT_RAD_S: Final = 0.05
+"""So fast a robot on a straight may seem to turn."""
 _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
 
@@ -121,12 +123,20 @@ def _by_heading(motion: Motion) -> Basis:
 
 def _by_turning(motion: Motion) -> Basis:
     """Return functions of how fast the robot turns, and of how tightly."""
-    across = np.abs(motion.right_rate_rad_s - motion.left_rate_rad_s)
-    along = np.abs(motion.right_rate_rad_s + motion.left_rate_rad_s)
     by_rate = _of_the_body(motion, "turn_rate")
     if not by_rate.functions:
         return by_rate
-    return _joined(by_rate, _hats(across / np.maximum(across + along, _STILL_RAD_S)))
+    across = motion.wheelbase_m * np.abs(motion.turn_rate_rad_s)
+    along = 2.0 * np.abs(motion.speed_m_s)
+    tightness = across / np.maximum(across + along, motion.radius_m * _STILL_RAD_S)
+    return _joined(by_rate, _hats(turns(motion) * tightness))
+
+
+def turns(motion: Motion) -> Floats:
+    """Tell from 0 to 1, float64[n], whether the robot turns at all: what the wheels say of a turn
+    on a straight is their noise, which a function of it would take away."""
+    rate2 = motion.turn_rate_rad_s**2
+    return np.asarray(rate2 / (rate2 + _STRAIGHT_RAD_S**2))
 
 
 def _by_each_wheels_acceleration(motion: Motion) -> Basis:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.motion.bases import Basis, basis
+from gap_diagnosis.motion.bases import Basis, basis, turns
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import best_levels
 from gap_diagnosis.motion.model import MotionModel
@@ -86,7 +86,7 @@ def _turn(p: Prediction, f: Floats) -> None:
 
 
 def _turn_gain(p: Prediction, f: Floats) -> None:
-    p.yaw_rad = p.yaw_rad + f * (p.right_m - p.left_m) / p.wheelbase_m
+    p.yaw_rad = p.yaw_rad + f * turns(p.motion) * (p.right_m - p.left_m) / p.wheelbase_m
 
 
 def _lateral(p: Prediction, f: Floats) -> None:

@@ -81,6 +81,19 @@ def test_the_surer_of_two_blocks_has_more_say() -> None:
     assert scale.estimate == pytest.approx(0.09, abs=0.001)  # weights 1 to 9
 
 
+def test_what_one_block_knows_to_the_last_digit_is_told_so() -> None:
+    """A flat top's limit that stands in the codes: weights of 1/0² ended in a traceback."""
+    motion = FakeBlock({"radius_scale": 50.0}, parameters={"radius_scale.scale": normal(0.0, 0.03)})
+    codes = FakeBlock(
+        {"radius_scale": 50.0}, name="codes", parameters={"radius_scale.scale": normal(0.1, 0.0)}
+    )
+    value = entry(entries(ranked(motion, codes), motion, codes), "radius_scale").parameters
+    scale = value["radius_scale.scale"]
+    assert isinstance(scale, NumberEstimate)
+    assert scale.estimate == pytest.approx(0.1)
+    assert scale.sd == pytest.approx(0.0, abs=1e-12)
+
+
 def test_a_choice_is_the_most_probable_one_with_all_probabilities() -> None:
     side = Estimate("left", probabilities={"left": 0.9, "right": 0.1})
     block = FakeBlock({"missed_ticks": 50.0}, parameters={"missed_ticks.side": side})

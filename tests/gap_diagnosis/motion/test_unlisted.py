@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.motion.bases import turns
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import alternatives, levels_beside
@@ -97,6 +98,21 @@ def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("reference", variable)
     assert best.log_evidence > second.log_evidence + 10
+
+
+def test_wheels_that_tremble_on_a_straight_do_not_turn() -> None:
+    """How tightly they seem to turn is as large as their noise: a function of that took the noise
+    of lost counts away (2,000 nats). A rate's weight is its square over that and 0.05² rad²/s²."""
+    lost = EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.005)))
+    log = drive(lost, name="square")
+    motion = MotionModel(log, ROBOT, default_prior()).nodes.smooth
+    assert log.v_command_m_s is not None
+    assert log.w_command_rad_s is not None
+    straight = (np.abs(log.v_command_m_s) > 0.1) & (log.w_command_rad_s == 0.0)
+    told_s = log.t_s[np.flatnonzero(np.diff(log.w_command_rad_s))]
+    settled = np.min(np.abs(log.t_s[:, np.newaxis] - told_s), axis=1) > 0.5
+    assert np.mean(turns(motion)[straight & settled]) < 0.1
+    assert np.min(turns(motion)[(np.abs(log.w_command_rad_s) > 0.5) & settled]) > 0.95
 
 
 def test_a_slow_reference_does_not_keep_a_cause_from_its_levels() -> None:
