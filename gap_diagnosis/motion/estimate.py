@@ -14,13 +14,12 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
-from gap_diagnosis.explanations.reference import SHARP_S
+from gap_diagnosis.explanations.reference import SHARP_S, USUAL_S
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
-_RATE_SMOOTHING_S: Final = 0.05
 _SILENCE_S: Final = 0.1
 _USUAL_TIMES: Final = 5.0
 """What is missing for longer than this, and so many times the usual, cannot be interpolated."""
@@ -72,7 +71,7 @@ def estimate_motion(
         for ticks, jump in zip((recording.left_ticks, recording.right_ticks), jumps, strict=True)
     )
     left, right = left - left[0], right - right[0]
-    width = max(_RATE_SMOOTHING_S / step_s, 0.5)
+    width = max(USUAL_S / step_s, 0.5)
     rates = [gaussian_filter1d(_slope(angle, t_s), width) for angle in (left, right)]
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
     radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
@@ -168,7 +167,7 @@ def turn_smoothing_s(
     walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
     walk_rad2_per_s /= wheelbase_m**2
     turn_rate = np.diff(heading, prepend=heading[0]) / step_s
-    width_s = _RATE_SMOOTHING_S
+    width_s = USUAL_S
     while width_s < _MOST_SMOOTHING_S:
         bends = np.gradient(gaussian_filter1d(turn_rate, max(width_s / step_s, 0.5)), step_s)
         noise = math.sqrt(walk_rad2_per_s / (4.0 * math.sqrt(math.pi) * width_s**3))
@@ -180,7 +179,7 @@ def turn_smoothing_s(
 
 def _sharp_s(turning_s: float) -> float:
     """Return what details of a turn rate are smoothed by, the more the more noise there is."""
-    sharp_s = SHARP_S * (turning_s / _RATE_SMOOTHING_S) ** 2
+    sharp_s = SHARP_S * (turning_s / USUAL_S) ** 2
     return sharp_s if sharp_s < turning_s else math.inf
 
 
@@ -193,7 +192,7 @@ def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float, least_s: fl
     def smooth(width_s: float, values: Floats = step_rad) -> Floats:
         return np.asarray(gaussian_filter1d(values, max(width_s / tick_s, 0.5), mode="nearest"))
 
-    rate = smooth(3 * _RATE_SMOOTHING_S) / tick_s
+    rate = smooth(3 * USUAL_S) / tick_s
     noise = _NOISE_COUNTS_PER_S * rad_per_count
     calm = np.exp(-((rate / noise) ** 2))
     # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
@@ -288,7 +287,7 @@ def smoothed(motion: Motion) -> Motion:
     # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
     # by as much: of a wheel that stands nothing must be left.
     is_speed = motion.rounding_rad == _FINE_RAD
-    least_s = motion.turning_s if is_speed else _RATE_SMOOTHING_S
+    least_s = motion.turning_s if is_speed else USUAL_S
     ahead, turning = (
         _denoised(steps, tick_s, motion.rounding_rad, least_s)
         for steps in (right + left, right - left)
@@ -298,7 +297,7 @@ def smoothed(motion: Motion) -> Motion:
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     geometry = motion.radius_m / motion.wheelbase_m
     turn = motion.turn_rate_rad_s * tick_s / geometry
-    turn = _denoised(turn, tick_s, motion.rounding_rad, _RATE_SMOOTHING_S)
+    turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S)
     return replace(
         motion,
         x_m=x_m,
