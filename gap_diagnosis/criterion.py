@@ -1,7 +1,7 @@
 """A bound on the gap as a person writes it: ``position > 5 mm per 10 m``.
 
-Metrics are RMS errors that grow over windows of about 5 m or 10 s. A bound per length or per time
-is compared with the metric scaled in proportion to the windows' mean length.
+Metrics are RMS errors that grow over windows of about 5 m, but 5 to 10 s. A bound per length or per
+time is compared with the metric scaled in proportion to the windows' mean length.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Final
 
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S
+from gap_diagnosis.gap.windows import LEAST_S, WINDOW_M, WINDOW_S
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import LogFacts, Metric
 
@@ -161,6 +161,7 @@ def _window(bound: Bound, metric: Metric, logs: Sequence[LogFacts]) -> float:
         return told
     driven_m = math.fsum(log.distance_m or 0.0 for log in logs)
     lasted_s = math.fsum(log.duration_s for log in logs)
-    if bound.span == "m":
-        return min(WINDOW_M, WINDOW_S * driven_m / lasted_s) if driven_m else WINDOW_M
-    return min(WINDOW_S, WINDOW_M * lasted_s / driven_m) if driven_m else WINDOW_S
+    if not driven_m:
+        return WINDOW_M if bound.span == "m" else WINDOW_S
+    window_s = min(WINDOW_S, max(LEAST_S, WINDOW_M * lasted_s / driven_m))
+    return window_s * driven_m / lasted_s if bound.span == "m" else window_s

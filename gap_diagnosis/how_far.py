@@ -113,7 +113,7 @@ def shrink(
         windows,
         effects=settings,
         draws=drawn,
-        levels=levels_of(analysis.motion.levels, robot),
+        levels=levels_of(analysis.motion.levels, robot, motion),
         drive=drive,
         firmware=firmware,
         clock_skew=clock_skew,

@@ -172,7 +172,7 @@ class Unknown(Part):
 
 
 class Metric(Part):
-    """One gap metric on held-out data: an RMS over windows of 5 m or 10 s."""
+    """One gap metric on held-out data: an RMS over windows of 5 m, but 5 to 10 s."""
 
     unit: str
     before: float = Field(ge=0, description="simulation as described")

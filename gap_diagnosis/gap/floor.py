@@ -62,6 +62,7 @@ class Floor:
 def noise_floor(
     path: Path,
     wheel_way_m: tuple[Floats, Floats],
+    wheel_unsure_m2: Floats,
     measured_t_s: Floats,
     windows: Sequence[Window],
     levels: NoiseLevels,
@@ -76,7 +77,9 @@ def noise_floor(
     """Return the metrics on noise alone.
 
     *path* is the explained path at the ticks; *wheel_way_m* the way that each wheel has rolled
-    until each tick (never falling), float64[n] each. *gyro_share* is how much of the odometry's
+    until each tick (never falling), float64[n] each, and *wheel_unsure_m2*, float64[2, n], the
+    variance that its reading has gathered until then beside its counting (of speeds that were
+    added up). *gyro_share* is how much of the odometry's
     heading comes from the gyro, whose offset at each tick was averaged over *offset_time_s*,
     float64[n] (∞: no offset was taken off). Without *has_heading* the start heading is estimated
     from positions as in `metrics.path_errors`. The same input gives the same draws.
@@ -84,7 +87,7 @@ def noise_floor(
     generator = np.random.default_rng(_SEED)
     rows = [
         _window_floor(
-            generator, path, wheel_way_m, measured_t_s, window, levels,
+            generator, path, wheel_way_m, wheel_unsure_m2, measured_t_s, window, levels,
             radius_m, wheelbase_m, gyro_share, offset_time_s, has_heading, draws,
         )
         for window in windows
@@ -97,6 +100,7 @@ def _window_floor(
     generator: np.random.Generator,
     path: Path,
     wheel_way_m: tuple[Floats, Floats],
+    wheel_unsure_m2: Floats,
     measured_t_s: Floats,
     window: Window,
     levels: NoiseLevels,
@@ -111,18 +115,23 @@ def _window_floor(
     at_s = np.linspace(window.start_s, window.stop_s, count)
     node_s = float(at_s[1] - at_s[0])
     x_m, y_m = np.interp(at_s, path.t_s, path.x_m), np.interp(at_s, path.t_s, path.y_m)
-    ways = [np.abs(np.diff(np.interp(at_s, path.t_s, way), prepend=0.0)) for way in wheel_way_m]
-    for way in ways:
-        way[0] = 0.0
+
+    def gained(sums: Floats) -> Floats:
+        """Return what a sum that never falls gains from node to node."""
+        at = np.interp(at_s, path.t_s, sums)
+        return np.maximum(np.diff(at, prepend=at[0]), 0.0)
+
+    ways = [gained(way) for way in wheel_way_m]
+    unsure_m2 = [gained(sums) for sums in wheel_unsure_m2]
 
     def walk(sd: Floats) -> Floats:
         return np.cumsum(sd * generator.standard_normal((draws, count)), axis=1)
 
     rolling_m = radius_m * levels.quantum_rad
     left, right = (
-        walk(levels.contact_m_per_sqrt_m * np.sqrt(way))
+        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + unsure))
         + rolling_m * generator.standard_normal((draws, count))
-        for way in ways
+        for way, unsure in zip(ways, unsure_m2, strict=True)
     )
     sideways = levels.lateral_m_per_sqrt_m * np.sqrt(0.5 * (ways[0] + ways[1]))
     after_start = np.full(count, math.sqrt(node_s))

@@ -56,18 +56,20 @@ class Replayed:
     noise: DriveNoise | None = None
 
 
-def levels_of(levels: Floats, robot: Robot) -> NoiseLevels:
+def levels_of(levels: Floats, robot: Robot, motion: Motion) -> NoiseLevels:
     """Return the motion block's levels, float64[9], with the encoder's noise of the description."""
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
     slow_s = named.pop("reference_slow_s")
-    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=_quantum_rad(robot))
+    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=_quantum_rad(robot, motion))
 
 
-def _quantum_rad(robot: Robot) -> float:
-    """Return quantisation and noise of one reading of a wheel's angle, standard deviation."""
-    encoder = robot.plant.encoder
-    counts = math.sqrt(_QUANTUM + encoder.noise_ticks**2)
-    return counts * math.tau / encoder.ticks_per_rev
+def _quantum_rad(robot: Robot, motion: Motion) -> float:
+    """Return quantisation and noise of one reading of a wheel's angle, standard deviation.
+
+    Next to none where a wheel said its speed: no counts were read.
+    """
+    counts = math.sqrt(_QUANTUM + robot.plant.encoder.noise_ticks**2)
+    return counts * motion.rounding_rad
 
 
 def windows_on(motion: Motion, held_out: NDArray[np.bool_] | None = None) -> tuple[Window, ...]:
@@ -103,7 +105,8 @@ def measure(
     if drive is not None:
         wheels = predict(motion)
         measured = Path(motion.t_s, *wheels.path())
-        compared["drive_position_m"] = _replayed(motion, drive, measured, windows, robot)
+        quantum_m = motion.radius_m * _quantum_rad(robot, motion)
+        compared["drive_position_m"] = _replayed(motion, drive, measured, windows, quantum_m)
     if firmware is not None:
         odometry = recorded_odometry(recording)
         if odometry is not None:
@@ -175,6 +178,7 @@ def floor_on(
     return noise_floor(
         odometry_path(prediction, robot),
         (np.cumsum(np.abs(prediction.left_m)), np.cumsum(np.abs(prediction.right_m))),
+        motion.radius_m**2 * np.cumsum(motion.wheel_unsure_rad2, axis=1),
         motion.t_s if reference is None else reference.t_s,
         windows,
         levels,
@@ -230,9 +234,9 @@ def _replayed(
     replayed: Replayed,
     measured: Path,
     windows: Sequence[Window],
-    robot: Robot | None = None,
+    quantum_m: float = 0.0,
 ) -> Compared:
-    """Compare simulations with a measured path; with *robot*, one of wheels that are counted."""
+    """Compare simulations with a measured path, whose wheels are read with this noise."""
 
     def path(columns: Floats) -> Path:
         good = np.isfinite(columns).all(1)
@@ -243,9 +247,7 @@ def _replayed(
     if replayed.after is not None:
         best = path(replayed.after)
         after = path_errors(best, measured, windows).position
-    floor = np.zeros((1, len(before.mean_square)))
-    if robot is not None:
-        floor += (motion.radius_m * _quantum_rad(robot)) ** 2
+    floor = np.full((1, len(before.mean_square)), quantum_m**2)
     if replayed.noise is not None:
         floor = drive_floor(
             best or path(replayed.before),

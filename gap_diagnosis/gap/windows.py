@@ -1,4 +1,8 @@
-"""The disjoint windows over which a gap is measured: 5 m or 10 s, whichever ends first."""
+"""The disjoint windows over which a gap is measured: 5 m or 10 s, whichever ends first.
+
+No window is shorter than 5 s, however fast the vehicle: its first second is taken to find its start
+pose, and a car of 10 m/s would have driven 5 m before that is over.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,13 @@ from gap_diagnosis.recording import Floats
 
 WINDOW_M: Final = 5.0
 WINDOW_S: Final = 10.0
+LEAST_S: Final = 5.0
+"""A window lasts as long at least: five times what its start pose is estimated from."""
 ALIGN_S: Final = 1.0
 """The start pose of a window is estimated from this much of its beginning."""
 _WHOLE_ENOUGH: Final = 0.5
-_LEAST_S: Final = 2.0
+_LEAST_LEFT_S: Final = 2.0
+"""What is left at a run's end and lasts less is no window."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +51,18 @@ def windows_of(
     windows: list[Window] = []
     for first, last in _runs(np.ones(len(t_s), np.bool_) if inside is None else inside):
         at = first
-        while t_s[last] - t_s[at] >= _LEAST_S:
+        while t_s[last] - t_s[at] >= _LEAST_LEFT_S:
             by_time = int(np.searchsorted(t_s, t_s[at] + WINDOW_S - 1e-9))
             by_way = int(np.searchsorted(distance_m, distance_m[at] + WINDOW_M))
-            stop = min(by_time, by_way)
+            enough = int(np.searchsorted(t_s, t_s[at] + LEAST_S - 1e-9))
+            stop = min(by_time, max(by_way, enough))
             if stop > last:
                 long = (t_s[last] - t_s[at]) / WINDOW_S
                 far = (distance_m[last] - distance_m[at]) / WINDOW_M
                 if max(long, far) >= _WHOLE_ENOUGH - 1e-9:
                     windows.append(_window(t_s[at], t_s[last]))
                 break
-            if t_s[stop] - t_s[at] >= _LEAST_S:
-                windows.append(_window(t_s[at], t_s[stop]))
+            windows.append(_window(t_s[at], t_s[stop]))
             at = stop
     return tuple(windows)
 

@@ -100,7 +100,8 @@ def test_a_bound_per_time_uses_the_windows_seconds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "window_m", "window_s"), [(0.25, 2.5, 10.0), (2.0, 5.0, 2.5), (None, 5.0, 10.0)]
+    ("speed_m_s", "window_m", "window_s"),
+    [(0.25, 2.5, 10.0), (0.8, 5.0, 6.25), (10.0, 50.0, 5.0), (None, 5.0, 10.0)],
 )
 def test_windows_of_unknown_length_are_those_of_the_mean_speed(
     speed_m_s: float | None, window_m: float, window_s: float

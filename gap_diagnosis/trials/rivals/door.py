@@ -167,6 +167,6 @@ def _gap(job: Job, stage: str, settings: Sequence[Setting]) -> Gap | None:
         job.motion,
         windows_on(job.motion, job.sides.held_out),
         effects=settings,
-        levels=levels_of(np.asarray(level_prior(job.robot).median), job.robot),
+        levels=levels_of(np.asarray(level_prior(job.robot).median), job.robot, job.motion),
     )
     return gap_of(metrics, stage, "stretches")

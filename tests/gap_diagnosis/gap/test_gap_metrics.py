@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from gap_cases import moved, wavy_path, way_of
+from gap_cases import TICK_S, moved, wavy_path, way_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +19,7 @@ from gap_diagnosis.gap.metrics import (
     series_errors,
     stamp_errors,
 )
-from gap_diagnosis.gap.windows import WINDOW_M, WINDOW_S, Window, windows_of
+from gap_diagnosis.gap.windows import LEAST_S, WINDOW_M, WINDOW_S, Window, windows_of
 from gap_diagnosis.recording import FrameTimes
 
 PATH = wavy_path()
@@ -118,6 +118,16 @@ def test_windows_end_after_five_metres_or_ten_seconds_and_never_overlap() -> Non
         assert one.stop_s - one.start_s == pytest.approx(WINDOW_S) or far >= WINDOW_M - 1e-9
         assert far <= WINDOW_M + 0.01
         assert following.start_s >= one.stop_s
+
+
+def test_a_fast_vehicle_is_measured_over_all_of_its_drive() -> None:
+    t_s = TICK_S * np.arange(6000)
+    windows = windows_of(t_s, 20.0 * t_s)
+    assert windows[0].start_s == 0.0
+    assert windows[-1].stop_s > t_s[-1] - LEAST_S
+    for one, following in itertools.pairwise(windows):
+        assert one.stop_s - one.start_s == pytest.approx(LEAST_S)
+        assert following.start_s == one.stop_s
 
 
 def test_windows_stay_inside_the_stretches_they_are_given() -> None:

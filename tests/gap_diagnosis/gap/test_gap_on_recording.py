@@ -19,6 +19,7 @@ from gap_diagnosis.gap.on_recording import (
     Replayed,
     compare,
     floor_on,
+    levels_of,
     measure,
     odometry_rms,
     recorded_odometry,
@@ -26,6 +27,8 @@ from gap_diagnosis.gap.on_recording import (
 )
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.whitening import LEVELS as LEVEL_NAMES
 
 # Effect, parameter, value, the firmware's mode, the stage.
 CASES = [
@@ -114,6 +117,28 @@ def test_the_floor_also_holds_where_the_reference_has_positions_only(size: str) 
         squares.append((float(one.before.mean_square.mean()), float(one.floor.mean())))
     before, floor = np.array(squares).mean(0)
     assert math.sqrt(before / floor) == pytest.approx(1, abs=tolerance)
+
+
+def test_speeds_that_were_added_up_leave_what_they_are_unsure_of_and_no_rounding() -> None:
+    robot, [(recording, counted)] = drives("random")
+    unsure_ticks2 = np.full((2, len(recording.t_s)), 0.3)
+    told = replace(recording, speed_cycle_s=0.01, unsure_ticks2=unsure_ticks2)
+    motion = estimate_motion(told, robot)
+    levels = np.zeros(len(LEVEL_NAMES))
+    assert levels_of(levels, robot, counted).quantum_rad == pytest.approx(LEVELS.quantum_rad)
+    none = levels_of(levels, robot, motion)
+    assert none.quantum_rad < 0.1 * LEVELS.quantum_rad
+    windows = windows_on(motion)
+    found = floor_on(
+        told, robot, motion, windows, (), replace(none, slow_s=1.0, quantum_rad=0.0)
+    ).turn_difference
+    # A walk W of variance q a second, about its mean over the first second, has (t - 2/3) q.
+    tick_s = recording.t_s[1] - recording.t_s[0]
+    q = 2 * 0.3 / tick_s * (motion.radius_m * motion.rad_per_count / motion.wheelbase_m) ** 2
+    lasts_s = np.array([one.stop_s - one.start_s for one in windows])
+    expected = (q * (lasts_s / 2 - 1 / 6)).mean()
+    # A window's mean square scatters by at most its own size: 200 draws of ten windows, four sd.
+    assert found.mean() == pytest.approx(expected, rel=4 / math.sqrt(found.size))
 
 
 def test_the_floor_is_the_same_each_time() -> None:
