@@ -157,6 +157,9 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
 _FROZEN_TICKS: Final = 20
 _DEAD_S: Final = 1.0
 _DEAD_TICKS: Final = 50
+_DEAD_SHARE: Final = 0.2
+_REVIVED: Final = 0.1
+"""One dead encoder in ten counts again."""
 
 
 def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
@@ -208,39 +211,49 @@ _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 
-def _dead_windows(motion: Motion) -> dict[str, tuple[int, int]]:
-    """Return for each side the stretch [first, last] to the log's end in which it counts nothing.
+def _dead_windows(motion: Motion) -> list[tuple[str, int, int]]:
+    """Return side, first and last row of the stretches in which an encoder may count nothing.
 
-    Only a side whose other one counts meanwhile: one that counts again was not dead.
+    Only while the other side's counts. One to the log's end will do: where only the counts tell,
+    the wheel may as well stand. Of one that counts again the gyro must say that its wheel turned
+    meanwhile, by a fifth of what the other one did: a robot that turns about a wheel was not dead.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
     least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
-    found = {}
+    turned_rad = encoder.turn_by_gyro_rad(motion)
+    found = []
     for side, step in steps.items():
-        other = steps["right" if side == "left" else "left"]
-        runs = [
-            (first, last)
-            for first, last in _runs(step == 0, least)
-            if last == len(step) - 1
-            and np.abs(other[first:]).sum() > _DEAD_TICKS * motion.rad_per_count
-        ]
-        if runs:
-            found[side] = runs[0]
+        other, sign = (steps["right"], -1.0) if side == "left" else (steps["left"], 1.0)
+        for first, last in _runs(step == 0, least):
+            inside = slice(first, last + 1)
+            rolled_rad = np.abs(other[inside]).sum()
+            missed_rad = np.ptp(np.cumsum(other[inside] + sign * turned_rad[inside]))
+            to_the_end = last == len(step) - 1
+            told = motion.gyro_turn_rad is not None and missed_rad > _DEAD_SHARE * rolled_rad
+            if rolled_rad > _DEAD_TICKS * motion.rad_per_count and (to_the_end or told):
+                found.append((side, first, last))
     return found
 
 
 def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
     """Return, bool[n], the ticks in which only one wheel counts for long."""
     dead = np.zeros(len(motion.t_s), dtype=np.bool_)
-    for first, last in _dead_windows(motion).values():
+    for _, first, last in _dead_windows(motion):
         dead[first : last + 1] = True
     return dead
 
 
 def encoder_dead(motion: Motion) -> Iterable[Variant]:
-    """Return the sides that stand while the robot moves, from where they do."""
+    """Return the sides that stand while the robot moves, from where they do.
+
+    Each to the log's end if it does, else the one stretch in which it misses most.
+    """
     acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
-    for side, (first, last) in _dead_windows(motion).items():
+    longest: dict[str, tuple[bool, int, int, int]] = {}
+    for side, first, last in _dead_windows(motion):
+        one = (last == len(motion.t_s) - 1, last - first, first, last)
+        longest[side] = max(longest.get(side, one), one)
+    for side, (to_the_end, _, first, last) in longest.items():
         window = {
             "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
             "stop_s": float(motion.t_s[last]) + 1e-6,
@@ -248,6 +261,9 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
         report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
         # It may have died at any time of the log, and looks alike wherever it stands anyway.
         share = math.log((last - first + 1) / len(motion.t_s))
+        if not to_the_end:
+            # It may have come back at any time, too, and seldom does.
+            share = 2.0 * share + math.log(_REVIVED)
         yield Variant("encoder_dead", acts[side], (), window, report, log_share=share)
 
 

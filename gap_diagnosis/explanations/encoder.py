@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
 _TURNS: Final = 5
@@ -68,18 +68,17 @@ def extra_ticks_right(p: Prediction, *, rate: float) -> None:
 def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:
     """Count nothing on the left: the gyro and the right wheel tell what it did."""
     inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
-    p.left_rad = np.where(inside, p.right_rad - _turn_by_gyro(p), p.left_rad)
+    p.left_rad = np.where(inside, p.right_rad - turn_by_gyro_rad(p.motion), p.left_rad)
 
 
 def encoder_dead_right(p: Prediction, *, start_s: float, stop_s: float) -> None:
     """Count nothing on the right: the gyro and the left wheel tell what it did."""
     inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
-    p.right_rad = np.where(inside, p.left_rad + _turn_by_gyro(p), p.right_rad)
+    p.right_rad = np.where(inside, p.left_rad + turn_by_gyro_rad(p.motion), p.right_rad)
 
 
-def _turn_by_gyro(p: Prediction) -> Floats:
+def turn_by_gyro_rad(motion: Motion) -> Floats:
     """Return right - left wheel turn of each tick as the gyro tells it; zeros without one."""
-    motion = p.motion
     if motion.gyro_turn_rad is None:
         return np.zeros(len(motion.t_s))
     turn = np.diff(motion.gyro_turn_rad, prepend=motion.gyro_turn_rad[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.scenarios import scenario
@@ -31,8 +34,41 @@ def found(recording: Recording) -> list[Variant]:
     return list(EXPLAINED["encoder_dead"].variants(estimate_motion(recording, ROBOT)))
 
 
-def test_a_count_that_goes_on_was_not_dead() -> None:
-    assert found(standing(0.3 * LASTS_S, 0.8 * LASTS_S)) == []
+def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned() -> None:
+    (dead,) = found(standing(0.3 * LASTS_S, 0.8 * LASTS_S))
+    assert dead.report["side"] == "left"
+    assert dead.fixed["start_s"] == pytest.approx(0.3 * LASTS_S, abs=0.05)
+    assert dead.fixed["stop_s"] == pytest.approx(0.8 * LASTS_S, abs=0.05)
+
+
+def test_a_count_that_goes_on_was_not_dead_where_only_the_counts_tell() -> None:
+    alone = replace(standing(0.3 * LASTS_S, 0.8 * LASTS_S), gyro_code=None, gyro_rate_rad_s=None)
+    assert found(alone) == []
+
+
+def test_a_wheel_that_the_robot_turns_about_was_not_dead() -> None:
+    step = np.diff(WHOLE.left_ticks, prepend=WHOLE.left_ticks[0])
+    about = (WHOLE.t_s > 0.3 * LASTS_S) & (WHOLE.t_s <= 0.5 * LASTS_S)
+    step[about] = 0.0
+    per_count_rad = math.tau / ROBOT.plant.encoder.ticks_per_rev
+    rolled_rad = np.diff(WHOLE.right_ticks, prepend=WHOLE.right_ticks[0]) * per_count_rad
+    wheels = ROBOT.plant.wheels
+    rate_rad_s = rolled_rad * wheels.radius_m / wheels.wheelbase_m / WHOLE.tick_period_s
+    assert WHOLE.gyro_rate_rad_s is not None
+    turning = replace(
+        WHOLE,
+        left_ticks=WHOLE.left_ticks[0] + np.cumsum(step),
+        gyro_rate_rad_s=np.where(about, rate_rad_s, WHOLE.gyro_rate_rad_s),
+    )
+    assert found(turning) == []
+
+
+def test_an_encoder_that_counted_nothing_for_seconds_explains_what_is_missing() -> None:
+    model = MotionModel(standing(0.3 * LASTS_S, 0.3 * LASTS_S + 3.0), ROBOT, default_prior())
+    (dead,) = (one for one in model.columns.terms if one.variant.effect == "encoder_dead")
+    levels = model.level_prior.median
+    gained = model.refit((dead,), levels).log_evidence - model.refit((), levels).log_evidence
+    assert gained > 100
 
 
 def test_a_count_that_stands_to_the_end_may_have_died_when_it_stopped() -> None:
