@@ -118,7 +118,7 @@ def shrink(
         firmware=firmware,
         clock_skew=clock_skew,
     )
-    gap = gap_of(metrics, stage, "stretches" if held is None else "log")
+    gap = gap_of(metrics, _acting(stage, own), "stretches" if held is None else "log")
     named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None
     waterfall = None
     if gap is not None and named is not None and own and gap.after is not None:
@@ -133,6 +133,16 @@ def shrink(
     )
 
 
+def _acting(stage: StageOrNone, own: Effects) -> StageOrNone:
+    """Return the stage whose metrics speak of *own*, the effects that the motion shows.
+
+    What lies behind the motor, which is counted, is the drive's; but it is odometry that errs.
+    """
+    known = catalogue()
+    behind = any(one in known and known[one].stage == "actuation" for one in own)
+    return "wheel" if stage == "actuation" and behind else stage
+
+
 def _driven(
     analysis: Analysis, effects: Effects, where: Recording, robot: Robot
 ) -> Replayed | None:
@@ -142,7 +152,9 @@ def _driven(
     if commanded is None or data is None or block is None:
         return None
     stages = catalogue()
-    own = frozenset(e for e in effects if e in stages and stages[e].stage == "actuation")
+    own = frozenset(
+        e for e in effects & block.effects if e in stages and stages[e].stage == "actuation"
+    )
     noise = DriveNoise.of(data, block.levels_with(own))
     if not own:
         return Replayed(before=commanded, noise=noise)

@@ -29,6 +29,8 @@ class Motion:
             taken off the turns above, zeros where nothing jumps.
         wrap_bits: at which width it wraps; 0 where nothing jumps.
         left_angle_rad, right_angle_rad: sums of the turns.
+        left_steady_rad, right_steady_rad: the turns as counted, without the trembling of a wheel
+            that stands.
         left_rate_rad_s, right_rate_rad_s, left_acceleration_rad_s2, right_acceleration_rad_s2:
             means over each tick, smoothed.
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
@@ -60,6 +62,8 @@ class Motion:
     wrap_bits: int
     left_angle_rad: Floats
     right_angle_rad: Floats
+    left_steady_rad: Floats
+    right_steady_rad: Floats
     left_rate_rad_s: Floats
     right_rate_rad_s: Floats
     left_acceleration_rad_s2: Floats

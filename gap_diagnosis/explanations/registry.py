@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from gap_diagnosis.explanations import choices, encoder, gyro, reference, wheel
+from gap_diagnosis.explanations import actuation, choices, encoder, gyro, reference, wheel
 from gap_diagnosis.explanations.variant import Action, Explanation, Setting, Variant
 from gap_diagnosis.prediction import Motion, Prediction
 from hil_harness.effects.model import Effect
 
-_RANK: Final = {"encoder": 0, "wheel": 1, "gyro": 2, "reference": 3}
+_RANK: Final = {"actuation": 0, "encoder": 0, "wheel": 1, "gyro": 2, "reference": 3}
 
 
 def _plain(
@@ -71,6 +71,7 @@ _ALL: Final = (
     Explanation("extra_ticks", 0, choices.extra_ticks),
     Explanation("encoder_dead", 0, choices.encoder_dead),
     Explanation("encoder_wrap", 0, choices.encoder_wrap),
+    Explanation("backlash", _RANK["actuation"], actuation.variants_of_backlash),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),
     _plain(

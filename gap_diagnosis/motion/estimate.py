@@ -10,20 +10,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.reference import SHARP_S, USUAL_S
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
+from gap_diagnosis.standing import standing
 from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
 _SILENCE_S: Final = 0.1
 _USUAL_TIMES: Final = 5.0
 """What is missing for longer than this, and so many times the usual, cannot be interpolated."""
-STANDS_S: Final = 1.0
 _SLOW_S: Final = 1.0
 _NOISE_COUNTS_PER_S: Final = 25.0
 """A rate below this is hardly more than the noise of counting."""
@@ -76,6 +76,11 @@ def estimate_motion(
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
     radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
     left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
+    rounding_rad = _FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count
+    steady = [
+        np.where(standing(angle, step_s, rounding_rad), 0.0, step)
+        for angle, step in ((left, left_step), (right, right_step))
+    ]
     forward_m = 0.5 * radius_m * (left_step + right_step)
     heading = radius_m * (right - left) / wheelbase_m
     gyro_turn = _gyro_turn(recording, dt_s, heading)
@@ -110,6 +115,8 @@ def estimate_motion(
         wrap_bits=bits,
         left_angle_rad=left,
         right_angle_rad=right,
+        left_steady_rad=steady[0],
+        right_steady_rad=steady[1],
         left_rate_rad_s=rates[0],
         right_rate_rad_s=rates[1],
         left_acceleration_rad_s2=accelerations[0],
@@ -141,7 +148,7 @@ def estimate_motion(
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
-        rounding_rad=_FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count,
+        rounding_rad=rounding_rad,
         turning_s=turning_s,
         sharp_s=_sharp_s(turning_s),
         has_counters=has_counters,
@@ -277,13 +284,7 @@ def smoothed(motion: Motion) -> Motion:
     compared with (errors in variables), and large amplitudes could cancel that noise.
     """
     tick_s = float(np.median(motion.dt_s[1:]))
-    left, right = (
-        np.where(standing(angle, tick_s, motion.rounding_rad), 0.0, step)
-        for angle, step in (
-            (motion.left_angle_rad, motion.left_step_rad),
-            (motion.right_angle_rad, motion.right_step_rad),
-        )
-    )
+    left, right = motion.left_steady_rad, motion.right_steady_rad
     # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
     # by as much: of a wheel that stands nothing must be left.
     is_speed = motion.rounding_rad == _FINE_RAD
@@ -308,16 +309,6 @@ def smoothed(motion: Motion) -> Motion:
         left_angle_rad=np.cumsum(left),
         right_angle_rad=np.cumsum(right),
     )
-
-
-def standing(angle_rad: Floats, tick_s: float, rad_per_count: float) -> NDArray[np.bool_]:
-    """Tell the ticks of a wheel that stands, bool[n]: for a second its count is one of two.
-
-    A wheel that stands on an edge of its encoder counts to and fro.
-    """
-    width = 2 * round(0.5 * STANDS_S / tick_s) + 1
-    reach = maximum_filter1d(angle_rad, width) - minimum_filter1d(angle_rad, width)
-    return np.asarray(minimum_filter1d(reach, width) < 1.5 * rad_per_count)
 
 
 def _filled(values: Floats, t_s: Floats) -> Floats:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.explanations.choices import dead_ticks
-from gap_diagnosis.motion.estimate import STANDS_S
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.standing import STANDS_S
 
 LEVELS: Final = (
     "contact_m_per_sqrt_m",

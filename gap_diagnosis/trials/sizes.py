@@ -236,7 +236,6 @@ def tolerances(effect: str) -> dict[str, float]:
 
 UNLISTED: Final = frozenset(
     {
-        "backlash",
         "caster_kick",
         "drive_cogging",
         "floor_bump",

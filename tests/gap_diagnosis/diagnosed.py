@@ -39,6 +39,7 @@ CASES = {
     ),
     "no reference": Case({"wheelbase_scale.scale": 0.02}, has_reference=False),
     "sign": Case({"setup_sign.signal": "gyro"}),
+    "play": Case({"backlash.side": "left", "backlash.width": 0.03}),
     "withheld": Case(
         {"cross_slope_drift.ratio": 0.01, "cross_slope_drift.direction": 0.5},
         without=frozenset({"cross_slope_drift"}),

@@ -38,6 +38,18 @@ def test_values_lie_within_four_standard_deviations(name: str) -> None:
         assert known.sd < 0.1 * value
 
 
+def test_play_behind_a_motor_is_the_drives_and_the_odometry_shows_it() -> None:
+    found = diagnosed("play")
+    assert found.verdict == "backlash"
+    assert found.stage == "actuation"
+    known = number(found, "backlash.width")
+    assert abs(known.estimate - 0.03) < 4 * known.sd
+    assert known.sd < 0.003
+    assert getattr(found.which[0].parameters["backlash.side"], "estimate", None) == "left"
+    assert found.gap is not None
+    assert found.gap.metric in ("odometry_position_m", "odometry_heading_rad")
+
+
 def test_without_a_reference_wheels_and_gyro_are_one_group() -> None:
     found = diagnosed("no reference")
     named = {effects for effects in found.group if len(effects) == 1}

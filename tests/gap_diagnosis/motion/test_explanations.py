@@ -37,6 +37,7 @@ SIZED: dict[str, Values] = {
     "grade_slip": {"ratio": 0.02, "direction": 0.7},
     "wheel_eccentricity": {"side": "right", "amplitude": 0.02, "phase": 0.6},
     "encoder_eccentricity": {"side": "left", "amplitude": 0.03, "phase": 0.6},
+    "backlash": {"side": "right", "width": 0.03},
     "missed_ticks": {"side": "right", "probability": 0.02, "threshold": 0.0},
     "extra_ticks": {"side": "left", "rate": 20.0},
     "gyro_nonlinearity": {"quadratic": 0.02, "cubic": 0.01},

@@ -117,8 +117,8 @@ def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> N
 
 
 def test_an_effect_that_the_library_does_not_have_is_rightly_unknown() -> None:
-    play = case({"backlash": {"side": "left", "width": 0.03}})
-    assert seen(play, answer({"unknown": 1.0}, stage="actuation")).top1
+    poles = case({"drive_cogging": {"side": "left", "amplitude": 0.1, "order": 6, "phase": 0.0}})
+    assert seen(poles, answer({"unknown": 1.0}, stage="actuation")).top1
 
 
 def test_inside_its_tolerance_an_effect_is_no_gap() -> None:
