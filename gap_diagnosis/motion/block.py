@@ -18,7 +18,7 @@ from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
-from gap_diagnosis.motion.gross import put_right
+from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.scan import Found, Scan
@@ -122,6 +122,8 @@ class MotionBlock:
             return self._late(effects)
         if effects & NOISES.keys():
             return self._noisy(effects)
+        if effects & self._mend_nothing:
+            return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         found = self.scan.account(aliased(effects))
         if self._put_right is not None and tuple(effects) == self._put_right.effects:
             return self._put_right
@@ -137,8 +139,7 @@ class MotionBlock:
 
         About so gross an error nothing is linear. None: no mistake is likelier than no effect.
         """
-        singles = (frozenset({effect}) for effect in GROSS)
-        wrong = [self.scan.found[one] for one in singles if one in self.scan.found]
+        wrong = [one for one in self._mistakes if not one.effects & self._mend_nothing]
         if not wrong:
             return None
         best = max(wrong, key=lambda one: one.log_evidence)
@@ -159,6 +160,27 @@ class MotionBlock:
         gain = evidence - self._nothing.log_evidence
         likelihood = max(gain, best.log_likelihood - self._nothing.log_likelihood)
         return Fit((effect,), gain, likelihood)
+
+    @property
+    def _mistakes(self) -> list[Found]:
+        singles = (frozenset({effect}) for effect in sorted(GROSS))
+        return [self.scan.found[one] for one in singles if one in self.scan.found]
+
+    @cached_property
+    def _mend_nothing(self) -> frozenset[str]:
+        """Mistakes of the set-up that, put right, leave the log as gross as it was.
+
+        A wrong one takes thousands of nats of the right one's, where that is not listed; but what
+        differs by a sign or a factor still is another mistake.
+        """
+        found = set()
+        for one in self._mistakes:
+            (term,) = one.terms
+            effect, values = term.variant.effect, term.variant.report
+            right, _ = put_right(self.model.recording, effect, values)
+            if looks_gross(right, self.model.robot):
+                found.add(effect)
+        return frozenset(found)
 
     def _late(self, effects: frozenset[str]) -> Fit:
         """Fit a latency: of all sensors it is a reference that is early; of one, unseen here."""
