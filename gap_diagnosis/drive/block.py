@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -48,6 +48,9 @@ _GIVES_WAY: Final = 0.006
 _HALF_S: Final = 0.5
 _AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
+_STANDS: Final = -0.5
+"""Of its rate a drive that does as it is told gives way by less, however slow that is: one that
+gives way by more stands."""
 
 
 def drive_block(
@@ -95,6 +98,20 @@ class Setting:
         if not self.has_gain:
             return residual
         return np.concatenate((residual, self.shapes.gain_columns(values, angle)))
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """What a drive explains that answers in some way of its own.
+
+    Attributes:
+        evidence, likelihood: their logarithms, less those of no effect.
+        sizes: of its columns, the best ones.
+    """
+
+    evidence: float
+    likelihood: float
+    sizes: Floats
 
 
 class DriveBlock:
@@ -150,18 +167,28 @@ class DriveBlock:
     def unexplained(self) -> Fit:
         """Return the fit of a drive that follows its commands otherwise than any effect has it.
 
-        Linear dynamics of other time constants with a speed that bends with the command, or a gain
-        of each wheel, steady or some function of its speed, all of unknown size: what is left to a
-        motor, a velocity loop or an engine not in the library.
+        Linear dynamics of other time constants with a speed that bends with the command, answers
+        that come late, or a gain of each wheel, steady or some function of its speed, all of
+        unknown size: what is left to a motor, a velocity loop or an engine not in the library. Or
+        one that answers slow commands in a way of their own.
         """
-        found = [self._foreign(one) for one in Shapes(self._data, self._robot).foreign()]
-        evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(len(found))
-        if self._off() < _AS_TOLD:
-            evidence = min(evidence, 0.0)
-        return Fit((), evidence, max(likelihood for _, likelihood in found))
+        shapes = Shapes(self._data, self._robot)
+        does_as_told = self._off() < _AS_TOLD
+        found = []
+        for columns in shapes.foreign():
+            one = self._foreign(columns)
+            found.append(replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one)
+        slow = shapes.slow()
+        if len(slow):
+            one = self._foreign(slow)
+            if not does_as_told or one.sizes.min() < _STANDS:
+                found.append(one)
+        evidences = [one.evidence for one in found]
+        evidence = float(np.logaddexp.reduce(evidences)) - math.log(len(found))
+        return Fit((), evidence, max(one.likelihood for one in found))
 
-    def _foreign(self, columns: Floats) -> tuple[float, float]:
-        """Return log evidence and log likelihood of columns of unknown size."""
+    def _foreign(self, columns: Floats) -> Foreign:
+        """Return what columns of unknown size explain."""
         variant = Variant(self._data, columns, (prior.FOREIGN,) * len(columns))
         setting = self._setting(variant, frozenset())
         levels, free = self._fit_levels(setting, {}, self._levels)
@@ -171,7 +198,22 @@ class DriveBlock:
         evidence = self._evidence(setting, _giving_way(levels), rough=True)[0] - before
         # Effects of the list are weighed without that allowance: it must not favour what is not.
         strictly = self._evidence(setting, levels, rough=True)[0] - self._null_evidence
-        return min(evidence, strictly), max(free - self._null, 0.0)
+        return Foreign(
+            min(evidence, strictly), max(free - self._null, 0.0), self._sizes(setting, levels)
+        )
+
+    def _sizes(self, setting: Setting, logs: Floats) -> Floats:
+        """Return the best sizes of a setting's linear columns."""
+        data = setting.variant.data
+        linear = np.concatenate((setting.variant.columns, setting.nuisances))
+        sd = np.concatenate(([one.high for one in setting.linear_sizes], setting.nuisance_sd))
+        residual = setting.columns({})[:1]
+        white, _ = whitened(
+            data, np.concatenate((residual, linear)), Levels.of(logs, data.tick_rad)
+        )
+        stiff = white[1:] @ white[1:].T + np.diag(sd**-2.0)
+        sizes = np.linalg.solve(stiff, white[1:] @ white[0])
+        return np.asarray(sizes[: len(setting.variant.columns)])
 
     def _off(self) -> float:
         """Return by which share of their rates the wheels do otherwise than they are told.

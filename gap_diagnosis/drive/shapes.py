@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +24,11 @@ BENT: Final = (
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
+_FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
 _HATS: Final = 5
+_TOLD: Final = (0.0, *(0.0025 * 1.6**step for step in range(9)))
+"""Shares of the largest rate that is commanded, up to a tenth of it: whether a drive moves at all
+is decided far below."""
 
 PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
@@ -118,12 +123,12 @@ class Shapes:
         float64[c, 2, m] each.
 
         Responses with other lags less the described one (weighted, they make any stable linear
-        response of no overshoot or some), and a speed that bends with its size; a gain of each
-        wheel; and one that is any smooth function of its speed. Delays have no way of their own:
-        two of them make the second order that every motor has.
+        response of no overshoot or some), and a speed that bends with its size; responses that come
+        late, weighted; a gain of each wheel; and one that is any smooth function of its speed.
         """
         nominal = self.angle({})
         lags = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
+        late = [self.angle({"drive_delay": more}) - nominal for more in _FOREIGN_DELAYS_S]
         rates, share = self._rates(nominal)
         bend = np.cumsum(share * rates, axis=1) * self._data.block_s
         bent = np.zeros((2, _HATS, *rates.shape))
@@ -133,10 +138,37 @@ class Shapes:
                 bent[wheel, hat, wheel] = np.cumsum(height * rates[wheel]) * self._data.block_s
         made = [
             np.stack([*lags, bend]),
+            np.stack(late),
             bent.sum(axis=1),
             bent.reshape(2 * _HATS, *rates.shape),
         ]
         return [np.where(self._data.seen, columns, 0.0) for columns in made]
+
+    def slow(self) -> Floats:
+        """Return what a drive adds that answers slow commands otherwise than others: per step of
+        what is commanded, what a gain of 2 there adds; float64[c, 2, m]."""
+        told = self._data.commanded
+        share = np.abs(told) / (float(np.abs(told).max()) or 1.0)
+        steps = [
+            np.where((share > low) & (share <= high), told, 0.0) for low, high in pairwise(_TOLD)
+        ]
+        made = [self._answers(one) for one in steps if one.any()]
+        return np.stack(made) if made else np.zeros((0, *self._data.angle.shape))
+
+    def _answers(self, commanded: Floats) -> Floats:
+        """Return what the described drive makes of commands, as if it knew no limits."""
+        angles: Any = predict(
+            commanded,
+            np.zeros(2),
+            self._data.dt_s,
+            self._lag_s,
+            self._delay_s,
+            0.0,
+            math.inf,
+            math.inf,
+            1.0,
+        )
+        return self._data.blocks(angles)
 
     def _rates(self, nominal: Floats) -> tuple[Floats, Floats]:
         """Return the described rates, float64[2, m], and their sizes as shares of the largest."""
