@@ -146,10 +146,9 @@ def rank(
     company = Company(logs, guesses)
     kept = {effects: company.of(effects) if effects else 0.0 for effects in scored}
     logs_of = {effects: one[0] + one[2] + kept[effects] for effects, one in scored.items()}
-    elsewhere = _elsewhere(logs, logs_of)
     guesses = {
         stage: value
-        + max(company.of(frozenset(), but=stage), elsewhere if stage not in OWN_BLOCK else 0.0)
+        + max(company.of(frozenset(), but=stage), _elsewhere(logs, logs_of, stage, stage_of))
         for stage, value in guesses.items()
     }
     top = max([*logs_of.values(), *guesses.values()])
@@ -277,9 +276,20 @@ def _is_hidden(effects: Effects, bent: tuple[Effects, Effects]) -> bool:
     return bool(effects & gross) and bool(effects & hidden)
 
 
-def _elsewhere(logs: Sequence[Sequence[Block]], logs_of: Mapping[Effects, float]) -> float:
-    """Return what listed effects add in the blocks that an unlisted cause of the motion leaves."""
+def _elsewhere(
+    logs: Sequence[Sequence[Block]],
+    logs_of: Mapping[Effects, float],
+    stage: str,
+    stage_of: Mapping[str, str],
+) -> float:
+    """Return what listed effects add in the blocks that an unlisted cause of the motion leaves.
+
+    Not those of its own stage: what codes show counts for one cause in the gyro, listed or not.
+    """
+    if stage in OWN_BLOCK:
+        return 0.0
     touched = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
+    touched |= {effect for effect, own in stage_of.items() if own == stage}
     others = [
         value
         for effects, value in logs_of.items()

@@ -22,6 +22,7 @@ STAGE = {
     "ticks_per_rev": "encoder",
     "gyro_bias": "gyro",
     "gyro_scale": "gyro",
+    "adc_missing_code": "gyro",
     "setup_swapped": "setup",
     "frame_loss": "bus",
 }

@@ -192,6 +192,18 @@ def test_the_prior_of_an_unlisted_cause_is_even_over_stages() -> None:
     assert ranking.unknown["wheel"] / ranking.unknown["gyro"] == pytest.approx(math.e)
 
 
+def test_what_the_codes_show_counts_for_one_cause_listed_or_not() -> None:
+    """A missing code, and beside it an unlisted cause that leaves the same trace, were likelier
+    than the missing code."""
+    codes = FakeBlock({"adc_missing_code": 12.8}, name="codes")
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), codes, unknown={"gyro": 12.8 - 6.0})
+    (named,) = (one for one in ranking.sets if one.effects == frozenset({"adc_missing_code"}))
+    # Of two effects in one stage each has half of what the only unlisted cause has: 0.4 / 2.
+    odds_before = 0.02 / (0.4 / 2)
+    found = ranking.unknown["gyro"] / named.probability
+    assert found == pytest.approx(odds_before * math.exp(-6.0), rel=1e-6)
+
+
 def test_evidence_of_thousands_of_nats_does_not_overflow() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 1e6, "radius_scale": 1e6 - 5}))
     assert ranking.of(frozenset({"gyro_bias", "radius_scale"})).probability > 0.99
