@@ -78,6 +78,11 @@ def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(p.gyro_rad_s)
 
 
+def exact_gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
+    """Scale turns as sharp as they are by their sense."""
+    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(_rate_with_details(p))
+
+
 def gyro_scale(p: Prediction, *, scale: float) -> None:
     """Read every rate too large."""
     p.gyro_rad_s = p.gyro_rad_s * (1 + scale)

@@ -82,6 +82,7 @@ _ALL: Final = (
         "compression_right",
         positive=True,
     ),
+    _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
     _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
     _plain("longitudinal_slip", "wheel", wheel.longitudinal_slip, "compliance", positive=True),
@@ -133,6 +134,13 @@ _ALL: Final = (
         "quadratic",
         "cubic",
         exact=gyro.exact_gyro_nonlinearity,
+    ),
+    _plain(
+        "gyro_asymmetry",
+        "gyro",
+        gyro.gyro_asymmetry,
+        "asymmetry",
+        exact=gyro.exact_gyro_asymmetry,
     ),
     _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale", exact=gyro.exact_gyro_scale),
     _plain(

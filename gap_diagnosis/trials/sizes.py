@@ -239,11 +239,9 @@ UNLISTED: Final = frozenset(
         "caster_kick",
         "drive_cogging",
         "floor_bump",
-        "gyro_asymmetry",
         "quadrature_phase",
         "reference_dropout",
         "reference_jump",
-        "tyre_drift",
     }
 )
 """Effects that the diagnosis knows no name for: the right answer is ``unknown``."""

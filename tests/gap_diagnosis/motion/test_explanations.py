@@ -42,6 +42,8 @@ SIZED: dict[str, Values] = {
     "extra_ticks": {"side": "left", "rate": 20.0},
     "gyro_nonlinearity": {"quadratic": 0.02, "cubic": 0.01},
     "gyro_scale": {"scale": 0.02},
+    "gyro_asymmetry": {"asymmetry": 0.02},
+    "tyre_drift": {"rate": 2e-4},
     "gyro_bias": {"bias": 0.01},
     "gyro_g_sensitivity": {"x": 0.005, "y": 0.005},
     "gyro_vibration": {"coefficient": 1e-4},

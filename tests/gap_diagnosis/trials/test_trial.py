@@ -105,12 +105,17 @@ def test_the_same_secret_makes_the_same_trial(trial: Path, tmp_path: Path) -> No
             assert path.read_bytes() == other.read_bytes(), path
 
 
-def test_of_an_effect_without_a_name_it_is_measured_how_clear_it_is(tmp_path: Path) -> None:
-    """A gyro with two scales is like one with one scale where all turns go one way."""
-    one = Planned("field", "single", ("gyro_asymmetry",), drive="one_way")
+@pytest.mark.parametrize(
+    ("effect", "is_clear"), [("caster_kick", True), ("quadrature_phase", False)]
+)
+def test_of_an_effect_without_a_name_it_is_measured_how_clear_it_is(
+    effect: str, is_clear: bool, tmp_path: Path
+) -> None:
+    """A caster kicks as nothing else does; where an edge of a count lies, no motion shows."""
+    one = Planned("field", "single", (effect,), drive="one_way")
     made = make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
-    assert made.over_limit["gyro_asymmetry"] > 1
-    assert "gyro_scale" in made.like["gyro_asymmetry"]
+    assert (made.over_limit[effect] > 1) == is_clear
+    assert ("gyro_scale" in made.like[effect]) != is_clear
 
 
 def test_a_trial_is_made_only_where_nothing_is(trial: Path) -> None:
