@@ -36,6 +36,13 @@ def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, flo
     )
 
 
+def silent_of(logs: Sequence[Sequence[Block]], effect: str) -> float:
+    """Return what values that leave no trace in any log have of an effect's log evidence."""
+    own = frozenset({effect})
+    concerned = [block for blocks in logs for block in blocks if effect in block.effects]
+    return math.fsum(block.fit(own).log_silent for block in concerned)
+
+
 def _sum(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
     evidence = likelihood = 0.0
     for gained, likelier in parts:

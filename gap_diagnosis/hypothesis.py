@@ -8,6 +8,7 @@ those of its effects that the block owns; its log evidence is the sum over block
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -44,6 +45,8 @@ class Fit:
         parameters: by ``effect.parameter``.
         windows: [start_s, stop_s] of effects that act in part of the log.
         pareto_k: of the importance sampling; 0 where the integral is exact or by quadrature.
+        log_silent: of a single effect, what values that leave no trace in this log have of
+            `log_evidence`; -inf where every value would show.
     """
 
     effects: tuple[str, ...]
@@ -52,6 +55,7 @@ class Fit:
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     windows: tuple[tuple[float, float], ...] = ()
     pareto_k: float = 0.0
+    log_silent: float = -math.inf
 
 
 class Block(Protocol):

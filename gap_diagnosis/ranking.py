@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
-from gap_diagnosis.block_sums import Effects, quick_of, total_of
+from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.priors import Prior
@@ -28,6 +28,8 @@ _WORTH_PAIRING: Final = 2.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
+_LEAST_SHOWN: Final = 1e-4
+"""Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
 _LARGER: Final = 6
 _APART: Final = 2
 
@@ -118,9 +120,7 @@ def rank(
     order = sorted(owned, key=lambda effect: -singles[effect][0])[:_PAIRED]
     leaders = {effect for effect in order if singles[effect][0] > _WORTH_PAIRING}
     log_prior = _single_priors(owned, stage_of)
-    scored: dict[Effects, tuple[float, float, float]] = {
-        frozenset(): (0.0, 0.0, math.log(prior.effects[0]))
-    }
+    scored: Scores = {frozenset(): (0.0, 0.0, math.log(prior.effects[0]))}
     for effect in owned:
         evidence, likelihood = singles[effect]
         single = frozenset({effect})
@@ -139,6 +139,7 @@ def rank(
             scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
     scored |= _with_one_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
+    scored = _at_work(logs, scored, owned)
     guesses = {
         stage: evidence + math.log(prior.unknown / len(unknown))
         for stage, evidence in unknown.items()
@@ -165,13 +166,36 @@ def rank(
     )
 
 
-Scores = dict[Effects, tuple[float, float, float]]
+Score = tuple[float, float, float]
+"""Log evidence, log likelihood and log prior of a set."""
+Scores = dict[Effects, Score]
+
+
+def _at_work(
+    logs: Sequence[Sequence[Block]], scored: Mapping[Effects, Score], owned: Sequence[str]
+) -> Scores:
+    """Return the sets with their evidence less what comes of values that leave no trace.
+
+    A limit that is never reached, a message that is never lost: what has done nothing in these logs
+    is not at work in them, and the set without it says the same.
+    """
+    silent = {effect: silent_of(logs, effect) for effect in owned}
+    found: Scores = {}
+    for effects, (evidence, likelihood, weight) in scored.items():
+        shown = 0.0
+        for effect in effects:
+            less = scored.get(effects - {effect})
+            if less is not None and silent[effect] > -math.inf:
+                hidden = math.exp(min(less[0] + silent[effect] - evidence, 0.0))
+                shown += math.log(max(1 - hidden, _LEAST_SHOWN))
+        found[effects] = evidence + shown, likelihood, weight
+    return found
 
 
 def _triples(
     logs: Sequence[Sequence[Block]],
     prior: Prior,
-    scored: Mapping[Effects, tuple[float, float, float]],
+    scored: Mapping[Effects, Score],
     singles: Mapping[str, tuple[float, float]],
     log_prior: Mapping[str, float],
 ) -> Scores:
@@ -225,7 +249,7 @@ def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> b
 def _with_one_apart(
     logs: Sequence[Sequence[Block]],
     prior: Prior,
-    scored: Mapping[Effects, tuple[float, float, float]],
+    scored: Mapping[Effects, Score],
     singles: Mapping[str, tuple[float, float]],
     log_prior: Mapping[str, float],
     several: Sequence[Effects],

@@ -42,13 +42,17 @@ _POLLED: Final = frozenset({"frame_jitter", "frame_latency"})
 
 @dataclass(frozen=True)
 class _Option:
-    """One way in which an effect can act: on this frame, with these draws of its parameters."""
+    """One way in which an effect can act: on this frame, with these draws of its parameters.
+
+    `is_silent`: it has not struck once in this log.
+    """
 
     frame: str | None
     log_evidence: float
     log_ratio: float
     draws: Mapping[str, Floats]
     windows: Windows = ()
+    is_silent: bool = False
 
 
 def bus_block(recording: Recording, robot: Robot, wire: Wire) -> BusBlock | None:
@@ -109,10 +113,12 @@ class BusBlock:
         names = sorted(effects)
         windows: Windows = ()
         log_evidence = log_ratio = 0.0
+        log_silent = -math.inf
         parameters: dict[str, Estimate] = {}
         gap = self._gap() if "bus_gap" in effects else None
         if gap is not None:
             log_evidence, log_ratio, windows = gap.log_evidence, gap.log_ratio, gap.windows
+            log_silent = log_evidence if gap.is_silent else -math.inf
             parameters |= _estimates("bus_gap", [gap])
         excluded = windows
         for name in names:
@@ -130,11 +136,21 @@ class BusBlock:
             weighed = float(logsumexp(logs)) - math.log(len(logs))
             if _POLL in effects and name in _POLLED:
                 weighed = min(weighed, -1.0)
+            silent = [one.log_evidence for one in options if one.is_silent]
+            if silent:
+                log_silent = float(logsumexp(silent)) - math.log(len(logs))
             log_evidence += weighed
             log_ratio += best.log_ratio
             parameters |= _estimates(name, options)
             windows = (*windows, *best.windows)
-        return Fit(tuple(names), log_evidence, max(log_ratio, 0.0), parameters, windows)
+        return Fit(
+            tuple(names),
+            log_evidence,
+            max(log_ratio, 0.0),
+            parameters,
+            windows,
+            log_silent=log_silent if len(names) == 1 else -math.inf,
+        )
 
     def _of_frames(self, effect: str, excluded: Windows) -> list[_Option]:
         key = (effect, excluded)
@@ -171,7 +187,8 @@ class BusBlock:
                 "probability": news.draw(self._random, _SAMPLES),
                 "burst": news.draw_burst(self._random, _SAMPLES),
             }
-            made.append(_against(frame, news, usual, draws))
+            is_silent = not any(one.lost for one in runs)
+            made.append(_against(frame, news, usual, draws, is_silent=is_silent))
         return made
 
     def _rates(
@@ -187,7 +204,8 @@ class BusBlock:
             news = rate_of(sum(a for a, _ in counts), sum(b for _, b in counts), span)
             usual = [rate_of(*one, prior.usual(effect)) for one in counts]
             draws = {"probability": news.draw(self._random, _SAMPLES)}
-            made.append(_against(frame, news, usual, draws))
+            is_silent = not any(events for events, _ in counts)
+            made.append(_against(frame, news, usual, draws, is_silent=is_silent))
         return made
 
     def _stale(self) -> list[_Option]:
@@ -210,7 +228,7 @@ class BusBlock:
                 "cycles": np.full(_SAMPLES, round(cycles), dtype=np.float64),
             }
             windows = tuple(window for one in several for window in one.windows)
-            made.append(_against(frame, news, usual, draws, windows))
+            made.append(_against(frame, news, usual, draws, windows, is_silent=not events))
         return made or [_Option(None, 0.0, 0.0, {})]
 
     @cached_property
@@ -306,7 +324,7 @@ class BusBlock:
         """Return the best windows of silence."""
         total, ratio, chosen = self._silence
         if not chosen:
-            return _Option(None, -math.log(2.0), 0.0, {})
+            return _Option(None, -math.log(2.0), 0.0, {}, is_silent=True)
         start, stop = chosen[0]
         even = self._random.uniform(0, self._recording.tick_period_s, (2, _SAMPLES))
         draws = {"start_s": start + even[0], "stop_s": stop - even[1]}
@@ -349,10 +367,12 @@ def _against(
     usual: Sequence[Rate],
     draws: Mapping[str, Floats],
     windows: Windows = (),
+    *,
+    is_silent: bool,
 ) -> _Option:
     evidence = news.log_evidence - sum(one.log_evidence for one in usual)
     ratio = news.log_best - sum(one.log_best for one in usual)
-    return _Option(frame, evidence, ratio, draws, windows)
+    return _Option(frame, evidence, ratio, draws, windows, is_silent)
 
 
 def _estimates(effect: str, options: Sequence[_Option]) -> dict[str, Estimate]:

@@ -67,6 +67,7 @@ class CodesBlock:
             log_likelihood=sum(one.log_likelihood for one in fits),
             parameters=parameters,
             windows=tuple(window for one in fits for window in one.windows),
+            log_silent=fits[0].log_silent if len(fits) == 1 else -math.inf,
         )
 
     def _single(self, name: str) -> Fit:
@@ -104,7 +105,7 @@ class CodesBlock:
         codes, ratio = missing_codes(self._data)
         price = self._data.bits * math.log(2.0)
         if len(codes) == 0 or not np.isfinite(ratio).any():
-            return Fit(("adc_missing_code",), _NOTHING_SEEN, 0.0)
+            return Fit(("adc_missing_code",), _NOTHING_SEEN, 0.0, log_silent=_NOTHING_SEEN)
         best = int(np.argmax(ratio))
         weight = np.exp(ratio - ratio[best])
         likely = np.argsort(-weight)[:5]
@@ -114,7 +115,13 @@ class CodesBlock:
         parameters = {"adc_missing_code.code": Estimate(int(codes[best]), probabilities=chances)}
         unseen = math.log1p(-min(len(codes) / 2**self._data.bits, 0.9))
         evidence = float(np.logaddexp(logsumexp(ratio) - price, unseen))
-        return Fit(("adc_missing_code",), evidence, max(float(ratio[best]), 0.0), parameters)
+        return Fit(
+            ("adc_missing_code",),
+            evidence,
+            max(float(ratio[best]), 0.0),
+            parameters,
+            log_silent=unseen,
+        )
 
     def _frozen(self) -> Fit:
         found = frozen_run(self._data)

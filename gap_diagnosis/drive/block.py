@@ -257,7 +257,13 @@ class DriveBlock:
             log_likelihood=max(free - self._null, 0.0),
             parameters=parameters,
             pareto_k=grid.pareto_k,
+            log_silent=self._log_silent(effects),
         )
+
+    def _log_silent(self, effects: frozenset[str]) -> float:
+        shapes = Shapes(self._data, self._robot)
+        silent = [shapes.log_silent(one) for one in effects & set(BENT) if len(effects) == 1]
+        return silent[0] if silent else -math.inf
 
     @property
     def data(self) -> DriveData:

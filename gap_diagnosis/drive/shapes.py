@@ -29,6 +29,7 @@ _HATS: Final = 5
 _TOLD: Final = (0.0, *(0.0025 * 1.6**step for step in range(9)))
 """Shares of the largest rate that is commanded, up to a tenth of it: whether a drive moves at all
 is decided far below."""
+_HALVINGS: Final = 12
 
 PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
@@ -94,6 +95,31 @@ class Shapes:
         }[effect]
         low, high = (math.log(part * scale) for part in share)
         return Coordinate(effect, low, high, True)
+
+    def log_silent(self, effect: str) -> float:
+        """Return the log share of a threshold's prior that no command of this log ever crosses.
+
+        A lag or a delay has none: whatever moves is late.
+        """
+        span = self.coordinate(effect)
+        if not span.is_logarithm:
+            return -math.inf
+        nominal = self.angle({})
+
+        def acts(at: float) -> bool:
+            return not np.array_equal(self.angle({effect: math.exp(at)}), nominal)
+
+        ends = {True: span.low, False: span.high}
+        if acts(span.low) == acts(span.high):
+            return -math.inf if acts(span.low) else 0.0
+        if acts(span.high):
+            ends = {True: span.high, False: span.low}
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (ends[True] + ends[False])
+            ends[acts(middle)] = middle
+        still = span.high if ends[False] > ends[True] else span.low
+        share = abs(still - ends[False]) / (span.high - span.low)
+        return math.log(share) if share > 0 else -math.inf
 
     def angle(self, values: Mapping[str, float], gain: float = 1.0) -> Floats:
         """Return block means of the wheel angles: float64[2, m]; *values* by effect."""

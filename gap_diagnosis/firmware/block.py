@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -27,6 +28,8 @@ from hil_harness.robot import Robot
 _LIMIT: Final = 1e4
 _GYRO_LATE: Final = (1, 2, -1)
 _LATE_NATS: Final = 30.0
+_SAME: Final = 1e-6
+"""Programs whose log likelihoods differ by less give the same record."""
 
 
 class FirmwareBlock:
@@ -98,11 +101,16 @@ class FirmwareBlock:
         most = max(singles.other, *(one.log_likelihood for one in singles.no_effect))
         total = log_sum([*(one.total for one in found), singles.other])
         best = max([singles.other, *(one.log_likelihood for one in found)])
+        alike = [one.log_likelihood for one in singles.no_effect]
+        silent = [
+            one.total for one in found if min(abs(one.log_likelihood - a) for a in alike) < _SAME
+        ]
         return Fit(
             names,
             float(np.clip(total - none, -_LIMIT, _LIMIT)),
             float(np.clip(best - most, -_LIMIT, _LIMIT)),
             estimates_of(found) if found else {},
+            log_silent=log_sum([*silent, singles.other]) - none if len(names) == 1 else -math.inf,
         )
 
 

@@ -33,6 +33,7 @@ class FakeBlock:
     """A block in which each effect gains so many nats alone, and pairs the sum unless said.
 
     `likelihood` is the best fit's gain; where nothing is said, 3 nats above the evidence.
+    `silent` is what values without a trace have of an effect's gain.
     """
 
     gains: Mapping[str, float]
@@ -40,6 +41,7 @@ class FakeBlock:
     name: str = "motion"
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     likelihood: Mapping[str, float] = field(default_factory=dict)
+    silent: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def effects(self) -> frozenset[str]:
@@ -51,7 +53,8 @@ class FakeBlock:
         told = [self.likelihood.get(one, self.gains[one] + 3.0) for one in effects]
         likelihood = evidence + 3.0 if effects in self.pairs else math.fsum(told)
         own = {key: value for key, value in self.parameters.items() if key.split(".")[0] in effects}
-        return Fit(tuple(sorted(effects)), evidence, likelihood, own)
+        silent = self.silent.get(min(effects), -math.inf) if len(effects) == 1 else -math.inf
+        return Fit(tuple(sorted(effects)), evidence, likelihood, own, log_silent=silent)
 
 
 def ranked(

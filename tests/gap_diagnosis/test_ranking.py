@@ -34,6 +34,27 @@ def test_a_pair_is_as_likely_beforehand_as_two_effects_of_their_stages() -> None
     assert odds(ranking, ["gyro_bias", "radius_scale"], []) == pytest.approx(expected)
 
 
+def test_what_has_left_no_trace_in_any_log_is_not_at_work() -> None:
+    """A limit that no command reaches says as much as no limit, and nothing of a cause."""
+    gains = {"gyro_bias": 0.0, "frame_loss": -0.7}
+    ranking = ranked(FakeBlock(gains, silent={"frame_loss": -0.7}), logs=2)
+    assert odds(ranking, ["frame_loss"], []) < 1e-4
+    assert odds(ranking, ["gyro_bias", "frame_loss"], ["gyro_bias"]) < 1e-4
+    assert odds(ranking, ["gyro_bias"], []) == pytest.approx(0.5)
+
+
+def test_of_what_may_have_left_a_trace_only_the_trace_counts() -> None:
+    ranking = ranked(FakeBlock({"frame_loss": math.log(0.5)}, silent={"frame_loss": math.log(0.3)}))
+    assert odds(ranking, ["frame_loss"], []) == pytest.approx(0.5 - 0.3)
+
+
+def test_an_effect_without_a_trace_in_one_log_may_show_in_another() -> None:
+    quiet = FakeBlock({"frame_loss": -0.7}, silent={"frame_loss": -0.7})
+    lossy = FakeBlock({"frame_loss": 20.0})
+    ranking = rank([[quiet], [lossy]], PRIOR, STAGE, {})
+    assert ranking.of(frozenset({"frame_loss"})).log_evidence == pytest.approx(19.3)
+
+
 def test_three_nats_are_odds_of_twenty() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0}))
     assert odds(ranking, ["gyro_bias"], ["missed_ticks"]) == pytest.approx(math.exp(3))

@@ -45,6 +45,21 @@ def test_an_even_bus_speaks_for_no_effect(seed: int) -> None:
     assert max(evidence(block, one) for one in block.effects) <= 0.0
 
 
+STRIKING = (
+    "bus_gap", "frame_duplication", "frame_loss", "frame_reordering", "stale_producer",
+)  # fmt: skip
+
+
+def test_what_never_struck_has_left_no_trace_and_what_did_has() -> None:
+    even = block_of(recording(1))
+    for effect in STRIKING:
+        fit = even.fit(frozenset({effect}))
+        assert fit.log_silent == pytest.approx(fit.log_evidence), effect
+    lossy = block_of(recording(1, frame_loss={"frame": "ENCODER", "probability": 0.01}))
+    fit = lossy.fit(frozenset({"frame_loss"}))
+    assert fit.log_silent < fit.log_evidence - 8
+
+
 @pytest.mark.parametrize("seed", range(1, 4))
 def test_an_everyday_bus_speaks_for_no_effect(seed: int) -> None:
     made = recording(seed)

@@ -41,6 +41,14 @@ def test_sound_codes_speak_for_no_effect(seed: int) -> None:
     assert max(evidences(recording(seed)).values()) <= 0.5
 
 
+def test_a_code_that_was_never_asked_for_leaves_no_trace() -> None:
+    fit = block_of(recording()).fit(frozenset({"adc_missing_code"}))
+    assert fit.log_silent == pytest.approx(fit.log_evidence, abs=0.01)
+    missing = block_of(recording(adc_missing_code={"code": 32768}))
+    fit = missing.fit(frozenset({"adc_missing_code"}))
+    assert fit.log_silent < 0 < fit.log_evidence - 5
+
+
 @pytest.mark.parametrize("step", [2, 4, 16, 64])
 def test_a_coarse_sensor_has_no_stuck_bit(step: int) -> None:
     made = recording()

@@ -38,6 +38,21 @@ def test_a_drive_as_described_speaks_for_no_effect(seed: int) -> None:
     assert max(evidence(block, one) for one in block.effects) < 0.5
 
 
+def test_of_a_limit_that_no_command_reaches_there_is_no_trace() -> None:
+    """Limits from a twentieth of the largest rate up are even in the logarithm, and what lies
+    beyond the fastest command says nothing."""
+    told = simulated(seed=1)
+    block = block_of(told)
+    fastest = float(np.abs(block.data.commanded).max())
+    fit = block.fit(frozenset({"drive_saturation"}))
+    largest = ROBOT.plant.drive.max_wheel_rate_rad_s
+    assert fit.log_silent == pytest.approx(np.log(np.log(largest / fastest) / np.log(20)), abs=0.05)
+    assert fit.log_evidence < fit.log_silent + 0.3
+    limited = block_of(simulated({"drive_saturation": {"limit": 0.7 * fastest}}, seed=1))
+    fit = limited.fit(frozenset({"drive_saturation"}))
+    assert fit.log_silent < 0 < fit.log_evidence - 10
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_load_of_five_per_cent_is_noise_and_no_effect(seed: int) -> None:
     block = block_of(disturbed(seed))

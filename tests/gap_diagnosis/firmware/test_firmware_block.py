@@ -46,6 +46,17 @@ def with_mode(mode: str) -> Robot:
     return dataclasses.replace(robot(), firmware=firmware)
 
 
+def test_what_the_described_program_gives_to_the_last_digit_leaves_no_trace() -> None:
+    runs = plant_runs(TICKS)
+    block = block_of(recording_of(runs, kernel_pose(runs)))
+    overflow = block.fit(frozenset({"firmware_overflow"}))
+    assert overflow.log_silent == pytest.approx(overflow.log_evidence, abs=1e-3)
+    late = block.fit(frozenset({"euler_integration"}))
+    assert late.log_silent < late.log_evidence - CERTAIN_NATS or late.log_evidence < -CERTAIN_NATS
+    other = block_of(recording_of(runs, kernel_pose(runs, euler="after")))
+    assert other.fit(frozenset({"euler_integration"})).log_silent < 0
+
+
 LISTED = [
     ("firmware_truncation", {"rounding": "toward_zero"}, {"rounding": "toward_zero"}),
     (
