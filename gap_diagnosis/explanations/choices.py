@@ -211,8 +211,9 @@ _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 
-def _dead_windows(motion: Motion) -> list[tuple[str, int, int]]:
-    """Return side, first and last row of the stretches in which an encoder may count nothing.
+def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
+    """Return the stretches in which an encoder may count nothing: side, first and last row, how far
+    its wheel turned meanwhile, as the gyro tells it [rad], and the row by which it had surely died.
 
     Only while the other side's counts. One to the log's end will do: where only the counts tell,
     the wheel may as well stand. Of one that counts again the gyro must say that its wheel turned
@@ -227,18 +228,20 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int]]:
         for first, last in _runs(step == 0, least):
             inside = slice(first, last + 1)
             rolled_rad = np.abs(other[inside]).sum()
-            missed_rad = np.ptp(np.cumsum(other[inside] + sign * turned_rad[inside]))
+            unseen_rad = np.cumsum(other[inside] + sign * turned_rad[inside])
+            missed_rad = float(np.ptp(unseen_rad))
             to_the_end = last == len(step) - 1
             told = motion.gyro_turn_rad is not None and missed_rad > _DEAD_SHARE * rolled_rad
             if rolled_rad > _DEAD_TICKS * motion.rad_per_count and (to_the_end or told):
-                found.append((side, first, last))
+                gone = np.abs(unseen_rad) > _DEAD_TICKS * motion.rad_per_count
+                found.append((side, first, last, missed_rad, first + int(np.argmax(gone))))
     return found
 
 
 def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
     """Return, bool[n], the ticks in which only one wheel counts for long."""
     dead = np.zeros(len(motion.t_s), dtype=np.bool_)
-    for _, first, last in _dead_windows(motion):
+    for _, first, last, *_ in _dead_windows(motion):
         dead[first : last + 1] = True
     return dead
 
@@ -249,11 +252,11 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
     Each to the log's end if it does, else the one stretch in which it misses most.
     """
     acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
-    longest: dict[str, tuple[bool, int, int, int]] = {}
-    for side, first, last in _dead_windows(motion):
-        one = (last == len(motion.t_s) - 1, last - first, first, last)
-        longest[side] = max(longest.get(side, one), one)
-    for side, (to_the_end, _, first, last) in longest.items():
+    worst: dict[str, tuple[bool, float, int, int, int]] = {}
+    for side, first, last, missed_rad, by in _dead_windows(motion):
+        one = (last == len(motion.t_s) - 1, missed_rad, first, last, by)
+        worst[side] = max(worst.get(side, one), one)
+    for side, (to_the_end, _, first, last, by) in worst.items():
         window = {
             "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
             "stop_s": float(motion.t_s[last]) + 1e-6,
@@ -264,7 +267,11 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
         if not to_the_end:
             # It may have come back at any time, too, and seldom does.
             share = 2.0 * share + math.log(_REVIVED)
-        yield Variant("encoder_dead", acts[side], (), window, report, log_share=share)
+        # Where its wheel stood just then, it may have died at any time until that went on.
+        told = {"start_s": (window["start_s"], float(motion.t_s[by]))}
+        yield Variant(
+            "encoder_dead", acts[side], (), window, report, told, is_held=True, log_share=share
+        )
 
 
 def encoder_wrap(motion: Motion) -> Iterable[Variant]:

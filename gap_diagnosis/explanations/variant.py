@@ -31,7 +31,8 @@ class Variant:
         fixed: values decided for this variant, handed to `act`.
         report: values decided for this variant, as the catalogue names them.
         told: of a fixed value that the log itself tells, the least and the largest that it may be;
-            the fit may move it where the effect acts not quite so.
+            the fit may move it where the effect acts not quite so, unless it `is_held`.
+        is_held: the log tells its window: a fit does not move it.
         polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
@@ -53,6 +54,7 @@ class Variant:
     fixed: Mapping[str, float] = field(default_factory=dict)
     report: Mapping[str, Value] = field(default_factory=dict)
     told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    is_held: bool = False
     polar: tuple[str, str] | None = None
     polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
     is_positive: bool = False

@@ -30,8 +30,8 @@ class Edged:
 
 
 def has_edges(term: Term) -> bool:
-    """Tell whether a term has a window, a threshold or a limit."""
-    return any(name in term.variant.fixed for name in EDGES)
+    """Tell whether a term has a window, a threshold or a limit that is to be sought."""
+    return not term.variant.is_held and any(name in term.variant.fixed for name in EDGES)
 
 
 def best_edges(

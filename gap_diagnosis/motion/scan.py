@@ -35,8 +35,9 @@ _EXTENDED: Final = 4
 _MORE_VARIANTS: Final = 3
 _WORTH_MORE: Final = 10.0
 """One more effect is sought beside sets that gain this much on the best smaller one [nat]."""
-_BENDING: Final = frozenset({"encoder_dead"})
-"""What leaves so little of the described motion that beside it columns about it say little."""
+_BENDING: Final = 0.1
+"""A dead encoder for more than this share of the log leaves so little of the described motion that
+beside it columns about it say little."""
 _ALL_PARTS: Final = 3
 """Every part of sets so large is fitted again; of larger ones those without one effect."""
 _NEAR: Final = 12.0
@@ -90,12 +91,19 @@ class Scan:
         self.by_effect: dict[str, list[Term]] = defaultdict(list)
         for term in model.columns.terms:
             self.by_effect[term.variant.effect].append(term)
+        self._bending = frozenset({"encoder_dead"} if self._is_dead_for_long() else ())
         self.found: dict[Effects, Found] = {}
         self.spans: dict[str, dict[str, float]] = {}
         self._grams: list[Gram] = []
         self._kept: list[dict[str, list[Term]]] = []
         self._weighed: set[Effects] = set()
         self._search(progress)
+
+    def _is_dead_for_long(self) -> bool:
+        t_s = self.model.nodes.motion.t_s
+        windows = (term.variant.fixed for term in self.by_effect.get("encoder_dead", ()))
+        least_s = _BENDING * float(t_s[-1] - t_s[0])
+        return any(one["stop_s"] - one["start_s"] > least_s for one in windows)
 
     @property
     def effects(self) -> Effects:
@@ -239,7 +247,7 @@ class Scan:
                 less = max(one.log_evidence for one in ranked if len(one.effects) < size)
                 parents = [one for one in ranked if len(one.effects) == size][:_EXTENDED]
                 parents = [one for one in parents if one.log_evidence > less + _WORTH_MORE]
-                parents = [one for one in parents if not one.effects & _BENDING]
+                parents = [one for one in parents if not one.effects & self._bending]
                 for parent in parents:
                     self._extend(parent)
                 best = self._ranked()[0]
@@ -265,7 +273,7 @@ class Scan:
             places = range(max(len(self._grams) - 2, 0), len(self._grams))
         for place in places:
             for effect, terms in self._kept[place].items():
-                if effect not in parent.effects | _BENDING | GROSS:
+                if effect not in parent.effects | self._bending | GROSS:
                     choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
 

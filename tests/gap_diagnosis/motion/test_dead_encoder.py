@@ -39,6 +39,9 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
     assert dead.report["side"] == "left"
     assert dead.fixed["start_s"] == pytest.approx(0.3 * LASTS_S, abs=0.05)
     assert dead.fixed["stop_s"] == pytest.approx(0.8 * LASTS_S, abs=0.05)
+    first_s, last_s = dead.told["start_s"]
+    assert first_s - 0.01 <= 0.3 * LASTS_S <= last_s
+    assert last_s < 0.3 * LASTS_S + 0.2
 
 
 def test_a_count_that_goes_on_was_not_dead_where_only_the_counts_tell() -> None:
