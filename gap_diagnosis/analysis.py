@@ -22,7 +22,7 @@ from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import Alternative, alternatives, levels_beside
+from gap_diagnosis.motion.unknown import Alternative, alternatives, beyond_tolerance, levels_beside
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -204,9 +204,15 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
             sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
         )
         found = [max(pair, key=lambda one: one.log_evidence) for pair in both]
+    if motion.explained < _LITTLE:
+        found = beyond_tolerance(found)
     if burst is not None:
         found.append(_rough(burst))
     return sorted(found, key=lambda one: -one.log_evidence)
+
+
+_LITTLE: Final = 3.0
+"""What gains less [nat] explains nothing."""
 
 
 def _subject(one: Alternative) -> tuple[str, str]:
@@ -214,10 +220,16 @@ def _subject(one: Alternative) -> tuple[str, str]:
 
 
 def _at(motion: MotionBlock, levels: Floats) -> list[Alternative]:
-    """Return unlisted causes at these noise levels, relative to no effect at its own."""
-    gain = motion.log_evidence_of_levels(levels)
+    """Return unlisted causes at these noise levels, relative to no effect at its own, or at these
+    where they suit it better: it must not lose for want of a search as long."""
+    gain = min(motion.log_evidence_of_levels(levels), 0.0)
     return [
-        replace(one, log_evidence=one.log_evidence + gain, log_likelihood=one.log_likelihood + gain)
+        replace(
+            one,
+            log_evidence=one.log_evidence + gain,
+            log_likelihood=one.log_likelihood + gain,
+            within=one.within + gain,
+        )
         for one in alternatives(motion.model, levels)
     ]
 

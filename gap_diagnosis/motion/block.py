@@ -96,6 +96,12 @@ class MotionBlock:
         """Noise levels of the best account of all."""
         return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
 
+    @property
+    def explained(self) -> float:
+        """Log evidence of the best account of all, less that of no effect."""
+        best = max(one.log_evidence for one in self.scan.found.values())
+        return best - self._nothing.log_evidence
+
     @cached_property
     def burst(self) -> Burst | None:
         """Windows in which wheels lose their hold: evidence less that of no effect."""

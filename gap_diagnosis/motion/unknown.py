@@ -41,12 +41,16 @@ would explain their noise with itself."""
 
 @dataclass(frozen=True)
 class Way:
-    """One way in which a stage can err: what a unit function adds, and usual sizes."""
+    """One way in which a stage can err: what a unit function adds, and usual sizes.
+
+    Up to about *within*, half of what a description may be off by, it is no gap.
+    """
 
     stage: str
     act: Callable[[Prediction, Floats], None]
     low: float
     high: float
+    within: float
     needs_reference: bool = False
     needs_gyro: bool = False
 
@@ -61,6 +65,7 @@ class Alternative:
         log_likelihood: gain at the best coefficients.
         share: of the whitened residual's energy above noise that it takes.
         windows: [start_s, stop_s] where it does not act at all times.
+        within: log evidence, likewise, of so little of it that it is no gap.
     """
 
     stage: str
@@ -69,6 +74,7 @@ class Alternative:
     log_likelihood: float
     share: float
     windows: tuple[tuple[float, float], ...] = ()
+    within: float = 0.0
 
 
 def _forward(p: Prediction, f: Floats) -> None:
@@ -131,30 +137,37 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
     p.reference_heading_rad = p.reference_heading_rad + f
 
 
-_GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, needs_gyro=True),)
-_DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, needs_gyro=True))
+_GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, 1.7e-4, needs_gyro=True),)
+_DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, 1.5e-3, needs_gyro=True))
 _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
-        Way("wheel", _forward, 1e-3, 0.1),
-        Way("wheel", _turn, 1e-3, 0.1),
-        Way("wheel", _turn_gain, 1e-3, 0.1),
-        Way("wheel", _lateral, 1e-3, 0.1, needs_reference=True),
+        Way("wheel", _forward, 1e-3, 0.1, 1e-3),
+        Way("wheel", _turn, 1e-3, 0.1, 2.5e-4),
+        Way("wheel", _turn_gain, 1e-3, 0.1, 1.5e-3),
+        Way("wheel", _lateral, 1e-3, 0.1, 2.5e-4, needs_reference=True),
     ),
-    "encoder": (Way("encoder", _left, 1e-3, 0.1), Way("encoder", _right, 1e-3, 0.1)),
+    "encoder": (
+        Way("encoder", _left, 1e-3, 0.1, 2.5e-4),
+        Way("encoder", _right, 1e-3, 0.1, 2.5e-4),
+    ),
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,
     "reference": (
-        Way("reference", _reference_along, 1e-3, 0.2, needs_reference=True),
-        Way("reference", _reference_across, 1e-3, 0.2, needs_reference=True),
-        Way("reference", _reference_heading, 1e-3, 0.1, needs_reference=True),
+        Way("reference", _reference_along, 1e-3, 0.2, 5e-4, needs_reference=True),
+        Way("reference", _reference_across, 1e-3, 0.2, 5e-4, needs_reference=True),
+        Way("reference", _reference_heading, 1e-3, 0.1, 5e-4, needs_reference=True),
     ),
 }
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     # On each wheel's own motion, not on the body's.
-    ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1),),
+    ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # In the room's directions, not the body's.
-    ("reference", "place"): (Way("reference", _reference_place, 1e-3, 0.2, needs_reference=True),),
-    ("reference", "time"): (Way("reference", _reference_delay, 1e-3, 0.2, needs_reference=True),),
+    ("reference", "place"): (
+        Way("reference", _reference_place, 1e-3, 0.2, 5e-4, needs_reference=True),
+    ),
+    ("reference", "time"): (
+        Way("reference", _reference_delay, 1e-3, 0.2, 1e-3, needs_reference=True),
+    ),
     # What drifts with its surroundings may be the scale as well as the bias.
     ("gyro", "temperature"): _DRIFTING,
     ("gyro", "supply"): _DRIFTING,
@@ -194,7 +207,7 @@ class _Plan:
     Attributes:
         stage, variable: of the alternative.
         columns: int64[k], where all of its columns stand.
-        scales: float64[k, 2], their usual sizes, from and to.
+        scales: float64[k, 3], their usual sizes, from and to, and those that are no gap.
         shapes: float64[k, s] each, combinations of the columns that are weighed.
     """
 
@@ -229,10 +242,24 @@ def alternatives(
         turns = [one for one in plans if (one.stage, one.variable) == ("gyro", _CODE[1])]
         plans += [replace(one, variable=_CODE[0], shapes=one.shapes[:1]) for one in turns]
     for plan in plans:
-        evidence, likelihood = _gain(gram, plan)
+        evidence, likelihood, within = _gain(gram, plan)
         share = min(2 * likelihood / above_noise, 1)
-        found.append(Alternative(plan.stage, plan.variable, evidence, likelihood, share))
+        found.append(
+            Alternative(plan.stage, plan.variable, evidence, likelihood, share, within=within)
+        )
     return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def beyond_tolerance(found: Sequence[Alternative]) -> list[Alternative]:
+    """Return the same by what speaks for more of them than a description may be off by.
+
+    Where nothing that is listed explains a log, a healthy robot competes with them: no gap means
+    nothing beyond tolerance, whether it has a name or not.
+    """
+    if not found:
+        return []
+    within = float(np.logaddexp.reduce([one.within for one in found])) - math.log(len(found))
+    return [replace(one, log_evidence=one.log_evidence - max(within, 0.0)) for one in found]
 
 
 def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats | None:
@@ -297,34 +324,37 @@ def _planned(stage: str, variable: str, first: int, ways: Sequence[Way], base: B
         own = whole[:, place * count : (place + 1) * count]
         shapes += [own] if len(ways) > 1 else []
         shapes += [own @ one for one in base.simple]
-    scales = np.repeat([(way.low, way.high) for way in ways], count, axis=0)
+    scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
     return _Plan(stage, variable, np.arange(first, first + len(whole)), scales, shapes)
 
 
-def _gain(gram: Gram, plan: _Plan) -> tuple[float, float]:
-    """Return log evidence and log likelihood of an alternative, less those of none."""
-    found = [_gain_of(gram, plan, shape) for shape in plan.shapes]
-    evidences = np.array([evidence for evidence, _ in found])
-    evidence = float(np.logaddexp.reduce(evidences)) - math.log(len(found))
-    return evidence, max(likelihood for _, likelihood in found)
+def _gain(gram: Gram, plan: _Plan) -> tuple[float, float, float]:
+    """Return log evidence and log likelihood of an alternative, and the log evidence of so little
+    of it that it is no gap, less those of none."""
+    evidences, likelihoods, withins = np.array([_gain_of(gram, plan, one) for one in plan.shapes]).T
+    count = math.log(len(plan.shapes))
+    evidence = float(np.logaddexp.reduce(evidences)) - count
+    return evidence, float(likelihoods.max()), float(np.logaddexp.reduce(withins)) - count
 
 
-def _gain_of(gram: Gram, plan: _Plan, shape: Floats) -> tuple[float, float]:
+def _gain_of(gram: Gram, plan: _Plan, shape: Floats) -> tuple[float, float, float]:
     place = np.ix_(plan.columns, plan.columns)
     inner, data = shape.T @ gram.inner[place] @ shape, shape.T @ gram.data[plan.columns]
-    low, high = plan.scales[np.argmax(shape != 0, axis=0)].T
-    evidences = []
-    likelihood = 0.0
-    for step in range(_SCALES):
-        scale = low * (high / low) ** (step / (_SCALES - 1))
-        small = np.eye(len(data)) + scale[:, None] * inner * scale
-        solved = np.linalg.solve(small, scale * data)
-        evidences.append(
-            0.5 * float((scale * data) @ solved) - 0.5 * float(np.linalg.slogdet(small)[1])
-        )
-        mean = scale * solved
-        likelihood = max(likelihood, float(data @ mean - 0.5 * mean @ inner @ mean))
-    return float(np.logaddexp.reduce(evidences)) - math.log(_SCALES), likelihood
+    low, high, within = plan.scales[np.argmax(shape != 0, axis=0)].T
+    usual = [low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)]
+    found = [_gain_at(inner, data, scale) for scale in usual]
+    evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(_SCALES)
+    likelihood = max(0.0, *(one for _, one in found))
+    return evidence, likelihood, _gain_at(inner, data, within)[0]
+
+
+def _gain_at(inner: Floats, data: Floats, scale: Floats) -> tuple[float, float]:
+    """Return log evidence and log likelihood of sizes of which *scale*, float64[k], are usual."""
+    small = np.eye(len(data)) + scale[:, None] * inner * scale
+    solved = np.linalg.solve(small, scale * data)
+    evidence = 0.5 * float((scale * data) @ solved) - 0.5 * float(np.linalg.slogdet(small)[1])
+    mean = scale * solved
+    return evidence, float(data @ mean - 0.5 * mean @ inner @ mean)
 
 
 def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:

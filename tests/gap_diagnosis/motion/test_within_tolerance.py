@@ -1,9 +1,13 @@
 """What lies within the description's tolerance is free in every answer, whoever may be named."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 
+from gap_diagnosis.analysis import _at
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import alternatives
+from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -65,3 +69,49 @@ def test_a_disc_within_tolerance_is_no_unlisted_cause() -> None:
     model = MotionModel(recording, ROBOT, default_prior())
     best = alternatives(model, model.no_effect_levels)[0]
     assert best.log_evidence < 3.0
+
+
+def wandering(size: float) -> Recording:
+    """Return a drive whose wheels come apart by *size*, to and fro in 40 s; no effect does that."""
+    log = synthetic_recording(
+        ROBOT, load_wire(), scenario("calibration"), (), 3, reference=ReferenceNoise()
+    )
+    share = 0.5 * size * np.sin(2 * np.pi * log.t_s / 40.0)
+
+    def rolled(ticks: np.ndarray, more: np.ndarray) -> np.ndarray:
+        return ticks[0] + np.cumsum(np.diff(ticks, prepend=ticks[0]) * (1 + more))
+
+    return replace(
+        log,
+        left_ticks=rolled(log.left_ticks, -share),
+        right_ticks=rolled(log.right_ticks, share),
+    )
+
+
+def unlisted_beyond_tolerance(size: float) -> tuple[float, float]:
+    """Return the best unlisted cause's evidence as it is, and beyond what may be off anyway."""
+    model = MotionModel(wandering(size), ROBOT, default_prior())
+    found = alternatives(model, model.no_effect_levels)
+    beyond = beyond_tolerance(found)
+    return found[0].log_evidence, beyond[0].log_evidence
+
+
+def test_what_wanders_within_tolerance_is_no_gap_though_it_has_no_name() -> None:
+    """Three nats are odds of 20, against prior odds of 1 in 60."""
+    seen, beyond = unlisted_beyond_tolerance(0.8 * ROBOT.tolerance.radius_mismatch)
+    assert seen > 10
+    assert beyond < 3
+
+
+def test_what_wanders_by_far_more_is_a_gap() -> None:
+    _, beyond = unlisted_beyond_tolerance(5 * ROBOT.tolerance.radius_mismatch)
+    assert beyond > 20
+
+
+def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -> None:
+    """A search for its own may have ended early: 28 nats short on a car's log."""
+    model = MotionModel(drive_with("radius_scale.scale=0"), ROBOT, default_prior())
+    levels = model.level_prior.median
+    motion = SimpleNamespace(model=model, log_evidence_of_levels=lambda _: 28.0)
+    better, plain = _at(motion, levels), alternatives(model, levels)
+    assert [one.log_evidence for one in better] == [one.log_evidence for one in plain]
