@@ -93,6 +93,36 @@ def _by_speeding_up(motion: Motion) -> Basis:
     return _joined(_of_the_body(motion, "acceleration"), _hats(turning) if varies else Basis([]))
 
 
+def _by_forces(motion: Motion) -> Basis:
+    """Return functions of what pulls across, and of what pulls along with it; the plainest is one
+    force in whatever direction of the body."""
+    across = _of_the_body(motion, "lateral_acceleration")
+    along = _of_the_body(motion, "acceleration")
+    if not across.functions or not along.functions:
+        return across
+    first = len(across.functions)
+    both = np.zeros((first + len(along.functions), 2))
+    both[:first, :1], both[first:, 1:] = across.simple[0], along.simple[0]
+    alone = np.eye(len(both))[:, :first]
+    return Basis([*across.functions, *along.functions], [alone, both[:, :1], both])
+
+
+def _by_rate(motion: Motion) -> Basis:
+    """Return functions of the turn rate: hats, and a scale that bends with the rate's size or
+    differs between the sides. Hats follow a bend by straight lines, which a gyro tells from it."""
+    by_rate = _of_the_body(motion, "turn_rate")
+    if not by_rate.functions:
+        return by_rate
+    rate = motion.turn_rate_rad_s / float(np.abs(motion.turn_rate_rad_s).max())
+    size = np.abs(rate)
+    hats = len(by_rate.functions)
+    whole = np.eye(hats + 3)
+    plain = whole[:, :hats] @ by_rate.simple[0]
+    uneven, bent = whole[:, hats : hats + 1], np.hstack([plain, whole[:, hats + 1 :]])
+    functions = [*by_rate.functions, size, rate * size, rate**3]
+    return Basis(functions, [plain, whole[:, :hats], uneven, bent])
+
+
 def _by_place(motion: Motion) -> Basis:
     """Return shifts in either direction, float64[2, n] each, by where the robot is; the plainest is
     a scale of the room."""
@@ -185,5 +215,7 @@ _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("reference", "heading"): _by_heading,
     ("reference", "place"): _by_place,
     ("gyro", "acceleration"): _by_speeding_up,
+    ("gyro", "lateral_acceleration"): _by_forces,
+    ("gyro", "turn_rate"): _by_rate,
 }
 """Functions of a variable where they are not the body's."""

@@ -87,6 +87,11 @@ def _each_wheel(p: Prediction, f: Floats) -> None:
     p.right_m = p.right_m * (1 + f[1])
 
 
+def _downhill(p: Prediction, f: Floats) -> None:
+    p.left_m = p.left_m + np.abs(p.left_m) * f
+    p.right_m = p.right_m + np.abs(p.right_m) * f
+
+
 def _turn(p: Prediction, f: Floats) -> None:
     p.yaw_rad = p.yaw_rad + f * 0.5 * (np.abs(p.left_m) + np.abs(p.right_m)) / p.wheelbase_m
 
@@ -159,6 +164,8 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     ),
 }
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
+    # Backing uphill, wheels go too far as they go forward downhill.
+    ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 1e-3), *_WAYS["wheel"][1:]),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # In the room's directions, not the body's.

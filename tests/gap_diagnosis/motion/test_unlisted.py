@@ -100,6 +100,41 @@ def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on
     assert best.log_evidence > second.log_evidence + 10
 
 
+@pytest.mark.parametrize(
+    ("effect", "values", "variable"),
+    [
+        ("gyro_nonlinearity", (("quadratic", -0.02), ("cubic", 0.02)), "turn_rate"),
+        ("gyro_g_sensitivity", (("x", 0.002), ("y", -0.002)), "lateral_acceleration"),
+    ],
+)
+def test_a_gyro_that_bends_or_feels_forces_loses_little_for_want_of_its_name(
+    effect: str, values: tuple[tuple[str, float], ...], variable: str
+) -> None:
+    """Hats alone left a third of a bend to noise, and a pull across a quarter of one aslant: scales
+    and biases that had names came before them."""
+    model = MotionModel(drive(EffectSetting(effect, values)), ROBOT, default_prior())
+    levels = model.no_effect_levels
+    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    named = score(model.gram(levels), [term], model.prior)
+    best = next(one for one in alternatives(model, levels) if one.variable == variable)
+    assert named.log_evidence > 50
+    assert best.log_evidence > named.log_evidence - np.log(5) - 6
+
+
+def test_wheels_that_back_up_a_slope_go_as_far_as_forward_down_it() -> None:
+    """A slip that turned its sign with the driving's left 4 nats of 16 to a slope without name."""
+    log = drive(EffectSetting("grade_slip", (("ratio", 0.004), ("direction", 1.0))))
+    assert log.v_command_m_s is not None
+    assert np.mean(log.v_command_m_s < 0) > 0.1
+    model = MotionModel(log, ROBOT, default_prior())
+    levels = model.no_effect_levels
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "grade_slip")
+    named = score(model.gram(levels), [term], model.prior)
+    best = next(one for one in alternatives(model, levels) if one.variable == "heading")
+    assert named.log_evidence > 20
+    assert best.log_evidence > named.log_evidence - np.log(25) - 6
+
+
 def test_wheels_that_tremble_on_a_straight_do_not_turn() -> None:
     """How tightly they seem to turn is as large as their noise: a function of that took the noise
     of lost counts away (2,000 nats). A rate's weight is its square over that and 0.05² rad²/s²."""
