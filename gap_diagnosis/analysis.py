@@ -142,7 +142,8 @@ def analyse(
         motion,
         tuple(_without(one, without) for one in blocks),
         tuple(others),
-        _unknown(others, seen, drive, firmware),
+        _unknown(others, seen, drive, firmware)
+        | ({} if motion is None or not motion.is_gross else {"setup": motion.nameless}),
         outliers,
         burst,
         seen,

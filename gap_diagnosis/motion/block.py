@@ -22,6 +22,7 @@ from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.scan import Found, Scan
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
@@ -35,6 +36,10 @@ _GAINS: Final = 1.0
 _LEFT: Final = 0.04
 """Share of what an effect gains that a level of noise may take up of what it leaves: a fifth of its
 amplitude."""
+_ROUGHEST: Final = 5.0
+"""Contact this many spreads of its prior above the described one is of no floor: 45 mm after a
+metre."""
+_CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -126,11 +131,11 @@ class MotionBlock:
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             return self._late(effects)
+        found = self.scan.account(aliased(effects - NOISES.keys()))
+        if self._accounts_for_nothing(found):
+            return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if effects & NOISES.keys():
             return self._noisy(effects)
-        if effects & self._mend_nothing:
-            return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
-        found = self.scan.account(aliased(effects))
         if self._put_right is not None and tuple(effects) == self._put_right.effects:
             return self._put_right
         return Fit(
@@ -173,12 +178,40 @@ class MotionBlock:
         return [self.scan.found[one] for one in singles if one in self.scan.found]
 
     @cached_property
-    def _mend_nothing(self) -> frozenset[str]:
-        """Mistakes of the set-up that, put right, leave the log as gross as it was.
+    def is_gross(self) -> bool:
+        """Something is wrong by a sign or a factor."""
+        return looks_gross(self.model.recording, self.model.robot)
 
-        A wrong one takes thousands of nats of the right one's, where that is not listed; but what
-        differs by a sign or a factor still is another mistake.
+    @property
+    def nameless(self) -> float:
+        """Log evidence, less that of no effect, of the best account that is none.
+
+        It shows that there is something, which explains at least as much and is not listed.
         """
+        wrong = [one for one in self.scan.found.values() if self._accounts_for_nothing(one)]
+        best = max((one.log_evidence for one in wrong), default=-math.inf)
+        return best - self._nothing.log_evidence
+
+    def _accounts_for_nothing(self, found: Found) -> bool:
+        """Tell whether a set leaves a gross log as gross as it was.
+
+        A wrong mistake of the set-up, put right, leaves signs or factors between sources; a wrong
+        effect leaves a contact that no floor has. Each may win thousands of nats all the same where
+        the right one is not listed.
+        """
+        if not found.effects or not self.is_gross:
+            return False
+        if found.effects & GROSS:
+            return bool(found.effects & self._mend_nothing)
+        prior = self.model.level_prior
+        return bool(
+            np.log(found.levels[_CONTACT] / prior.median[_CONTACT])
+            > _ROUGHEST * prior.spread[_CONTACT]
+        )
+
+    @cached_property
+    def _mend_nothing(self) -> frozenset[str]:
+        """Mistakes of the set-up that, put right, leave the log as gross as it was."""
         found = set()
         for one in self._mistakes:
             (term,) = one.terms

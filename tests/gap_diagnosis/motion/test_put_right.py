@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from motion_cases import EXACT, ROBOT, WIRE
 
+from gap_diagnosis.analysis import analyse
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.gross import put_right
 from gap_diagnosis.motion.model import MotionModel
@@ -73,3 +74,16 @@ def test_a_mistake_that_leaves_the_log_as_gross_as_it_was_is_not_named():
     assert max(unnamed.fit(frozenset({one})).log_evidence for one in mistakes) < 0
     named = MotionBlock(MotionModel(log, ROBOT, prior, gross=True))
     assert named.fit(frozenset({"setup_sign"})).log_evidence > LEAST_GAIN
+
+
+def test_an_effect_that_leaves_a_contact_of_no_floor_accounts_for_nothing():
+    """Counts in a wrong unit, without that name: a wheel that slips its whole way was told (8,177
+    nats, 0.89). What it explains, something does that is not listed."""
+    log = wrong("left_ticks", 256.0)
+    found = analyse(log, ROBOT, WIRE, default_prior(), without=frozenset({"setup_unit"}))
+    block = found.motion
+    assert block is not None
+    best = max(block.scan.found.values(), key=lambda one: one.log_evidence)
+    assert best.effects
+    assert block.fit(best.effects).log_evidence < 0
+    assert found.unknown["setup"] == block.nameless == block.explained > LEAST_GAIN
