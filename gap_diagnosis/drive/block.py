@@ -48,6 +48,11 @@ _GIVES_WAY: Final = 0.006
 _HALF_S: Final = 0.5
 _AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
+_MENDED: Final = 0.5
+_MATTERS: Final = 0.05
+"""Where a mistake has been put right, wheels go no more than half as far wrong as they go, forwards
+and in turns: in what of the two is not next to nothing beside the other."""
+_IMPOSSIBLE: Final = -1e9
 _STANDS: Final = -0.5
 """Of its rate a drive that does as it is told gives way by less, however slow that is: one that
 gives way by more stands."""
@@ -134,6 +139,7 @@ class DriveBlock:
         self._fits: dict[frozenset[str], Fit] = {}
         self._levels_with: dict[frozenset[str], Floats] = {}
         self._levels: Floats = STARTS[0]
+        self._nameless = -math.inf
         self._null = 0.0
         setting = self._setting(Variant(data, np.zeros((0, *self._nominal.shape)), ()), frozenset())
         found = [self._fit_levels(setting, {}, start) for start in STARTS]
@@ -171,6 +177,9 @@ class DriveBlock:
         that come late, or a gain of each wheel, steady or some function of its speed, all of
         unknown size: what is left to a motor, a velocity loop or an engine not in the library. Or
         one that answers slow commands in a way of their own.
+
+        What a mistake of the commands explains without mending them, something does that is not
+        listed.
         """
         shapes = Shapes(self._data, self._robot)
         does_as_told = self._off() < _AS_TOLD
@@ -185,7 +194,10 @@ class DriveBlock:
                 found.append(one)
         evidences = [one.evidence for one in found]
         evidence = float(np.logaddexp.reduce(evidences)) - math.log(len(found))
-        return Fit((), evidence, max(one.likelihood for one in found))
+        for mistake in self.effects & set(SETUP):
+            self.fit(frozenset({mistake}))
+        likelihood = max(one.likelihood for one in found)
+        return Fit((), max(evidence, self._nameless), max(likelihood, self._nameless))
 
     def _foreign(self, columns: Floats) -> Foreign:
         """Return what columns of unknown size explain."""
@@ -216,18 +228,37 @@ class DriveBlock:
         return np.asarray(sizes[: len(setting.variant.columns)])
 
     def _off(self) -> float:
-        """Return by which share of their rates the wheels do otherwise than they are told.
-
-        Over half a second each, so that the rounding of counts does not matter.
-        """
-        described = Shapes(self._data, self._robot).angle({})
-        apart = max(1, round(_HALF_S / self._data.block_s))
-        both = self._data.seen[:, apart:] & self._data.seen[:, :-apart]
-        wrong, told = (
-            (angle[:, apart:] - angle[:, :-apart])[both]
-            for angle in (self._data.angle - described, described)
-        )
+        """Return by which share of their rates the wheels do otherwise than they are told."""
+        told, gone, seen = self._ways(self._data)
+        wrong, told = (gone - told)[seen], told[seen]
         return math.sqrt(float(np.mean(wrong**2)) / max(float(np.mean(told**2)), 1e-12))
+
+    def _ways(self, data: DriveData) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return [2, k] each: how far wheels are told to go in half a second, how far they go, and
+        where that is seen.
+
+        So long that the rounding of counts does not matter.
+        """
+        described = Shapes(data, self._robot).angle({})
+        apart = max(1, round(_HALF_S / data.block_s))
+        told, gone = (one[:, apart:] - one[:, :-apart] for one in (described, data.angle))
+        return told, gone, data.seen[:, apart:] & data.seen[:, :-apart]
+
+    def _mends(self, data: DriveData) -> bool:
+        """Tell whether wheels do about as they are told, forwards and in turns, in data in which a
+        mistake of the set-up has been put right."""
+        told, gone, seen = self._ways(data)
+        both = np.all(seen, axis=0)
+        if not both.any():
+            return True
+        sides = np.array([[0.5, 0.5], [-0.5, 0.5]])
+        wrong, told, gone = (
+            np.sqrt(np.mean((sides @ one[:, both]) ** 2, axis=1))
+            for one in (gone - told, told, gone)
+        )
+        moved = np.maximum(told, gone)
+        matters = moved > _MATTERS * moved.max()
+        return bool(np.all(wrong[matters] < _MENDED * moved[matters]))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         settings = [self._setting(one, effects) for one in self._variants(effects)]
@@ -251,7 +282,7 @@ class DriveBlock:
         parameters = self._parameters(settings[best], levels, grid, scale_weights)
         if self._doubted >= COMMANDS:
             parameters |= _choices(effects, [one.variant for one in settings], weights)
-        return Fit(
+        found = Fit(
             effects=tuple(sorted(effects)),
             log_evidence=total + others - self._null_evidence,
             log_likelihood=max(free - self._null, 0.0),
@@ -259,6 +290,11 @@ class DriveBlock:
             pareto_k=grid.pareto_k,
             log_silent=self._log_silent(effects),
         )
+        doubted = bool(effects & set(SETUP)) and not self._doubted & COUNTS
+        if doubted and not self._mends(settings[best].variant.data):
+            self._nameless = max(self._nameless, found.log_evidence)
+            return replace(found, log_evidence=_IMPOSSIBLE, log_likelihood=0.0)
+        return found
 
     def _log_silent(self, effects: frozenset[str]) -> float:
         shapes = Shapes(self._data, self._robot)
