@@ -211,6 +211,10 @@ _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 
+_GUESSED_RAD: Final = 1.0
+"""Standard deviation of a wheel's turn in a tick of which nothing is known."""
+
+
 def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
     """Return the stretches in which an encoder may count nothing: side, first and last row, how far
     its wheel turned meanwhile, as the gyro tells it [rad], and the row by which it had surely died.
@@ -270,8 +274,28 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
         # Where its wheel stood just then, it may have died at any time until that went on.
         told = {"start_s": (window["start_s"], float(motion.t_s[by]))}
         yield Variant(
-            "encoder_dead", acts[side], (), window, report, told, is_held=True, log_share=share
+            "encoder_dead",
+            acts[side],
+            (),
+            window,
+            report,
+            told,
+            is_held=True,
+            log_share=share,
+            unsure=_unsure_of_dead(side, first, last),
         )
+
+
+def _unsure_of_dead(side: str, first: int, last: int) -> Callable[[Motion], tuple[Floats, Floats]]:
+    """What a dead encoder's wheel did is taken from the gyro and the other wheel: it says nothing
+    of either."""
+
+    def unsure(motion: Motion) -> tuple[Floats, Floats]:
+        variance = np.zeros(len(motion.t_s))
+        variance[first : last + 1] = (_GUESSED_RAD / motion.rad_per_count) ** 2
+        return _of_side(side, variance)
+
+    return unsure
 
 
 def encoder_wrap(motion: Motion) -> Iterable[Variant]:

@@ -43,6 +43,9 @@ class Variant:
             this one.
         scatter: for a coefficient that is a rate or a probability, by how much the counts of the
             left and the right wheel vary by chance, counts² per tick, float64[n] each.
+        unsure: of what puts a guess in the place of counts that were not there, by how much the
+            guess may be off, counts² per tick of the left and the right wheel, float64[n] each:
+            nothing that is said beside it may lean on the guess.
         little: how small amounts act, where a share of a large one would look otherwise.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
@@ -64,6 +67,7 @@ class Variant:
     exact: Action | None = None
     log_share: float = 0.0
     scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None
+    unsure: Callable[[Motion], tuple[Floats, Floats]] | None = None
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""

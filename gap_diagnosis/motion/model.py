@@ -219,15 +219,19 @@ class MotionModel:
         free_levels: bool = True,
         steps: int = _NEWTON_STEPS,
         start: Sequence[tuple[float, ...]] | None = None,
+        leans: bool = True,
     ) -> Refitted:
-        """Fit *terms* again about their own best coefficients (Gauss-Newton)."""
+        """Fit *terms* again about their own best coefficients (Gauss-Newton).
+
+        *leans*: what one of them puts in the place of counts that were not there is trusted.
+        """
         if start is None:
             first = score(self.gram(levels), terms, self.prior)
             start = _split(terms, first.means[int(np.argmax(first.weights))])
         coefficients = tuple(start)
         for step in range(steps):
             values, nuisances, tangent = self._linearised(terms, coefficients)
-            course = self.scattered(terms, coefficients)
+            course = self.scattered(terms, coefficients, leans=leans)
             if free_levels and step == 1:
                 levels = self._better_levels(values, nuisances, tangent, levels, course)
             white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
@@ -296,13 +300,22 @@ class MotionModel:
         course = self.scattered(terms, coefficients)
         return self._evidence(values, nuisances, (), levels, course)
 
-    def scattered(self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]) -> Course:
-        """Return the course with what rates and probabilities of these sizes leave to chance."""
+    def scattered(
+        self,
+        terms: Sequence[Term],
+        coefficients: Sequence[tuple[float, ...]],
+        *,
+        leans: bool = True,
+    ) -> Course:
+        """Return the course with what rates and probabilities of these sizes leave to chance, and,
+        unless the fit *leans* on them, with what guesses leave."""
         course = self.course
         for term, sizes in zip(terms, coefficients, strict=True):
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0])
                 course = course.scattered(self.nodes, *variances)
+            if term.variant.unsure is not None and not leans:
+                course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course
 
     @cached_property

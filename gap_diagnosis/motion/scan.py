@@ -462,6 +462,10 @@ class Scan:
         return Found(frozenset(), (), evidence, evidence, levels)
 
     def _refit(self, one: Found) -> None:
+        guess = frozenset(t.variant.effect for t in one.terms if t.variant.unsure is not None)
+        if guess and guess != one.effects and self.account(guess).refitted is not None:
+            self._refit_beside(self.account(guess), one)
+            return
         again = self.model.refit(one.terms, one.levels)
         self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.
@@ -478,6 +482,30 @@ class Scan:
             again.log_likelihood,
             again.levels,
             again,
+        )
+
+    def _refit_beside(self, guess: Found, one: Found) -> None:
+        """Fit a set again in which one effect puts a guess in the place of counts: the others gain
+        what they gain where the guess is not leant on."""
+        levels = one.levels
+        less = self.model.refit(guess.terms, levels, leans=False)
+        more = self.model.refit(one.terms, levels, leans=False)
+        others = math.fsum(
+            t.log_weight - math.log(self._choices(t.variant.effect))
+            for t in one.terms
+            if t.variant.effect not in guess.effects
+        )
+        self.found[one.effects] = Found(
+            one.effects,
+            one.terms,
+            guess.log_evidence
+            + more.log_evidence
+            - less.log_evidence
+            + others
+            - self._beyond_belief(one.terms, [v for c in more.coefficients for v in c]),
+            guess.log_likelihood + max(more.log_likelihood - less.log_likelihood, 0.0),
+            more.levels,
+            more,
         )
 
 

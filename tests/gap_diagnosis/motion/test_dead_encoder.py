@@ -13,9 +13,11 @@ from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 WHOLE = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 5, reference=None)
@@ -84,3 +86,25 @@ def test_a_short_stand_at_the_end_speaks_little_of_a_dead_encoder() -> None:
     """It may have died at any time: a stand of a tenth of the log has a tenth of the odds."""
     (dead,) = found(standing(0.9 * LASTS_S, np.inf))
     assert dead.log_share == pytest.approx(-np.log(10), abs=0.05)
+
+
+DEAD = EffectSetting("encoder_dead", (("side", "right"), ("start_s", 8.0)))
+RIVALS = frozenset({"encoder_dead", "gyro_nonlinearity"})
+
+
+def test_nothing_said_beside_a_dead_encoder_leans_on_what_stands_in_for_its_counts() -> None:
+    """What the wheel did is guessed from the gyro: held against the gyro again, the guess said that
+    it bends (103 nats)."""
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("figure8"),
+        (DEAD,),
+        2,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )
+    others = frozenset(EXPLAINED) - RIVALS
+    scan = Scan(MotionModel(log, ROBOT, default_prior(), without=others))
+    best = max(scan.found.values(), key=lambda one: one.log_evidence)
+    assert best.effects == {"encoder_dead"}
