@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 _BLOCK_S: Final = 0.04
 _RECEPTION_S: Final = 0.004
 _LEAST_BLOCKS: Final = 50
+_FORGOTTEN: Final = 4.0
+"""After so many time constants a wheel's rate has forgotten what it was told."""
 _REST_BLOCKS: Final = 25
 """A wheel at rest says its angle once a second: the same count again is no new observation."""
 _ACTIVITY_S: Final = 0.6
@@ -110,6 +112,11 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     block_s = every * dt_s
     turning = _turning(means, block_s)
     jumped = np.concatenate(([False], np.diff(recording.tick[rows]) > 1))
+    if not recording.frames:
+        # A row of a table that was lost took its command along.
+        memory_s = _FORGOTTEN * robot.plant.drive.time_constant_s
+        untold = _untold(commanded, ~(used[0] | used[1]), math.ceil(memory_s / dt_s))
+        jumped = np.logical_or(jumped, untold)
     lost = np.logical_or.reduceat(jumped, start[:-1])
     return DriveData(
         dt_s=dt_s,
@@ -130,6 +137,16 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
             _RECEPTION_S, 0.5 * (recording.speed_cycle_s if recording.frames else dt_s)
         ),
     )
+
+
+def _untold(commanded: Floats, missing: NDArray[np.bool_], memory_ticks: int) -> NDArray[np.bool_]:
+    """Mark the ticks at which a wheel may be anywhere: in a row that is missing it may have been
+    told what comes next already, and its rate remembers that for a while."""
+    untold = np.zeros(len(missing), dtype=np.bool_)
+    for end in np.flatnonzero(missing[:-1] & ~missing[1:]) + 1:
+        if (commanded[:, end] != commanded[:, end - 1]).any():
+            untold[end : end + memory_ticks + 1] = True
+    return untold
 
 
 def _first_rates(angle: Floats, dt_s: float) -> Floats:

@@ -1,5 +1,7 @@
 """Motors that no described drive follows exactly: another engine's, a loop, a rough floor."""
 
+from dataclasses import replace
+
 import numpy as np
 from drive_recordings import DURATION_S, ROBOT, WIRE, drive_scenario, recording_of
 
@@ -51,6 +53,32 @@ def disturbed(seed: int, duration_s: float = DURATION_S, level: float = 0.05) ->
         error = keep * error + level * np.sqrt(1 - keep**2) * random.standard_normal(2)
         rates[k] *= 1 + error
     return _turned(commands, rates, seed)
+
+
+def table_with_lost_rows(seed: int, share: float) -> Recording:
+    """The described motor, told something new in every row of 30 ms; a share of the rows is lost,
+    counts and commands, and the command before stands in their place."""
+    wheels, lag_s = ROBOT.plant.wheels, ROBOT.plant.drive.time_constant_s
+    random = np.random.default_rng(seed)
+    time_s = 0.03 * np.arange(1300)
+    corners_s = np.arange(0.0, 42.0, 2.0)
+    begun = np.clip(time_s - 1.0, 0.0, 1.0)
+    speed = begun * np.interp(time_s, corners_s, random.uniform(-0.1, 0.6, len(corners_s)))
+    turning = begun * np.interp(time_s, corners_s, random.uniform(-1.0, 1.0, len(corners_s)))
+    rim = 0.5 * turning * wheels.wheelbase_m
+    told = np.stack([speed - rim, speed + rim], axis=1) / wheels.radius_m
+    kept = np.exp(-0.03 / lag_s)
+    angle, rate = np.zeros((len(told), 2)), np.zeros(2)
+    for k in range(len(told) - 1):
+        angle[k + 1] = angle[k] + 0.03 * told[k] + lag_s * (1 - kept) * (rate - told[k])
+        rate = told[k] + kept * (rate - told[k])
+    counts = np.floor(angle * TICKS_PER_RAD + 0.2 * random.standard_normal(angle.shape))
+    lost = random.random(len(told)) < share
+    lost[0] = False
+    latest = np.maximum.accumulate(np.where(lost, 0, np.arange(len(told))))
+    counts[lost] = np.nan
+    made = recording_of(np.stack([speed, turning], axis=1)[latest], counts[:, 0], counts[:, 1])
+    return replace(made, tick_period_s=0.03, t_s=time_s, stamp_s=time_s)
 
 
 def _lagged(target: np.ndarray, lag_s: float) -> np.ndarray:

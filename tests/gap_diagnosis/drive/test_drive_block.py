@@ -6,7 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drive_recordings import ROBOT, recording_of, simulated
-from foreign_drives import commanded_rates, disturbed, second_order, velocity_loop
+from foreign_drives import (
+    commanded_rates,
+    disturbed,
+    second_order,
+    table_with_lost_rows,
+    velocity_loop,
+)
 
 from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS
@@ -89,6 +95,14 @@ def test_a_drive_that_answers_otherwise_is_seen_without_a_name_for_it(
     """And the name, where there is one, is likelier."""
     block = block_of(simulated(effect, seed=3))
     assert 10 < block.unexplained().log_evidence < evidence(block, *effect) - 3
+
+
+def test_a_row_of_a_table_that_was_lost_took_its_command_along() -> None:
+    """What the wheels were told in it is no noise of theirs, and no dead band (10 nats)."""
+    whole, holed = (block_of(table_with_lost_rows(1, share)) for share in (0.0, 0.06))
+    assert holed.levels.spread < 1.5 * whole.levels.spread
+    assert holed.unexplained().log_evidence < 0
+    assert max(evidence(holed, one) for one in ACTUATION) < 1
 
 
 def test_a_late_drive_without_its_name_is_given_no_other() -> None:
