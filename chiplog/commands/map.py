@@ -55,9 +55,11 @@ def command(
     show_table(HEAD, [_row(signal, roles) for signal in found.values()])
     if out is not None:
         out.write_text(text, encoding="utf-8")
-        guessed = sum(not guess.is_certain for guess in guesses.values())
+        guessed = sum(not (guess.is_certain or guess.lacks_unit) for guess in guesses.values())
         check = f"; check the {guessed} marked GUESS" if guessed else ""
-        show_line(f"{out}: {len(guesses)} roles{check}")
+        bare = [guess.signal.path for guess in guesses.values() if guess.lacks_unit]
+        units = f"; say the unit of {', '.join(bare)}" if bare else ""
+        show_line(f"{out}: {len(guesses) - len(bare)} roles{check}{units}")
     else:
         show_line("")
         for line in text.splitlines():

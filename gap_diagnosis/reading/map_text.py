@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 from can_bus import Database
 from gap_diagnosis.reading.propose import Guess, propose
@@ -17,7 +18,7 @@ from gap_diagnosis.reading.signals_found import (
     wrapping_clocks,
 )
 from gap_diagnosis.reading.table_file import is_table
-from hil_harness.signal_roles import unit_of
+from hil_harness.signal_roles import Role, unit_of, units_for
 from hil_harness.table_map import NAMED_COLUMNS
 
 
@@ -59,6 +60,8 @@ def _text(
     clocks = _clocks(found) if dbc is None else {}
     lines += clocks.values()
     lines += [_line(role, guess, dbc is None) for role, guess in guesses.items()]
+    if any(guess.lacks_unit for guess in guesses.values()):
+        lines.insert(2, "# A line without a unit is commented out: say the unit, and remove the #.")
     taken = {guess.signal.path for guess in guesses.values()} | set(clocks)
     rest = [signal for path, signal in found.items() if path not in taken]
     if rest:
@@ -104,8 +107,13 @@ def _line(role: str, guess: Guess, is_table: bool) -> str:
         parts.append("invert = true")
     if guess.wrap is not None:
         parts.append(f"wrap = {guess.wrap!r}")
+    if guess.lacks_unit:
+        parts.insert(1, 'unit = "?"')
     entry = name if len(parts) == 1 else f"{{ {', '.join(parts)} }}"
     mark = "" if guess.is_certain else f"  # GUESS: {', '.join(guess.reasons)}"
+    if guess.lacks_unit:
+        units = units_for(cast(Role, guess.role))
+        return f"# {role} = {entry}{mark or '  # as you said'}; its unit is one of {units}"
     return f"{role} = {entry}{mark}"
 
 

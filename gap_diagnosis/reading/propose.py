@@ -46,8 +46,8 @@ _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
     "accel_y": ("accel", "acc", "ay"),
     "temperature": ("temperature", "temp"),
     "supply": ("supply", "battery", "voltage", "vbat", "volt"),
-    "v_command": ("v", "speed", "linear", "velocity", "vx"),
-    "w_command": ("w", "turn", "angular", "omega", "yaw", "wz"),
+    "v_command": ("v", "speed", "linear", "lin", "velocity", "vx"),
+    "w_command": ("w", "turn", "angular", "ang", "omega", "yaw", "wz"),
     "odom_x": ("x", "px"),
     "odom_y": ("y", "py"),
     "odom_heading": ("heading", "yaw", "theta", "angle", "psi"),
@@ -55,6 +55,8 @@ _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
     "reference_y": ("y", "py"),
     "reference_heading": ("heading", "yaw", "theta", "angle", "psi"),
 }
+_WHOLE_WORDS: Final = frozenset({"lin", "ang"})
+"""Short for linear and angular; as parts of words they mean nothing."""
 _WHEEL_WORDS: Final = ("wheel", "encoder", "enc", "tick", "count", "pulse", "odo", "wheels")
 _REAR_AND_FRONT: Final[Mapping[Role, tuple[str, ...]]] = {
     "left_count": ("rl", "fl", "lr", "lf", "hl", "vl", "links"),
@@ -79,6 +81,7 @@ class Guess:
         wrap: of a table's column: where it begins again.
         reasons: why, for people.
         is_certain: the name is the contract's own.
+        lacks_unit: a quantity, of which nobody says in what.
     """
 
     role: str
@@ -88,6 +91,7 @@ class Guess:
     wrap: float | None = None
     reasons: tuple[str, ...] = ()
     is_certain: bool = False
+    lacks_unit: bool = False
 
 
 @dataclass
@@ -153,8 +157,9 @@ def _take_given(search: _Search, given: Mapping[str, str]) -> None:
                 "says it"
             )
         search.guesses[role] = Guess(
-            role, signal, unit or None, False, wrap, ("as you said",), is_certain=True
-        )
+            role, signal, unit or None, False, wrap, ("as you said",), is_certain=True,
+            lacks_unit=_lacks_unit(search, role, signal),
+        )  # fmt: skip
 
 
 def _take_plain_names(search: _Search) -> None:
@@ -182,6 +187,12 @@ def _is_whole(signal: FoundSignal) -> bool:
     return bool(np.all(signal.value[:1000] == np.rint(signal.value[:1000])))
 
 
+def _lacks_unit(search: _Search, role: Role, signal: FoundSignal) -> bool:
+    """Tell a quantity of a table whose column does not say its unit: no counts, no codes."""
+    said = unit_of_signal(signal, search.is_table).strip().lower() not in COUNT_UNITS
+    return search.is_table and not said and not (role in RAW_KIND and _is_whole(signal))
+
+
 def _is_odometry(signal: FoundSignal) -> bool:
     return not _named(signal, _COMMAND_WORDS + _REFERENCE_WORDS + _SENSOR_WORDS)
 
@@ -192,7 +203,8 @@ def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float,
     if unit.strip().lower() in COUNT_UNITS:
         if role in RAW_KIND:
             whole = _is_whole(signal)
-            return (1.0 if whole else -9.0), "whole numbers" if whole else None
+            rate = is_table and role == "gyro"
+            return (1.0 if whole else 0.0 if rate else -9.0), "whole numbers" if whole else None
         return (0.0 if is_table else -9.0), None
     known = unit_of(unit)
     if known is None or known.quantity not in QUANTITIES[role]:
@@ -223,7 +235,8 @@ def _choose(
         hits = [
             word
             for word in _WORDS[role]
-            if word in words or (len(word) > 2 and _named(signal, (word,)))
+            if word in words
+            or (len(word) > 2 and word not in _WHOLE_WORDS and _named(signal, (word,)))
         ]
         if hits:
             score += 2.0 + (1.0 if words[-1] in hits or words[-2:-1] == [hits[0]] else 0.0)
@@ -245,7 +258,10 @@ def _choose(
             invert = likeness < -_CLEAR
             reasons.append(f"turns with the wheels ({likeness:+.2f})")
         unit = unit_of_signal(signal, True) if search.is_table else None
-        guess = Guess(role, signal, unit or None, invert, None, tuple(reasons))
+        guess = Guess(
+            role, signal, unit or None, invert, None, tuple(reasons),
+            lacks_unit=_lacks_unit(search, role, signal),
+        )  # fmt: skip
         scored.append((score, guess))
     best = _best(scored, role)
     if best is not None:
@@ -294,8 +310,8 @@ def _choose_wheels(search: _Search) -> None:
         if bare is not None:
             key = "column" if search.is_table else "signal"
             raise DiagnosisError(
-                f"{bare.path} has the name of a wheel, and no unit: expected it in a map.toml, as "
-                f'in {missing[0]} = {{ {key} = "{bare.path}", unit = "km/h" }}'
+                f"{bare.path} has the name of a wheel, and no unit: expected it in a map.toml, "
+                f'below [{key}s], as in {missing[0]} = {{ {key} = "{bare.path}", unit = "km/h" }}'
             )
         seen = ", ".join(search.found) if len(search.found) < 30 else f"{len(search.found)} signals"
         raise DiagnosisError(

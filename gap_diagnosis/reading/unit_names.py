@@ -28,6 +28,8 @@ _ENDS: Final = {
     "degC": ("degc", "celsius"),
     "": ("tick", "ticks", "count", "counts", "code", "codes", "raw"),
 }
+_OF_MOTION: Final = ("cmd", "command", "set", "target", "desired", "odom")
+"""What ends in v there is a speed, no voltage."""
 _UNIT_OF_END: Final = {end: unit for unit, ends in _ENDS.items() for end in ends}
 _AT_END: Final = re.compile(
     rf"(?:^|[_ .])({'|'.join(sorted(_UNIT_OF_END, key=len, reverse=True))})$"
@@ -44,5 +46,8 @@ def unit_of_signal(signal: FoundSignal, is_table: bool) -> str:
     bracketed = _IN_BRACKETS.search(signal.path)
     if bracketed is not None and unit_of(bracketed[1]) is not None:
         return bracketed[1]
-    end = _AT_END.search(signal.path.lower())
-    return "" if end is None else _UNIT_OF_END[end[1]]
+    name = signal.path.lower()
+    end = _AT_END.search(name)
+    if end is None or (end[1] == "v" and any(word in name for word in _OF_MOTION)):
+        return ""
+    return _UNIT_OF_END[end[1]]

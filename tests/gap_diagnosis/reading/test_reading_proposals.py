@@ -46,6 +46,35 @@ def test_names_units_and_wraps_find_the_roles_and_every_guess_is_marked(tmp_path
     assert text.count("# GUESS:") == 6  # these and the clock
 
 
+def test_what_says_no_unit_is_proposed_as_a_comment_that_asks_for_it(tmp_path: Path) -> None:
+    """A map that is not read would be no help; a role that is not named would be missed."""
+    columns = dict(TURNING.columns)
+    columns["gyro_z"] = (columns.pop("gyro_code") - 32_768) / 131
+    columns["cmd_lin"] = columns.pop("v_command_m_s")
+    columns["cmd_ang"] = columns.pop("w_command_rad_s")
+    path = Drive(columns).write(tmp_path / "bare.csv", {"t_s": "time"})
+    _, guesses, text = propose_map(path, None)
+    bare = {role: guess.signal.path for role, guess in guesses.items() if guess.lacks_unit}
+    assert bare == {"gyro": "gyro_z", "v_command": "cmd_lin", "w_command": "cmd_ang"}
+    assert '\n# gyro = { column = "gyro_z", unit = "?" }  # GUESS: ' in text
+    (tmp_path / "map.toml").write_text(text)
+    assert read_recording(path, robot=ROBOT, signals=tmp_path / "map.toml").gyro_code is None
+    said = text.replace("# gyro", "gyro").replace('"?"', '"deg/s"', 1)
+    said = said.replace("# v_command", "v_command").replace(
+        '"cmd_lin", unit = "?"', '"cmd_lin", unit = "m/s"'
+    )
+    (tmp_path / "said.toml").write_text(said)
+    recording = read_recording(path, robot=ROBOT, signals=tmp_path / "said.toml")
+    assert recording.gyro_rate_rad_s is not None
+
+
+def test_a_command_named_v_is_no_voltage(tmp_path: Path) -> None:
+    columns = dict(TURNING.columns)
+    columns["cmd_v"] = columns.pop("v_command_m_s")
+    _, guesses, _ = propose_map(Drive(columns).write(tmp_path / "bare.csv", {"t_s": "time"}), None)
+    assert guesses["v_command"].signal.path == "cmd_v"
+
+
 def test_sides_without_a_name_are_told_by_the_gyro(tmp_path: Path) -> None:
     for first, second in (("left_ticks", "right_ticks"), ("right_ticks", "left_ticks")):
         path = table(tmp_path, **{first: "wheel_a", second: "wheel_b", "gyro_code": "gyro_z"})
