@@ -45,7 +45,7 @@ def basis(motion: Motion, stage: str, variable: str) -> Basis:
     """Return functions of a variable for a stage; none where it does not vary."""
     own = _OWN_BASIS.get((stage, variable))
     base = _of_the_body(motion, variable) if own is None else own(motion)
-    if stage == "wheel" and base.is_even:
+    if stage in {"wheel", "encoder"} and base.is_even:
         # A wheel that is off by as much everywhere; of a gyro, a list knows every such cause.
         base.simple.append(np.ones((len(base.functions), 1)))
     return base

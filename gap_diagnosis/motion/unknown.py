@@ -112,6 +112,14 @@ def _right(p: Prediction, f: Floats) -> None:
     p.right_m = p.right_m * (1 + f)
 
 
+def _left_as_time_goes(p: Prediction, f: Floats) -> None:
+    p.left_m = p.left_m + f * p.motion.dt_s
+
+
+def _right_as_time_goes(p: Prediction, f: Floats) -> None:
+    p.right_m = p.right_m + f * p.motion.dt_s
+
+
 def _gyro(p: Prediction, f: Floats) -> None:
     p.gyro_rad_s = p.gyro_rad_s + f
 
@@ -168,6 +176,11 @@ _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 1e-3), *_WAYS["wheel"][1:]),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
+    # Counts that come whether or not a wheel turns.
+    ("encoder", "time"): (
+        Way("encoder", _left_as_time_goes, 1e-4, 0.05, 2e-5),
+        Way("encoder", _right_as_time_goes, 1e-4, 0.05, 2e-5),
+    ),
     # In the room's directions, not the body's.
     ("reference", "place"): (
         Way("reference", _reference_place, 1e-3, 0.2, 5e-4, needs_reference=True),
@@ -192,7 +205,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "distance",
         "time",
     ),
-    "encoder": ("wheel_angle_left", "wheel_angle_right"),
+    "encoder": ("wheel_angle_left", "wheel_angle_right", "time"),
     "gyro": (
         "turn_rate",
         "speed",
