@@ -26,7 +26,7 @@ from gap_diagnosis.drive.noise import (
     marginal,
     whitened,
 )
-from gap_diagnosis.drive.shapes import BENT, Coordinate, Shapes
+from gap_diagnosis.drive.shapes import BENT, WAVE, Coordinate, Shapes
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
@@ -176,7 +176,7 @@ class DriveBlock:
         Linear dynamics of other time constants with a speed that bends with the command, answers
         that come late, or a gain of each wheel, steady or some function of its speed, all of
         unknown size: what is left to a motor, a velocity loop or an engine not in the library. Or
-        one that answers slow commands in a way of their own.
+        one that answers slow commands in a way of their own, or whose poles show in its rate.
 
         What a mistake of the commands explains without mending them, something does that is not
         listed.
@@ -192,6 +192,9 @@ class DriveBlock:
             one = self._foreign(slow)
             if not does_as_told or one.sizes.min() < _STANDS:
                 found.append(one)
+        poles = self._poles(shapes.waves())
+        if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > _AS_TOLD:
+            found.append(poles)
         evidences = [one.evidence for one in found]
         evidence = float(np.logaddexp.reduce(evidences)) - math.log(len(found))
         for mistake in self.effects & set(SETUP):
@@ -213,6 +216,19 @@ class DriveBlock:
         return Foreign(
             min(evidence, strictly), max(free - self._null, 0.0), self._sizes(setting, levels)
         )
+
+    def _poles(self, waves: Sequence[Floats]) -> Foreign:
+        """Return what the likeliest number of poles explains, as if any were as likely."""
+        nothing = self._setting(variants(self._data, self._nominal, ())[0], frozenset())
+        stacked = np.concatenate((nothing.columns({})[:1], *waves))
+        white, _ = whitened(self._data, stacked, Levels.of(self._levels, self._data.tick_rad))
+        columns = white[1:].reshape(len(waves), -1, white.shape[1])
+        gains = []
+        for one in columns:
+            pull = one @ white[0]
+            gains.append(float(pull @ np.linalg.lstsq(one @ one.T, pull)[0]))
+        best = self._foreign(waves[int(np.argmax(gains))])
+        return replace(best, evidence=best.evidence - math.log(len(waves)))
 
     def _sizes(self, setting: Setting, logs: Floats) -> Floats:
         """Return the best sizes of a setting's linear columns."""

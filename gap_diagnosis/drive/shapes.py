@@ -26,6 +26,9 @@ BENT: Final = (
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 _FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
 _HATS: Final = 5
+_MOST_POLES: Final = 12
+WAVE: Final = 0.1
+"""Of its rate, by which poles move a drive: a unit of their columns."""
 _TOLD: Final = (0.0, *(0.0025 * 1.6**step for step in range(9)))
 """Shares of the largest rate that is commanded, up to a tenth of it: whether a drive moves at all
 is decided far below."""
@@ -180,6 +183,30 @@ class Shapes:
         ]
         made = [self._answers(one) for one in steps if one.any()]
         return np.stack(made) if made else np.zeros((0, *self._data.angle.shape))
+
+    def waves(self) -> list[Floats]:
+        """Return what poles add to the angles, by how many there are: float64[4, 2, m] each, cosine
+        and sine of each wheel, per *WAVE* of the rate.
+
+        Once per turn is left to the motion: so a disc off centre counts.
+        """
+        data = self._data
+        rows = np.arange(data.start[-1])
+        middle = 0.5 * (data.start[:-1] + data.start[1:])
+        made = []
+        for poles in range(2, _MOST_POLES + 1):
+            columns = np.zeros((4, *data.angle.shape))
+            for wheel in range(2):
+                there = data.seen[wheel]
+                if not there.any():
+                    continue
+                angle = np.interp(rows, middle[there], data.angle[wheel, there])
+                for place, function in enumerate((np.cos, np.sin)):
+                    both = np.zeros((2, data.commanded.shape[1]))
+                    both[wheel, : len(rows)] = (WAVE / poles) * function(poles * angle)
+                    columns[2 * wheel + place] = data.blocks(both)
+            made.append(columns)
+        return made
 
     def _answers(self, commanded: Floats) -> Floats:
         """Return what the described drive makes of commands, as if it knew no limits."""

@@ -112,6 +112,15 @@ def test_a_late_drive_without_its_name_is_given_no_other() -> None:
     assert block.unexplained().log_evidence > named + 50
 
 
+def test_poles_that_show_in_the_rate_are_an_unlisted_cause() -> None:
+    """Six waves a turn of a hundredth of the rate: half a count is all that they move the angle by,
+    and that to and fro."""
+    cogging = {"drive_cogging": {"amplitude": 0.01, "order": 6, "phase": 1.0}}
+    block = block_of(simulated(cogging, seed=3))
+    named = max(evidence(block, one) for one in ACTUATION)
+    assert block.unexplained().log_evidence > max(named, 0.0) + 20
+
+
 def test_a_loop_that_gives_way_on_a_slope_is_no_unlisted_cause() -> None:
     told = simulated(seed=2)
     # Downhill the wheels run ahead by a thousandth of their rate, uphill they fall behind.
