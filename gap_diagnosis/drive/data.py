@@ -20,6 +20,14 @@ _RECEPTION_S: Final = 0.004
 _LEAST_BLOCKS: Final = 50
 _FORGOTTEN: Final = 4.0
 """After so many time constants a wheel's rate has forgotten what it was told."""
+_SILENT_S: Final = 0.1
+"""A silence of the wheels in which a command may be lost: they are sent as often or seldomer."""
+_USUAL_TIMES: Final = 5.0
+"""A silence is longer than so many times the usual between two counts."""
+_TOLD_S: Final = 1.0
+"""Commands are told again by then."""
+_SETTLED_S: Final = 0.3
+"""Three lags of a common drive."""
 _REST_BLOCKS: Final = 25
 """A wheel at rest says its angle once a second: the same count again is no new observation."""
 _ACTIVITY_S: Final = 0.6
@@ -100,6 +108,12 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     angle = np.stack([recording.left_ticks[rows], recording.right_ticks[rows]]) * tick_rad
     used = np.isfinite(angle)
     dt_s = recording.tick_period_s
+    if used.sum(axis=1).min() < _LEAST_BLOCKS:
+        return None
+    silenced = np.zeros(used.shape[1], dtype=np.bool_)
+    if recording.frames:
+        silenced = _silenced(used, commanded, dt_s)
+    used[:, silenced] = False
     every = max(1, round(_BLOCK_S / dt_s))
     n = angle.shape[1]
     start = np.arange(0, n + 1, every, dtype=np.int64)
@@ -112,7 +126,9 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     block_s = every * dt_s
     turning = _turning(means, block_s)
     jumped = np.concatenate(([False], np.diff(recording.tick[rows]) > 1))
-    if not recording.frames:
+    if recording.frames:
+        jumped[1:] |= silenced[:-1] & ~silenced[1:]
+    else:
         # A row of a table that was lost took its command along.
         memory_s = _FORGOTTEN * robot.plant.drive.time_constant_s
         untold = _untold(commanded, ~(used[0] | used[1]), math.ceil(memory_s / dt_s))
@@ -147,6 +163,29 @@ def _untold(commanded: Floats, missing: NDArray[np.bool_], memory_ticks: int) ->
         if (commanded[:, end] != commanded[:, end - 1]).any():
             untold[end : end + memory_ticks + 1] = True
     return untold
+
+
+def _silenced(used: NDArray[np.bool_], commanded: Floats, dt_s: float) -> NDArray[np.bool_]:
+    """Mark rows, bool[n], in which nobody knows what the drive was told.
+
+    While no count comes a command may be lost as well: it is not known again before another one,
+    and the drive goes on as it was told until it has settled. Where commands came meanwhile, it was
+    the counts alone that were lost.
+    """
+    rows = used.shape[1]
+    fresh = np.any(np.diff(commanded, axis=1, prepend=commanded[:, :1]) != 0, axis=0)
+    silent = np.concatenate(([False], ~used.any(axis=0), [False]))
+    edges = np.flatnonzero(np.diff(silent.astype(np.int8))).reshape(-1, 2)
+    silenced = np.zeros(rows, dtype=np.bool_)
+    usual_s = float(np.median(np.diff(np.flatnonzero(used.any(axis=0))))) * dt_s
+    least_s = max(_SILENT_S, _USUAL_TIMES * usual_s)
+    for start, stop in edges:
+        if (stop - start) * dt_s < least_s or fresh[start + 1 : stop].any():
+            continue
+        told = np.flatnonzero(fresh[stop : stop + round(_TOLD_S / dt_s)])
+        until = stop + (int(told[0]) if len(told) else round(_TOLD_S / dt_s))
+        silenced[start : until + round(_SETTLED_S / dt_s)] = True
+    return silenced
 
 
 def _first_rates(angle: Floats, dt_s: float) -> Floats:

@@ -60,6 +60,35 @@ def test_of_a_limit_that_no_command_reaches_there_is_no_trace() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_command_that_was_lost_with_the_counts_speaks_for_no_effect(seed: int) -> None:
+    """In a silence of the bus the log holds what the drive was told before."""
+    whole = simulated(seed=seed)
+    assert whole.v_command_m_s is not None
+    assert whole.w_command_rad_s is not None
+    change = np.abs(np.diff(whole.v_command_m_s[:-500]))
+    change[:500] = 0.0
+    lost = int(np.argmax(change)) + 1
+    gap = slice(lost - 10, lost + 25)
+    held = [one.copy() for one in (whole.v_command_m_s, whole.w_command_rad_s)]
+    for one in held:
+        one[gap.start : gap.stop + 10] = one[gap.start]
+    counts = [one.copy() for one in (whole.left_ticks, whole.right_ticks)]
+    for one in counts:
+        one[gap] = np.nan
+    block = block_of(
+        replace(
+            whole,
+            v_command_m_s=held[0],
+            w_command_rad_s=held[1],
+            left_ticks=counts[0],
+            right_ticks=counts[1],
+            frames={"COMMAND": None},  # type: ignore[dict-item]  # only whether there are any matters
+        )
+    )
+    assert max(evidence(block, one) for one in block.effects) < 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_load_of_five_per_cent_is_noise_and_no_effect(seed: int) -> None:
     block = block_of(disturbed(seed))
     assert max(evidence(block, one) for one in block.effects) < 1.0
