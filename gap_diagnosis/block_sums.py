@@ -29,11 +29,18 @@ def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, 
 def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, float]:
     """Return a pair's; a block that owns both is asked for both only where that costs nothing."""
     return _sum(
-        max(_of_block(block, frozenset({effect}), shown) for effect in own)
+        _better(*(_of_block(block, frozenset({effect}), shown) for effect in own))
         if len(own) == 2 and block.name != "motion"
         else _of_block(block, own, shown)
         for block, own, shown in _concerned(logs, pair)
     )
+
+
+def _better(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
+    """Return what the better of two effects says alone; the other adds nothing, but what speaks
+    against it still does."""
+    most, least = max(first, second), min(first, second)
+    return most[0] + min(least[0], 0.0), max(most[1], least[1])
 
 
 def silent_of(logs: Sequence[Sequence[Block]], effect: str) -> float:

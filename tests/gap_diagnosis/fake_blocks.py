@@ -15,6 +15,7 @@ from gap_diagnosis.recording import Recording
 PRIOR = Prior(effects=(0.4, 0.4, 0.15, 0.045, 0.005), unknown=0.02, parameters={})
 STAGE = {
     "drive_gain": "actuation",
+    "drive_lag": "actuation",
     "radius_scale": "wheel",
     "radius_mismatch": "wheel",
     "wheelbase_scale": "wheel",

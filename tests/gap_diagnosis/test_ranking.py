@@ -55,6 +55,15 @@ def test_an_effect_without_a_trace_in_one_log_may_show_in_another() -> None:
     assert ranking.of(frozenset({"frame_loss"})).log_evidence == pytest.approx(19.3)
 
 
+@pytest.mark.parametrize("block", ["drive", "firmware"])
+def test_what_speaks_against_an_effect_does_so_beside_another_of_its_block(block: str) -> None:
+    """Pairs of these blocks are not fitted; a passenger must not be as likely as beforehand."""
+    ranking = ranked(FakeBlock({"drive_gain": 50.0, "drive_lag": -6.0}, name=block))
+    beforehand = 2 * 0.15 * 0.5 * 0.5 / (0.4 * 0.5)
+    pair = odds(ranking, ["drive_gain", "drive_lag"], ["drive_gain"])
+    assert pair == pytest.approx(beforehand * math.exp(-6))
+
+
 def test_three_nats_are_odds_of_twenty() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0}))
     assert odds(ranking, ["gyro_bias"], ["missed_ticks"]) == pytest.approx(math.exp(3))
