@@ -263,7 +263,8 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
     for side, (to_the_end, _, first, last, by) in worst.items():
         window = {
             "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
-            "stop_s": float(motion.t_s[last]) + 1e-6,
+            # It may have come back within the row in which it counts again.
+            "stop_s": float(motion.t_s[min(last + 1, len(motion.t_s) - 1)]) + 1e-6,
         }
         report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
         # It may have died at any time of the log, and looks alike wherever it stands anyway.

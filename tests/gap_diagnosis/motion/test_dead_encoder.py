@@ -46,6 +46,13 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
     assert last_s < 0.3 * LASTS_S + 0.2
 
 
+def test_the_row_in_which_it_counts_again_may_have_been_counted_in_part() -> None:
+    stop_s = 0.8 * LASTS_S
+    (dead,) = found(standing(0.3 * LASTS_S, stop_s))
+    first_again = WHOLE.t_s[np.flatnonzero(WHOLE.t_s > stop_s)[0]]
+    assert dead.fixed["stop_s"] > first_again
+
+
 def test_a_count_that_goes_on_was_not_dead_where_only_the_counts_tell() -> None:
     alone = replace(standing(0.3 * LASTS_S, 0.8 * LASTS_S), gyro_code=None, gyro_rate_rad_s=None)
     assert found(alone) == []
