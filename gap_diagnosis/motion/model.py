@@ -230,7 +230,7 @@ class MotionModel:
             start = _split(terms, first.means[int(np.argmax(first.weights))])
         coefficients = tuple(start)
         for step in range(steps):
-            values, nuisances, tangent = self._linearised(terms, coefficients)
+            values, nuisances, tangent = self.linearised(terms, coefficients)
             course = self.scattered(terms, coefficients, leans=leans)
             if free_levels and step == 1:
                 levels = self._better_levels(values, nuisances, tangent, levels, course)
@@ -253,7 +253,7 @@ class MotionModel:
     ) -> tuple[Floats, Floats, Floats, dict[str, list[int]]]:
         """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
         inverse variances float64[c] beforehand, and which of them are each effect's."""
-        values, nuisances, tangent = self._linearised(terms, fit.coefficients)
+        values, nuisances, tangent = self.linearised(terms, fit.coefficients)
         course = self.scattered(terms, fit.coefficients)
         white, _, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
@@ -336,7 +336,7 @@ class MotionModel:
         rounds = _ROUNDS if course is self.course else _FAR_ROUNDS
         return best_levels(evidence, self.level_prior, start, rounds=rounds)
 
-    def _linearised(
+    def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
     ) -> tuple[Floats, list[tuple[int, float]], list[Term]]:
         """Return columns about these coefficients: data, free tolerances, tangents of the terms.

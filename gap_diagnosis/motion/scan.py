@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
@@ -49,6 +50,12 @@ _CLEAR: Final = 20.0
 _BELIEVED: Final = 8.0
 """Sizes beyond so many times the end of the prior are no effect's."""
 _NEVER: Final = 1e6
+_BENT: Final = 200.0
+"""Beside a set that gains this much [nat] others are sought along columns about it,"""
+_BESIDE: Final = 2
+"""so many are fitted,"""
+_UNSURE: Final = 3.0
+"""if along those columns they lack at most so many nats."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,7 @@ class Scan:
         self._grams: list[Gram] = []
         self._kept: list[dict[str, list[Term]]] = []
         self._weighed: set[Effects] = set()
+        self._surrounded: set[Effects] = set()
         self._search(progress)
 
     def _is_dead_for_long(self) -> bool:
@@ -160,20 +168,77 @@ class Scan:
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+        self._sought_beside(max(self._fitted(), key=self._belief))
         for _ in range(_REFITTED):
             head = max(self.found.values(), key=self._belief)
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
-            if not unfitted and not self._doubted(head):
+            if not unfitted and not self._doubted(head) and not self._sought_beside(head):
                 break
             for one in unfitted:
                 self._refit(one)
         self._hold_back_the_unfitted()
 
+    def _sought_beside(self, head: Found) -> bool:
+        """Fit, once, what gains beside the best set and beside each of its parts, along columns
+        about them; tell whether another set is believed now.
+
+        What a straight line about no effect errs by goes with how much there is to explain.
+        """
+        is_full = len(head.effects) + 1 >= len(self.model.prior.effects)
+        if is_full or head.effects in self._surrounded:
+            return False
+        self._surrounded.add(head.effects)
+        self._seek_beside(head)
+        for effect in sorted(head.effects):
+            less = self.found.get(head.effects - {effect})
+            if less is not None and less.effects:
+                self._seek_beside(less, instead_of=effect)
+        return max(self.found.values(), key=self._belief).effects != head.effects
+
+    def _seek_beside(self, one: Found, instead_of: str = "") -> None:
+        """Fit the few effects that gain beside a set what is worth believing, or about as much as
+        the one *instead_of* which they would come."""
+        fit = one.refitted
+        if fit is None or one.log_evidence < self.found[frozenset()].log_evidence + _BENT:
+            return
+        more = {
+            effect: terms[:_MORE_VARIANTS]
+            for effect, terms in self._kept[-1].items()
+            if effect not in one.effects | GROSS
+        }
+        around = {
+            effect: replace(new, log_evidence=new.log_evidence - math.log(self._choices(effect)))
+            for effect, new in gains_beside(self.model, one.terms, fit, more).items()
+        }
+        if instead_of:
+            rival = around.pop(instead_of, None)
+            least = math.inf if rival is None else rival.log_evidence
+        else:
+            grown = replace(one, effects=one.effects | {"one more"})
+            least = self._belief(one) - self._belief(grown)
+        for new in sorted(around.values(), key=lambda each: -each.log_evidence)[:_BESIDE]:
+            terms = (*one.terms, new.term)
+            effects = one.effects | {new.term.variant.effect}
+            known = self.found.get(effects)
+            is_fitted = known is not None and known.refitted is not None
+            if is_fitted or new.log_evidence < least - _UNSURE:
+                continue
+            again = self.model.refit(terms, one.levels, start=(*fit.coefficients, new.sizes))
+            self._offer(self._nothing_at(again.levels))
+            others = (
+                one.log_evidence
+                - fit.log_evidence
+                - math.log(self._choices(new.term.variant.effect))
+            )
+            unlikely = self._beyond_belief(terms, [v for c in again.coefficients for v in c])
+            evidence = again.log_evidence + others - unlikely
+            likelihood = again.log_likelihood
+            self._offer(Found(effects, terms, evidence, likelihood, again.levels, again))
+
     def _hold_back_the_unfitted(self) -> None:
         """Let no set win on straight lines alone: where those of one bent effect mislead, they do
         so beside every other effect, and no more fits are spent on them."""
-        fitted = [one for one in self.found.values() if one.refitted or not one.effects]
-        best = max(self._belief(one) for one in fitted)
+        best = max(self._belief(one) for one in self._fitted())
         for effects, one in self.found.items():
             if one.refitted is None and self._belief(one) > best:
                 less = self._belief(one) - (best - _NEAR)
@@ -182,6 +247,9 @@ class Scan:
                     log_evidence=one.log_evidence - less,
                     log_likelihood=one.log_likelihood - less,
                 )
+
+    def _fitted(self) -> list[Found]:
+        return [one for one in self.found.values() if one.refitted or not one.effects]
 
     def _doubted(self, head: Found) -> bool:
         """Take from a set, once, what an effect gains in it that stretches of the log contradict;

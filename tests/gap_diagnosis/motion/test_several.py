@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import LEVELS, ROBOT, WIRE
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.beside import gains_beside
+from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
@@ -42,6 +44,27 @@ def test_five_constants_that_are_off_are_five_effects_of_the_right_sizes() -> No
         told.terms, told.refitted.coefficients, variances, strict=True
     ):
         assert abs(size - WRONG[term.variant.effect][1]) < 4 * variance**0.5
+
+
+def test_beside_a_gyro_that_clips_a_scale_is_told_along_a_column_about_it() -> None:
+    """Where it clips a scale changes nothing: the sum of both straight lines is off by that."""
+    wrong = {"gyro_saturation": ("limit", 1.6), "gyro_scale": ("scale", -0.02)}
+    settings = tuple(EffectSetting(effect, (size,)) for effect, size in wrong.items())
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    of = {one.variant.effect: one for one in model.columns.terms}
+    clips, scale = of["gyro_saturation"], of["gyro_scale"]
+    fit = model.refit([clips], LEVELS)
+    rivals = {name: [of[name]] for name in ("gyro_scale", "gyro_bias", "gyro_g_sensitivity")}
+    found = gains_beside(model, [clips], fit, rivals)
+    beside = found["gyro_scale"]
+    assert beside.log_evidence == max(one.log_evidence for one in found.values())
+    assert beside.sizes[0] == pytest.approx(-0.02, abs=0.002)
+    gram = model.gram(fit.levels)
+    both, alone = (score(gram, one, model.prior).log_evidence for one in ([clips, scale], [clips]))
+    assert beside.log_evidence > both - alone + 50.0
 
 
 def test_effects_act_in_the_order_of_the_robot_not_in_that_in_which_they_are_named() -> None:
