@@ -173,7 +173,7 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
 }
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     # Backing uphill, wheels go too far as they go forward downhill.
-    ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 1e-3), *_WAYS["wheel"][1:]),
+    ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 5e-4), *_WAYS["wheel"][1:]),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # Counts that come whether or not a wheel turns.

@@ -108,6 +108,17 @@ def test_what_wanders_by_far_more_is_a_gap() -> None:
     assert beyond > 20
 
 
+def test_a_slope_of_four_tolerances_is_a_gap_though_it_has_no_name() -> None:
+    """By as much as wheels may be off evenly, slopes may not: the half of their own tolerance is
+    within it. Eight nats are odds of 3,000, against prior odds of 1 in 60."""
+    tolerance = default_prior().of("grade_slip", "ratio").tolerance
+    slope = EffectSetting("grade_slip", (("ratio", 4 * tolerance), ("direction", 1.0)))
+    model = MotionModel(drive_with(slope), ROBOT, default_prior())
+    best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
+    assert best.variable == "heading"
+    assert best.log_evidence > 8
+
+
 def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -> None:
     """A search for its own may have ended early: 28 nats short on a car's log."""
     model = MotionModel(drive_with("radius_scale.scale=0"), ROBOT, default_prior())
