@@ -15,6 +15,8 @@ _BENT_ROWS: Final = 2.0
 _JUMP: Final = 5.0
 """A wheel that always starts with so many times what it gains in the next row is not told before:
 no wheel leaps."""
+_LEAST_SPEEDS: Final = 3.0
+"""A wheel that is told at so many times the least speed does not creep from there to its stop."""
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
@@ -79,6 +81,8 @@ def _crept(told: Floats, t_s: Floats) -> Floats:
     if not gains or first < _JUMP * float(np.median(gains)):
         return crept
     for at, way in inside:
+        if abs(told[at]) > _LEAST_SPEEDS * first:
+            continue  # so fast a wheel was told: it says nothing for another reason
         away = way * rows
         slope = (abs(told[at + away]) - abs(told[at])) / abs(t_s[at + away] - t_s[at])
         lasts_s = min(abs(told[at]) / max(slope, 1e-9), _LONGEST_S)

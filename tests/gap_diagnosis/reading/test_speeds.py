@@ -32,6 +32,17 @@ def test_a_wheel_too_slow_for_its_sensor_creeps_to_its_stop_as_it_slowed_down() 
     assert not found.unsure_ticks2[still][5:-5].all()
 
 
+def test_a_wheel_that_says_nothing_at_full_speed_does_not_creep_to_a_stop() -> None:
+    """It is no news of the wheel: a dead sensor's outage was a second shorter at either end."""
+    t_s, speed = braking()
+    told = np.where(speed < LEAST_M_S, 0.0, speed)
+    told[(t_s > 6.0) & (t_s <= 9.0)] = 0.0
+    silent = (t_s > 6.1) & (t_s <= 8.9)
+    assert speed[silent].min() == 5.0
+    found = integrated_speed(told, t_s, scale=1.0)
+    assert np.ptp(found.ticks[silent]) == 0.0
+
+
 def test_a_wheel_that_tells_every_speed_creeps_no_further() -> None:
     t_s, speed = braking()
     found = integrated_speed(speed, t_s, scale=1.0)
