@@ -87,7 +87,7 @@ class MotionModel:
         everything = np.ones(len(motion.t_s), dtype=np.bool_)
         kept = everything if keep is None else keep
         self.keep = kept & ~silences(recording.left_ticks, recording.t_s)
-        self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep)
+        self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep, delay_s)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot)
         if late_up_to_s is not None:

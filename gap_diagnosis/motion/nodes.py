@@ -120,8 +120,17 @@ class Nodes:
         return np.asarray(np.add.reduceat(values, self.starts) / self.ticks)
 
 
-def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.bool_]) -> Nodes:
-    """Cut the ticks into blocks; leave out gyro and reference where *keep* (bool[n]) is false."""
+def make_nodes(
+    motion: Motion,
+    reference: Reference | None,
+    keep: NDArray[np.bool_],
+    reference_delay_s: float = 0.0,
+) -> Nodes:
+    """Cut the ticks into blocks; leave out gyro and reference where *keep* (bool[n]) is false.
+
+    A sample belongs to the tick that it was taken in, *reference_delay_s* before its stamp: what
+    wheels and floor did meanwhile it has not seen.
+    """
     count = len(motion.t_s)
     step_s = float(np.median(motion.dt_s[1:]))
     size = max(1, round(_BLOCK_S / step_s), -(-count // _MOST_NODES))
@@ -132,10 +141,12 @@ def make_nodes(motion: Motion, reference: Reference | None, keep: NDArray[np.boo
     x_m = y_m = heading = t_s = empty
     has_heading = False
     if reference is not None:
+        taken_s = reference.t_s - reference_delay_s
         inside = (reference.t_s >= motion.t_s[0]) & (reference.t_s <= motion.t_s[-1])
-        t_s = reference.t_s[inside]
-        after = np.clip(np.searchsorted(motion.t_s, t_s), 1, count - 1)
-        nearer = t_s - motion.t_s[after - 1] < motion.t_s[after] - t_s
+        inside &= (taken_s >= motion.t_s[0]) & (taken_s <= motion.t_s[-1])
+        t_s, taken_s = reference.t_s[inside], taken_s[inside]
+        after = np.clip(np.searchsorted(motion.t_s, taken_s), 1, count - 1)
+        nearer = taken_s - motion.t_s[after - 1] < motion.t_s[after] - taken_s
         tick = np.where(nearer, after - 1, after).astype(np.int64)
         x_m, y_m = reference.x_m[inside], reference.y_m[inside]
         has_heading = reference.heading_rad is not None

@@ -67,6 +67,19 @@ def test_beside_a_gyro_that_clips_a_scale_is_told_along_a_column_about_it() -> N
     assert beside.log_evidence > both - alone + 50.0
 
 
+def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> None:
+    """A sample speaks of the tick that it was taken in; at that of its stamp, a quarter of a second
+    later, three effects more made up for what wheels and floor had done meanwhile."""
+    wrong = {"reference_time_offset": ("offset", 0.25), "reference_clock_skew": ("skew", 0.002)}
+    settings = tuple(EffectSetting(effect, (size,)) for effect, size in wrong.items())
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
+    )
+    found = Scan(MotionModel(log, ROBOT, default_prior())).found
+    told = found[frozenset(wrong)]
+    assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
+
+
 def test_effects_act_in_the_order_of_the_robot_not_in_that_in_which_they_are_named() -> None:
     """A bias is added behind the gyro's scale: it is not multiplied by it."""
     log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 5, duration_s=20.0)
