@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
@@ -21,7 +22,7 @@ from gap_diagnosis.motion.evidence import Scored
 from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.noise import NOISES, fit_noise
-from gap_diagnosis.motion.scan import Found, Scan
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN

@@ -16,11 +16,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import best_levels
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
 

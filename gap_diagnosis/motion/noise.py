@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import kurtosis
 
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
 

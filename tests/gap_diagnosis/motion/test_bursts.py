@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording

@@ -6,8 +6,9 @@ from typing import Any, cast
 import numpy as np
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.scan import Found, Scan
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario

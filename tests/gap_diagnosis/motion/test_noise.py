@@ -9,10 +9,10 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import fit_noise
-from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats

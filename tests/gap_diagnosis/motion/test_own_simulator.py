@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from motion_cases import ROBOT, Floats
 
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import fit_noise
-from gap_diagnosis.motion.scan import Found
 from gap_diagnosis.motion.unknown import alternatives
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior

@@ -1,0 +1,277 @@
+"""Sets of effects and what each says of one log's motion, compared on Gram matrices."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.columns import GROSS, Term
+from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
+from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.recording import Floats
+
+Effects = frozenset[str]
+
+_LEADERS: Final = 6
+"""Single terms that are combined with every other term."""
+_VARIANTS_KEPT: Final = 10
+NEAR: Final = 12.0
+"""Sets this many nats below the best are not fitted again."""
+_BELIEVED: Final = 8.0
+"""Sizes beyond so many times the end of the prior are no effect's."""
+_NEVER: Final = 1e6
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best account that a set of effects gives of the motion.
+
+    Attributes:
+        effects: their names.
+        terms: the best variant of each.
+        log_evidence, log_likelihood: with the levels' density, variants averaged in the evidence;
+            comparable between sets of one log.
+        levels: at which noise levels.
+        refitted: the non-linear fit, for the best sets only.
+    """
+
+    effects: Effects
+    terms: tuple[Term, ...]
+    log_evidence: float
+    log_likelihood: float
+    levels: Floats
+    refitted: Refitted | None = None
+
+
+class Accounts:
+    """What sets of effects say of one log's motion.
+
+    Attributes:
+        model: the log.
+        by_effect: the terms of each effect.
+        spans: how far edges can move, by effect.
+        found: the best account of every set of at most two effects that was scored, and of the
+            larger sets that were worth it; no effect is the empty set.
+    """
+
+    def __init__(self, model: MotionModel) -> None:
+        """Begin without any."""
+        self.model = model
+        self.by_effect: dict[str, list[Term]] = defaultdict(list)
+        for term in model.columns.terms:
+            self.by_effect[term.variant.effect].append(term)
+        self.found: dict[Effects, Found] = {}
+        self.spans: dict[str, dict[str, float]] = {}
+        self._grams: list[Gram] = []
+        self._kept: list[dict[str, list[Term]]] = []
+
+    @property
+    def effects(self) -> Effects:
+        """The effects that this log's motion can tell of."""
+        return frozenset(self.by_effect)
+
+    def account(self, effects: Effects) -> Found:
+        """Return the best account of a set; of a set that was not worth it, an approximate one."""
+        if effects not in self.found:
+            terms = tuple(self.found[frozenset({effect})].terms[0] for effect in sorted(effects))
+            place = max(range(len(self._grams)), key=lambda at: self._compared(at, [terms])[1])
+            self._offer(self._compared(place, [terms])[0])
+        return self.found[effects]
+
+    def _compared(self, place: int, choices: Sequence[tuple[Term, ...]]) -> tuple[Found, float]:
+        """Return the account of variants of one set at the levels of one Gram matrix."""
+        gram = self._grams[place]
+        offset = gram.log_nothing + self.model.level_prior.log_density(np.log(gram.levels))
+        found = self._one(gram, choices, offset)[0]
+        return found, found.log_evidence
+
+    def evidence(self, terms: Sequence[Term], levels: Floats) -> float:
+        """Return the log evidence of terms at levels that were tried, or the nearest of them."""
+        return self.scored(terms, levels).log_evidence
+
+    def scored(self, terms: Sequence[Term], levels: Floats) -> Scored:
+        """Return the linear fit of terms at levels that were tried, or the nearest of them."""
+        gram = min(self._grams, key=lambda one: float(np.sum(np.log(one.levels / levels) ** 2)))
+        return score(gram, terms, self.model.prior)
+
+    def _hold_back_the_unfitted(self) -> None:
+        """Let no set win on straight lines alone: where those of one bent effect mislead, they do
+        so beside every other effect, and no more fits are spent on them."""
+        best = max(self._belief(one) for one in self._fitted())
+        for effects, one in self.found.items():
+            if one.refitted is None and self._belief(one) > best:
+                less = self._belief(one) - (best - NEAR)
+                self.found[effects] = replace(
+                    one,
+                    log_evidence=one.log_evidence - less,
+                    log_likelihood=one.log_likelihood - less,
+                )
+
+    def _fitted(self) -> list[Found]:
+        return [one for one in self.found.values() if one.refitted or not one.effects]
+
+    def _at_levels(self, one: Found, levels: Floats) -> Found:
+        """Return a fitted set at levels that were found beside it, if they suit it better."""
+        if one.refitted is None:
+            return one
+        again = self.model.evidence_about(one.terms, one.refitted.coefficients, levels)
+        gained = again.log_evidence - one.refitted.log_evidence
+        if gained > 0:
+            self.found[one.effects] = replace(
+                one,
+                log_evidence=one.log_evidence + gained,
+                log_likelihood=again.log_likelihood,
+                levels=again.levels,
+                refitted=again,
+            )
+        return self.found[one.effects]
+
+    def _add_levels(self, levels: Floats) -> None:
+        """Compare all sets at these levels too."""
+        if any(not is_far(levels, gram.levels) for gram in self._grams):
+            return
+        gram = self.model.gram(levels)
+        self._grams.append(gram)
+        density = self.model.level_prior.log_density(np.log(levels))
+        offset = gram.log_nothing + density
+        self._offer(Found(frozenset(), (), offset, offset, levels))
+        singles = {
+            effect: self._one(gram, [(term,) for term in terms], offset)
+            for effect, terms in self.by_effect.items()
+        }
+        kept: dict[str, list[Term]] = {}
+        for effect, (found, order) in singles.items():
+            self._offer(found)
+            kept[effect] = order[:_VARIANTS_KEPT]
+        ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
+        self._kept.append({effect: kept[effect] for effect in ranked})
+        for first, second in combinations((one for one in ranked if one not in GROSS), 2):
+            if ranked.index(first) < _LEADERS:
+                lead = kept[first][:1]
+                pairs = [(one, two) for one in lead for two in kept[second]]
+            else:
+                pairs = [(kept[first][0], kept[second][0])]
+            self._offer(self._one(gram, pairs, offset)[0])
+
+    def _one(
+        self, gram: Gram, choices: Sequence[tuple[Term, ...]], offset: float
+    ) -> tuple[Found, list[Term]]:
+        """Return the account of a set of effects whose variants are *choices*."""
+        scored = [score(gram, terms, self.model.prior) for terms in choices]
+        weighed = [
+            one.log_evidence
+            + sum(t.log_weight + t.variant.log_share for t in one.terms)
+            - self._beyond_belief(one.terms, self._sizes(one))
+            for one in scored
+        ]
+        order = sorted(range(len(scored)), key=lambda i: -weighed[i])
+        best = scored[order[0]]
+        count = math.prod(self._choices(t.variant.effect) for t in best.terms)
+        evidence = log_sum(np.array(weighed)) - math.log(count)
+        effects = frozenset(term.variant.effect for term in best.terms)
+        found = Found(
+            effects,
+            best.terms,
+            offset + evidence,
+            offset + max(one.log_likelihood for one in scored),
+            gram.levels,
+        )
+        return found, [scored[i].terms[-1] for i in order]
+
+    @staticmethod
+    def _sizes(scored: Scored) -> Sequence[float]:
+        """Return the coefficients of the likeliest component."""
+        return [float(one) for one in scored.means[int(np.argmax(scored.weights))]]
+
+    def _beyond_belief(self, terms: Sequence[Term], sizes: Sequence[float]) -> float:
+        """Return what speaks against sizes that no effect has: nothing, or more than any evidence.
+
+        The estimated motion leans on the reference: wheels that do not move at all in a room that
+        is twice as large would explain it anywhere.
+        """
+        of = self.model.prior.of
+        ranges = []
+        for term in terms:
+            for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):
+                most = _BELIEVED * of(term.variant.effect, name).high
+                ranges.append((-small if term.variant.is_positive else -most, most))
+        believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))
+        return 0.0 if believed else _NEVER
+
+    def _choices(self, effect: str) -> int:
+        """Return how many variants of an effect share its prior evenly."""
+        return max(sum(term.log_weight == 0.0 for term in self.by_effect[effect]), 1)
+
+    def _offer(self, found: Found) -> None:
+        known = self.found.get(found.effects)
+        if known is None or found.log_evidence > known.log_evidence:
+            self.found[found.effects] = found
+
+    def _belief(self, one: Found) -> float:
+        """Return the log evidence with the prior of so many effects among those of the motion."""
+        count = len(one.effects)
+        prior = math.log(math.factorial(count) * self.model.prior.effects[count])
+        return one.log_evidence + prior - count * math.log(max(len(self.by_effect), 1))
+
+    def _ranked(self) -> list[Found]:
+        return sorted(self.found.values(), key=lambda one: -one.log_evidence)
+
+    def _nothing_at(self, levels: Floats) -> Found:
+        """Return the account of no effect at levels that were found beside one: it must not lose
+        for want of a search as long as theirs."""
+        evidence = self.model.evidence_at((), levels)
+        evidence += self.model.level_prior.log_density(np.log(levels))
+        return Found(frozenset(), (), evidence, evidence, levels)
+
+    def _refit(self, one: Found) -> None:
+        guess = frozenset(t.variant.effect for t in one.terms if t.variant.unsure is not None)
+        if guess and guess != one.effects and self.account(guess).refitted is not None:
+            self._refit_beside(self.account(guess), one)
+            return
+        again = self.model.refit(one.terms, one.levels)
+        self._offer(self._nothing_at(again.levels))
+        # The other variants' share of the evidence stays as the scan found it.
+        gram = next(gram for gram in self._grams if gram.levels is one.levels)
+        linear = score(gram, one.terms, self.model.prior).log_evidence
+        density = self.model.level_prior.log_density(np.log(one.levels))
+        others = one.log_evidence - (gram.log_nothing + density + linear)
+        self.found[one.effects] = Found(
+            one.effects,
+            one.terms,
+            again.log_evidence
+            + others
+            - self._beyond_belief(one.terms, [v for c in again.coefficients for v in c]),
+            again.log_likelihood,
+            again.levels,
+            again,
+        )
+
+    def _refit_beside(self, guess: Found, one: Found) -> None:
+        """Fit a set again in which one effect puts a guess in the place of counts: the others gain
+        what they gain where the guess is not leant on."""
+        levels = one.levels
+        less = self.model.refit(guess.terms, levels, leans=False)
+        more = self.model.refit(one.terms, levels, leans=False)
+        others = math.fsum(
+            t.log_weight - math.log(self._choices(t.variant.effect))
+            for t in one.terms
+            if t.variant.effect not in guess.effects
+        )
+        self.found[one.effects] = Found(
+            one.effects,
+            one.terms,
+            guess.log_evidence
+            + more.log_evidence
+            - less.log_evidence
+            + others
+            - self._beyond_belief(one.terms, [v for c in more.coefficients for v in c]),
+            guess.log_likelihood + max(more.log_likelihood - less.log_likelihood, 0.0),
+            more.levels,
+            more,
+        )
