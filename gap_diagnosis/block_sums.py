@@ -16,6 +16,7 @@ _CLEARLY: Final = 12.0
 _CONTINUOUS: Final = frozenset({"motion", "drive"})
 """Blocks whose explanations of what moves are good approximations, no more."""
 _EXACT_UP_TO: Final = 1000.0
+_TO_THE_COUNT: Final = frozenset({"encoder_wrap"})
 _INEXACT: Final = 0.003
 """Share of the nats beyond that which an explanation may leave for want of exactness: 5 % of its
 amplitude. At ten detection limits an effect gains 1,450."""
@@ -118,11 +119,13 @@ def _allowance(block: Block, effects: Effects) -> float:
     """Return what further effects must gain beyond what the largest explains inexactly [nat].
 
     A clipped rate or a dead wheel of thousands of nats is not explained to the last of them, and
-    what is left must not bring in effects that are not there.
+    what is left must not bring in effects that are not there. What is put right to the last count
+    leaves nothing.
     """
     if len(effects) < 2 or block.name not in _CONTINUOUS:
         return 0.0
-    largest = max(block.fit(frozenset({effect})).log_evidence for effect in effects)
+    inexact = (block.fit(frozenset({effect})).log_evidence for effect in effects - _TO_THE_COUNT)
+    largest = max(inexact, default=0.0)
     return (len(effects) - 1) * _INEXACT * max(0.0, largest - _EXACT_UP_TO)
 
 

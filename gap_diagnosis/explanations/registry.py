@@ -57,6 +57,8 @@ _AMPLITUDE = ("amplitude", "phase")
 _DOWNHILL = ("ratio", "direction")
 
 _ALL: Final = (
+    # What the counter did last is undone first.
+    Explanation("encoder_wrap", 0, choices.encoder_wrap),
     Explanation("ticks_per_rev", 0, lambda motion: ()),
     _sided(
         "encoder_eccentricity",
@@ -70,7 +72,6 @@ _ALL: Final = (
     Explanation("missed_ticks", 0, choices.missed_ticks),
     Explanation("extra_ticks", 0, choices.extra_ticks),
     Explanation("encoder_dead", 0, choices.encoder_dead),
-    Explanation("encoder_wrap", 0, choices.encoder_wrap),
     Explanation("backlash", _RANK["actuation"], actuation.variants_of_backlash),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),

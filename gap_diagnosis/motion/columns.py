@@ -100,6 +100,8 @@ def build_columns(
     """
     motion = nodes.motion
     base: list[Floats] = [residuals(nodes, predict(motion))]
+    # A scale of what a counter jumps where it wraps would hide any other effect.
+    recorded, nodes = nodes, nodes if motion.wrap_bits == 0 else _unwrapped(nodes)
     nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
@@ -130,7 +132,9 @@ def build_columns(
             weights: list[tuple[tuple[int, float], ...]] = []
             limits = []
             if not variant.coefficients:
-                change = nominal - residuals(nodes, predict(nodes.smooth, [(variant, ())]))
+                seen = recorded if effect == "encoder_wrap" else nodes
+                change = residuals(seen, predict(seen.smooth))
+                change -= residuals(seen, predict(seen.smooth, [(variant, ())]))
                 if not _says_something(change):
                     continue
                 base.append(change)
@@ -170,6 +174,12 @@ def build_columns(
         delays.add(len(base) - 2)
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances))
+
+
+def _unwrapped(nodes: Nodes) -> Nodes:
+    """Return the nodes of counts that do not jump."""
+    none = np.zeros_like(nodes.smooth.left_jump_rad)
+    return replace(nodes, smooth=replace(nodes.smooth, left_jump_rad=none, right_jump_rad=none))
 
 
 def _late_alone(terms: Sequence[Term], delays: Set[int]) -> Iterable[Term]:

@@ -19,6 +19,7 @@ STAGE = {
     "radius_scale": "wheel",
     "radius_mismatch": "wheel",
     "wheelbase_scale": "wheel",
+    "encoder_wrap": "encoder",
     "missed_ticks": "encoder",
     "ticks_per_rev": "encoder",
     "gyro_bias": "gyro",

@@ -306,6 +306,12 @@ def test_beside_an_effect_of_many_thousand_nats_a_second_one_must_gain_more() ->
     assert best(21_090.0) == pair
 
 
+def test_beside_what_is_put_right_to_the_last_count_no_more_is_asked() -> None:
+    pair = frozenset({"encoder_wrap", "missed_ticks"})
+    block = FakeBlock({"encoder_wrap": 21_000.0, "missed_ticks": 0.0}, pairs={pair: 21_030.0})
+    assert ranked(block).best.effects == pair
+
+
 def test_what_separate_blocks_say_needs_no_such_allowance() -> None:
     ranking = ranked(
         FakeBlock({"gyro_bias": 21_000.0}), FakeBlock({"frame_loss": 30.0}, name="bus")
