@@ -33,6 +33,10 @@ _SHORTENED: Final = 6
 _ROUNDS: Final = 6
 _FAR_ROUNDS: Final = 15
 """Where chance has been taken for contact noise so far, the levels are far from the best."""
+_MORE_STEPS: Final = 3
+_STILL: Final = 5.0
+"""So many steps more are taken as long as better noise levels gain this much [nat]: for a large
+effect those that the scan found, about straight lines, may be far off."""
 _DOWNHILL: Final = 0.5
 """A step may lose this much [nat]: the prior pulls too."""
 
@@ -229,11 +233,14 @@ class MotionModel:
             first = score(self.gram(levels), terms, self.prior)
             start = _split(terms, first.means[int(np.argmax(first.weights))])
         coefficients = tuple(start)
-        for step in range(steps):
+        gained = math.inf if free_levels and steps > 1 else 0.0
+        for step in range(steps + _MORE_STEPS):
+            if step >= steps and gained < _STILL:
+                break
             values, nuisances, tangent = self.linearised(terms, coefficients)
             course = self.scattered(terms, coefficients, leans=leans)
-            if free_levels and step == 1:
-                levels = self._better_levels(values, nuisances, tangent, levels, course)
+            if step > 0 and gained >= _STILL:
+                levels, gained = self._better_levels(values, nuisances, tangent, levels, course)
             white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
@@ -329,12 +336,18 @@ class MotionModel:
         terms: Sequence[Term],
         start: Floats,
         course: Course,
-    ) -> Floats:
+    ) -> tuple[Floats, float]:
+        """Return better levels than *start*, and what they gain [nat]."""
+
         def evidence(levels: Floats) -> float:
             return self._evidence(values, nuisances, terms, levels, course)
 
+        def height(levels: Floats) -> float:
+            return evidence(levels) + self.level_prior.log_density(np.log(levels))
+
         rounds = _ROUNDS if course is self.course else _FAR_ROUNDS
-        return best_levels(evidence, self.level_prior, start, rounds=rounds)
+        found = best_levels(evidence, self.level_prior, start, rounds=rounds)
+        return found, height(found) - height(start)
 
     def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Final
@@ -15,7 +15,7 @@ from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, score
-from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.recording import Floats
@@ -104,28 +104,34 @@ class Scan(Accounts):
         self._hold_back_the_unfitted()
 
     def _sought_beside(self, head: Found) -> bool:
-        """Fit, once, what gains beside the best set and beside each of its parts, along columns
-        about them; tell whether another set is believed now.
+        """Fit, once, each part of the best set from where it ended, and what gains beside the set
+        and beside its parts along columns about them; tell whether another set is believed now.
 
         What a straight line about no effect errs by goes with how much there is to explain.
         """
-        is_full = len(head.effects) + 1 >= len(self.model.prior.effects)
-        if is_full or head.effects in self._surrounded:
+        fit = head.refitted
+        is_clear = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
+        is_guess = any(term.variant.unsure is not None for term in head.terms)
+        if fit is None or not is_clear or is_guess or head.effects in self._surrounded:
             return False
         self._surrounded.add(head.effects)
-        self._seek_beside(head)
-        for effect in sorted(head.effects):
-            less = self.found.get(head.effects - {effect})
-            if less is not None and less.effects:
-                self._seek_beside(less, instead_of=effect)
+        others = head.log_evidence - fit.log_evidence
+        for effect in sorted(head.effects) if len(head.effects) > 1 else ():
+            kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
+            terms = tuple(head.terms[place] for place in kept)
+            start = tuple(fit.coefficients[place] for place in kept)
+            self._fit(terms, head.levels, start, others + math.log(self._choices(effect)))
+        if len(head.effects) + 1 < len(self.model.prior.effects):
+            self._seek_beside(head, fit)
+            for effect in sorted(head.effects):
+                less = self.found.get(head.effects - {effect})
+                if less is not None and less.effects and less.refitted is not None:
+                    self._seek_beside(less, less.refitted, instead_of=effect)
         return max(self.found.values(), key=self._belief).effects != head.effects
 
-    def _seek_beside(self, one: Found, instead_of: str = "") -> None:
+    def _seek_beside(self, one: Found, fit: Refitted, instead_of: str = "") -> None:
         """Fit the few effects that gain beside a set what is worth believing, or about as much as
         the one *instead_of* which they would come."""
-        fit = one.refitted
-        if fit is None or one.log_evidence < self.found[frozenset()].log_evidence + _BENT:
-            return
         more = {
             effect: terms[:_MORE_VARIANTS]
             for effect, terms in self._kept[-1].items()
@@ -142,23 +148,31 @@ class Scan(Accounts):
             grown = replace(one, effects=one.effects | {"one more"})
             least = self._belief(one) - self._belief(grown)
         for new in sorted(around.values(), key=lambda each: -each.log_evidence)[:_BESIDE]:
-            terms = (*one.terms, new.term)
-            effects = one.effects | {new.term.variant.effect}
-            known = self.found.get(effects)
+            effect = new.term.variant.effect
+            known = self.found.get(one.effects | {effect})
             is_fitted = known is not None and known.refitted is not None
             if is_fitted or new.log_evidence < least - _UNSURE:
                 continue
-            again = self.model.refit(terms, one.levels, start=(*fit.coefficients, new.sizes))
-            self._offer(self._nothing_at(again.levels))
-            others = (
-                one.log_evidence
-                - fit.log_evidence
-                - math.log(self._choices(new.term.variant.effect))
-            )
-            unlikely = self._beyond_belief(terms, [v for c in again.coefficients for v in c])
-            evidence = again.log_evidence + others - unlikely
-            likelihood = again.log_likelihood
-            self._offer(Found(effects, terms, evidence, likelihood, again.levels, again))
+            others = one.log_evidence - fit.log_evidence - math.log(self._choices(effect))
+            start = (*fit.coefficients, new.sizes)
+            self._fit((*one.terms, new.term), one.levels, start, others)
+
+    def _fit(
+        self,
+        terms: tuple[Term, ...],
+        levels: Floats,
+        start: Sequence[tuple[float, ...]],
+        others: float,
+    ) -> None:
+        """Fit a set from where another one ended; *others* is the share of the other variants."""
+        again = self.model.refit(terms, levels, start=start)
+        self._offer(self._nothing_at(again.levels))
+        effects = frozenset(term.variant.effect for term in terms)
+        unlikely = self._beyond_belief(terms, [v for c in again.coefficients for v in c])
+        evidence, likelihood = again.log_evidence + others - unlikely, again.log_likelihood
+        known = self.found.get(effects)
+        if known is None or known.refitted is None or evidence > known.log_evidence:
+            self.found[effects] = Found(effects, terms, evidence, likelihood, again.levels, again)
 
     def _doubted(self, head: Found) -> bool:
         """Take from a set, once, what an effect gains in it that stretches of the log contradict;

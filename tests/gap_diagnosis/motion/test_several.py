@@ -80,6 +80,21 @@ def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> N
     assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
 
 
+def test_noise_levels_of_a_fit_do_not_depend_on_those_it_began_with() -> None:
+    """They are sought on as long as that pays: a noisier reference is no place to stop."""
+    wrong = {"reference_time_offset": ("offset", 0.25), "reference_clock_skew": ("skew", 0.002)}
+    settings = tuple(EffectSetting(effect, (size,)) for effect, size in wrong.items())
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    terms = [one for one in model.columns.terms if one.variant.effect in wrong]
+    noisy = LEVELS.copy()
+    noisy[6:] *= 4.0
+    usual, from_noisy = (model.refit(terms, levels).log_evidence for levels in (LEVELS, noisy))
+    assert from_noisy == pytest.approx(usual, abs=10.0)
+
+
 def test_effects_act_in_the_order_of_the_robot_not_in_that_in_which_they_are_named() -> None:
     """A bias is added behind the gyro's scale: it is not multiplied by it."""
     log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 5, duration_s=20.0)
