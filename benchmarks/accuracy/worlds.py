@@ -26,7 +26,14 @@ Draw = np.random.Generator
 Values = Mapping[str, Value]
 
 SIDED: Final = frozenset(
-    {"one_sided_slip", "missed_ticks", "extra_ticks", "encoder_eccentricity", "wheel_eccentricity"}
+    {
+        "backlash",
+        "encoder_eccentricity",
+        "extra_ticks",
+        "missed_ticks",
+        "one_sided_slip",
+        "wheel_eccentricity",
+    }
 )
 _OCCURRING: Final = frozenset(
     {"gyro_saturation", "gyro_frozen", "encoder_dead", "encoder_wrap", "adc_stuck_bit"}

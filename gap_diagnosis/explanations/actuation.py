@@ -56,13 +56,18 @@ def _followed(step_rad: Floats, width_rad: float, play_rad: float) -> Floats:
     return wheel
 
 
+_TURNED_BACK_RAD: Final = 0.1
+"""A motor that turns round by less may not have crossed its play."""
+
+
 def variants_of_backlash(motion: Motion) -> Iterable[Variant]:
     """Return either side and both, where a motor reverses; before the log it came either way."""
     steps = {"left": motion.left_steady_rad, "right": motion.right_steady_rad}
+    crossed = {side: _followed(step, _TURNED_BACK_RAD, 0.0) for side, step in steps.items()}
     first = {side: step[np.flatnonzero(step)[:1]] for side, step in steps.items()}
     for side, (left, right) in _SIDES.items():
         own = [one for one, has in (("left", left), ("right", right)) if has]
-        if not any(np.any(steps[one] > 0) and np.any(steps[one] < 0) for one in own):
+        if not any(np.any(crossed[one] > 0) and np.any(crossed[one] < 0) for one in own):
             continue
         report: dict[str, Value] = {"side": side}
         begins_backward = any(np.any(first[one] < 0) for one in own)

@@ -79,8 +79,12 @@ def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
 
 
 def exact_gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
-    """Scale turns as sharp as they are by their sense."""
-    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(_rate_with_details(p))
+    """Scale turns as sharp as they are by their sense.
+
+    By that of the smooth rate: of the details' own noise, made positive, a bias would be left.
+    """
+    rate = np.sign(p.gyro_rad_s) * _rate_with_details(p)
+    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * rate
 
 
 def gyro_scale(p: Prediction, *, scale: float) -> None:

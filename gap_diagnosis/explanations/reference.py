@@ -16,6 +16,9 @@ _AROUND_S: Final = 0.1
 _COUNT_SD: Final = 0.5
 """Of one reading of a counter, in counts: more than rounding makes."""
 _STANDS_OUT: Final = 4.0
+_GROWING: Final = 12.0
+"""Where a turn begins sharply the second term is some times as large as the first; at an edge that
+smoothing itself has made, a hundred times."""
 
 
 def reference_yaw(p: Prediction, *, angle: float) -> None:
@@ -116,14 +119,20 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     step_s = float(np.median(motion.dt_s[1:]))
     # Smoothed once by more, the more noise there is, and then once by the usual.
     width = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S)) / step_s
-    detail = sharpened(smooth, width) - smooth
+    once, twice = _rounded_off(smooth, width)
+    detail = once + twice
     # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
     slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = slope * (_COUNT_SD * per_count / step_s) ** 2
-    power = gaussian_filter1d(detail**2, _AROUND_S / step_s, mode="nearest")
+    power, first, second = (
+        gaussian_filter1d(one**2, _AROUND_S / step_s, mode="nearest")
+        for one in (detail, once, twice)
+    )
     share = np.maximum(1.0 - _STANDS_OUT * noise / np.maximum(power, 1e-300), 0.0)
-    return np.asarray(smooth + share * detail)
+    # A series whose terms grow tells nothing: there the smooth rate has an edge of its own making.
+    is_smooth = second < _GROWING**2 * first
+    return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
 
 
 def sharpened(smooth: Floats, width: float) -> Floats:
@@ -132,10 +141,16 @@ def sharpened(smooth: Floats, width: float) -> Floats:
     exp(k²/2) = 1 + k²/2 + k⁴/8 …: of how sharply a turn begins a twenty-fifth was missing, and a
     lag read too long by as much.
     """
+    once, twice = _rounded_off(smooth, width)
+    return smooth + once + twice
+
+
+def _rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:
+    """Return the first two terms of what a Gaussian of *width* ticks rounded off."""
     bend = np.gradient(np.gradient(smooth))
-    return np.asarray(
-        smooth - width**2 / 2.0 * bend + width**4 / 8.0 * np.gradient(np.gradient(bend))
-    )
+    once = -(width**2) / 2.0 * bend
+    twice = width**4 / 8.0 * np.gradient(np.gradient(bend))
+    return np.asarray(once), np.asarray(twice)
 
 
 def _move_gyro(p: Prediction, by_s: float) -> None:

@@ -8,14 +8,23 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motion_cases import EXACT, ROBOT, WIRE, Floats, misfit, setting_of, without_noise
+from motion_cases import (
+    EXACT,
+    ROBOT,
+    WIRE,
+    Floats,
+    misfit,
+    nodes_of,
+    setting_of,
+    without_noise,
+)
 from scipy.special import ndtr
 
 from gap_diagnosis.explanations.gyro import chance_of_bit
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import synthetic_recordings
+from gap_diagnosis.synthetic import synthetic_recording, synthetic_recordings
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
@@ -213,3 +222,15 @@ def test_a_stuck_bit_adds_what_its_codes_lose_on_average(bit: int, noise_lsb: fl
     brute = share @ (whole >> bit & 1)
     noise = np.full(len(mean), noise_lsb)
     assert chance_of_bit(mean, noise, bit) == pytest.approx(brute, abs=1e-7)
+
+
+def test_a_motor_that_hardly_turns_back_has_no_play_to_tell_of() -> None:
+    """Of a play that it never crosses no size could be told: the fit's column would be nothing."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("straight"), (), 3, duration_s=10.0)
+    motion = nodes_of(log, ROBOT).motion
+    there = motion.left_steady_rad.copy()
+    there[600:604] = -0.02
+    back = replace(motion, left_steady_rad=there)
+    assert not list(EXPLAINED["backlash"].variants(back))
+    there[600:604] = -0.06
+    assert list(EXPLAINED["backlash"].variants(replace(motion, left_steady_rad=there)))

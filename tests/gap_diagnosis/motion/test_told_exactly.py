@@ -119,6 +119,16 @@ def test_what_a_gaussian_rounds_off_a_rate_is_put_back() -> None:
     assert np.abs(turn - sharpened(smooth, width)).max() < missing / 20.0
 
 
+def test_an_edge_that_smoothing_itself_has_made_is_no_detail_of_a_turn() -> None:
+    """Sharpened to fourth order a step of 0.01 rad/s in a smooth rate was one of 2 rad/s."""
+    log = synthetic_recording(ROBOT, WIRE, DRIVE, [], 3, reference=EXACT, duration_s=20.0)
+    motion = nodes_of(log, ROBOT).smooth
+    rate = 0.3 * np.sin(motion.t_s)
+    rate[1000:] += 0.01
+    wide = replace(motion, turn_rate_rad_s=rate, turning_s=0.08, sharp_s=0.039)
+    assert np.abs(turn_rate_with_details(wide) - rate).max() < 0.01
+
+
 LARGE: dict[str, dict[str, Value]] = {
     "gyro_scale": {"scale": 0.06},
     "gyro_temperature_scale": {"slope": 0.01},
