@@ -86,7 +86,8 @@ def _shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
         scores.append(abs(float(np.corrcoef(ours[edge:-edge], moved)[0, 1])))
     peak = int(np.argmax(scores))
     best = (shifts[peak] + _between(scores, peak)) * _STEP_S
-    is_told = max(scores) > scores[len(scores) // 2] + 1e-3
+    # At an end of the search lies no peak: nothing told where one is.
+    is_told = 0 < peak < len(scores) - 1 and max(scores) > scores[len(scores) // 2] + 1e-3
     return best if abs(best) >= _WORTH_S and is_told else 0.0, max(scores)
 
 

@@ -234,7 +234,8 @@ TABLES: tuple[Row, ...] = (
     Row(
         "a table to look at whose wheels have no unit",
         "chiplog map table.csv",
-        "WHEEL_FL has the name of a wheel, and no unit: expected it in a map.toml, as in "
+        "WHEEL_FL has the name of a wheel, and no unit: expected it in a map.toml, below "
+        "[columns], as in "
         'left_count = { column = "WHEEL_FL", unit = "km/h" }',
         {"table.csv": table("t_s,WHEEL_FL,WHEEL_FR", lambda k: f"{k / 100},{k / 7},{k / 9}")},
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.edges import best_edges
@@ -32,5 +33,6 @@ def test_a_window_that_is_open_towards_the_start_ends_where_the_log_does() -> No
     )
     levels = model.level_prior.median
     edged = best_edges(model, (term,), 0, ((0.05,),), levels)
-    assert t_s[0] <= edged.term.variant.fixed["start_s"] < edged.spans["start_s"] + 3.0
+    turns_s = float(t_s[np.flatnonzero(model.nodes.motion.left_steady_rad)[0]])
+    assert t_s[0] <= edged.term.variant.fixed["start_s"] < turns_s + 0.1
     assert edged.spans["start_s"] < 5.0
