@@ -119,7 +119,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     step_s = float(np.median(motion.dt_s[1:]))
     # Smoothed once by more, the more noise there is, and then once by the usual.
     width = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S)) / step_s
-    once, twice = _rounded_off(smooth, width)
+    once, twice = rounded_off(smooth, width)
     detail = once + twice
     # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
     slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
@@ -135,18 +135,12 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
 
 
-def sharpened(smooth: Floats, width: float) -> Floats:
-    """Return what a Gaussian of *width* ticks rounded off, put back to fourth order.
+def rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:
+    """Return the first two terms of what a Gaussian of *width* ticks rounded off.
 
     exp(k²/2) = 1 + k²/2 + k⁴/8 …: of how sharply a turn begins a twenty-fifth was missing, and a
     lag read too long by as much.
     """
-    once, twice = _rounded_off(smooth, width)
-    return smooth + once + twice
-
-
-def _rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:
-    """Return the first two terms of what a Gaussian of *width* ticks rounded off."""
     bend = np.gradient(np.gradient(smooth))
     once = -(width**2) / 2.0 * bend
     twice = width**4 / 8.0 * np.gradient(np.gradient(bend))

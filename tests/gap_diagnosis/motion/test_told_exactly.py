@@ -9,7 +9,7 @@ import pytest
 from motion_cases import EXACT, LEVELS, ROBOT, WIRE, nodes_of, setting_of, without_noise
 from scipy.ndimage import gaussian_filter1d
 
-from gap_diagnosis.explanations.reference import sharpened, turn_rate_with_details
+from gap_diagnosis.explanations.reference import rounded_off, turn_rate_with_details
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.block import MotionBlock
@@ -116,7 +116,7 @@ def test_what_a_gaussian_rounds_off_a_rate_is_put_back() -> None:
     turn = np.exp(-0.5 * ((t - 200.0) / (3.0 * width)) ** 2)
     smooth = gaussian_filter1d(turn, width)
     missing = np.abs(turn - smooth).max()
-    assert np.abs(turn - sharpened(smooth, width)).max() < missing / 20.0
+    assert np.abs(turn - smooth - sum(rounded_off(smooth, width))).max() < missing / 20.0
 
 
 def test_an_edge_that_smoothing_itself_has_made_is_no_detail_of_a_turn() -> None:
