@@ -1,0 +1,221 @@
+"""What commands and wheels say of one variant of a drive: noise levels, evidence, parameters."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.columns import Variant
+from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
+from gap_diagnosis.drive.linear import Grams, draw_linear
+from gap_diagnosis.drive.noise import Levels, fit_levels, log_level_prior, marginal, whitened
+from gap_diagnosis.drive.shapes import BENT, Coordinate, Shapes
+from gap_diagnosis.hypothesis import Estimate
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+_SAMPLES: Final = 2000
+_FREE_SD: Final = 0.3
+"""Of linear coefficients while noise levels and best likelihoods are sought."""
+_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
+"""Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A variant with everything that does not change from grid point to grid point."""
+
+    variant: Variant
+    shapes: Shapes
+    coordinates: tuple[Coordinate, ...]
+    has_gain: bool
+    nuisances: Floats
+    nuisance_sd: Floats
+
+    @property
+    def linear_sizes(self) -> tuple[prior.Size, ...]:
+        """The prior's sizes of what acts linearly: gains, then the variant's columns."""
+        gains = (prior.GAIN, prior.GAIN) if self.has_gain else ()
+        return (*gains, *self.variant.sizes)
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Of what bends the drive's answer."""
+        return [(one.low, one.high) for one in self.coordinates]
+
+    @property
+    def fixed(self) -> Floats:
+        """Columns that no grid point bends: float64[k, 2, m]."""
+        return np.concatenate((self.variant.columns, self.nuisances))
+
+    def values(self, point: Floats) -> dict[str, float]:
+        """Return the parameter of each bending effect at a point float64[coordinates]."""
+        return {
+            one.effect: float(one.value(point[i : i + 1])[0])
+            for i, one in enumerate(self.coordinates)
+        }
+
+    def columns(self, values: Mapping[str, float]) -> Floats:
+        """Return residual, gain columns: float64[1 + 2 or 1, 2, m]."""
+        angle = self.shapes.angle(values)
+        measured = self.variant.data.angle
+        residual = (measured - angle)[np.newaxis]
+        if not self.has_gain:
+            return residual
+        return np.concatenate((residual, self.shapes.gain_columns(values, angle)))
+
+
+def setting_of(variant: Variant, robot: Robot, effects: frozenset[str]) -> Setting:
+    """Return the setting of a variant of these effects."""
+    shapes = Shapes(variant.data, robot)
+    nominal = shapes.angle({})
+    has_gain = "drive_gain" in effects
+    columns, sds = [], []
+    if not has_gain:
+        columns += list(shapes.gain_columns({}, nominal))
+        sds += [_NUISANCE_SD["gain"]] * 2
+    delays = {"drive_lag": _NUISANCE_SD["lag"], "drive_delay": variant.data.delay_sd_s}
+    for effect, step in delays.items():
+        if effect not in effects:
+            columns.append((shapes.angle({effect: step}) - nominal) / step)
+            sds.append(step)
+    nuisances = np.zeros((0, *nominal.shape))
+    if columns:
+        nuisances = np.stack(columns)
+    return Setting(
+        variant,
+        shapes,
+        tuple(shapes.coordinate(one) for one in sorted(effects) if one in BENT),
+        has_gain,
+        nuisances,
+        np.array(sds),
+    )
+
+
+def fitted_levels(
+    setting: Setting, values: Mapping[str, float], start: Floats
+) -> tuple[Floats, float]:
+    """Return logarithms of noise levels, and of the best likelihood at them."""
+    made = setting.columns(values)
+    linear = np.concatenate((made[1:], setting.fixed))
+    free = np.array([_FREE_SD * max(1.0, one.high) for one in setting.linear_sizes])
+    sd = np.concatenate((free, setting.nuisance_sd))
+    data = setting.variant.data
+    levels, value = fit_levels(data, made[0], linear, sd, start)
+    # the width of the free coefficients' prior is no part of the best likelihood
+    if len(free):
+        white, _ = whitened(data, linear[: len(free)], Levels.of(levels, data.tick_rad))
+        scaled = (white @ white.T) * np.outer(free, free) + np.eye(len(free))
+        value += 0.5 * float(np.linalg.slogdet(scaled)[1])
+    return levels, value
+
+
+def evidence(
+    setting: Setting, logs: Floats, *, rough: bool = False, start: Floats | None = None
+) -> tuple[float, Weighted, Floats]:
+    """Return the log evidence at noise levels, its points, and the prior's scales."""
+    log_density, sd = _density(setting, logs, rough=rough)
+    points = integrate(log_density, setting.bounds, start)
+    return points.log_integral, points, sd
+
+
+def likeliest(setting: Setting, logs: Floats) -> Floats:
+    """Return the likeliest bending parameters at noise levels."""
+    log_density, _ = _density(setting, logs, rough=True)
+    return locate(log_density, setting.bounds)
+
+
+def linear_sizes(setting: Setting, logs: Floats) -> Floats:
+    """Return the best sizes of the variant's columns at noise levels."""
+    data = setting.variant.data
+    sd = np.concatenate(([one.high for one in setting.linear_sizes], setting.nuisance_sd))
+    stacked = np.concatenate((setting.columns({})[:1], setting.fixed))
+    white, _ = whitened(data, stacked, Levels.of(logs, data.tick_rad))
+    stiff = white[1:] @ white[1:].T + np.diag(sd**-2.0)
+    sizes = np.linalg.solve(stiff, white[1:] @ white[0])
+    return np.asarray(sizes[: len(setting.variant.columns)])
+
+
+def parameters(setting: Setting, logs: Floats, grid: Weighted, sd: Floats) -> dict[str, Estimate]:
+    """Return estimates from draws of the grid, and of the linear coefficients given a point."""
+    random = np.random.default_rng(0)
+    weight = np.exp(grid.log_value - grid.log_integral)
+    chosen = random.choice(len(weight), size=_SAMPLES, p=weight / weight.sum())
+    spread = random.uniform(-0.5, 0.5, (_SAMPLES, len(grid.cell))) * grid.cell
+    points = grid.point[chosen] + spread
+    found = {
+        one.key: _estimate(one.value(np.clip(points[:, i], one.low, one.high)))
+        for i, one in enumerate(setting.coordinates)
+    }
+    if setting.has_gain:
+        data = setting.variant.data
+        levels = Levels.of(logs, data.tick_rad)
+        white_fixed, _ = whitened(data, setting.fixed, levels)
+        used, place = np.unique(chosen, return_inverse=True)
+        grams = _grams(setting, levels, white_fixed, grid.point[used])
+        gains = draw_linear(grams, sd, place, random)
+        found["drive_gain.left"] = _estimate(gains[:, 0])
+        found["drive_gain.right"] = _estimate(gains[:, 1])
+    return found
+
+
+def _density(setting: Setting, logs: Floats, *, rough: bool) -> tuple[Values, Floats]:
+    """Return the log posterior density of the bending parameters, and the prior's scales."""
+    data = setting.variant.data
+    levels = Levels.of(logs, data.tick_rad)
+    white_fixed, log_determinant = whitened(data, setting.fixed, levels)
+    constant = log_level_prior(logs) - 0.5 * log_determinant + setting.variant.log_constant
+    sd = _scale_products(setting.linear_sizes, setting.nuisance_sd, count=2 if rough else 4)
+
+    def log_density(points: Floats) -> Floats:
+        grams = _grams(setting, levels, white_fixed, points)
+        values = marginal(
+            grams.gram[:, np.newaxis],
+            grams.pull[:, np.newaxis],
+            grams.power[:, np.newaxis],
+            sd[np.newaxis],
+        )
+        total = np.logaddexp.reduce(values, axis=1) - np.log(len(sd)) + constant
+        for i, one in enumerate(setting.coordinates):
+            total = total + one.log_prior(points[:, i])
+        return np.asarray(total, dtype=np.float64)
+
+    return log_density, sd
+
+
+def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int) -> Floats:
+    """Return the products of the prior's scales: float64[s, linear + nuisances]."""
+    products = list(itertools.product(*(one.scales(count) for one in sizes)))
+    rows = np.array(products, dtype=np.float64).reshape(len(products), len(sizes))
+    return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
+
+
+def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
+    data = setting.variant.data
+    own = 2 if setting.has_gain else 0
+    size = own + len(white_fixed)
+    gram = np.zeros((len(points), size, size))
+    pull = np.zeros((len(points), size))
+    power = np.zeros(len(points))
+    shared = white_fixed @ white_fixed.T
+    for i, point in enumerate(points):
+        white, _ = whitened(data, setting.columns(setting.values(point)), levels)
+        power[i] = white[0] @ white[0]
+        pull[i, :own] = white[1:] @ white[0]
+        pull[i, own:] = white_fixed @ white[0]
+        gram[i, :own, :own] = white[1:] @ white[1:].T
+        gram[i, own:, own:] = shared
+        gram[i, :own, own:] = white[1:] @ white_fixed.T
+        gram[i, own:, :own] = gram[i, :own, own:].T
+    return Grams(gram, pull, power)
+
+
+def _estimate(samples: Floats) -> Estimate:
+    return Estimate(float(np.mean(samples)), float(np.std(samples)), samples)

@@ -1,0 +1,56 @@
+"""How far wheels go against how far they are told to go."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.shapes import Shapes
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+_HALF_S: Final = 0.5
+_MENDED: Final = 0.5
+_MATTERS: Final = 0.05
+"""Where a mistake has been put right, wheels go no more than half as far wrong as they go, forwards
+and in turns: in what of the two is not next to nothing beside the other."""
+
+
+def off(data: DriveData, robot: Robot) -> float:
+    """Return by which share of their rates the wheels do otherwise than they are told."""
+    told, gone, seen = _ways(data, robot)
+    wrong, told = (gone - told)[seen], told[seen]
+    return math.sqrt(float(np.mean(wrong**2)) / max(float(np.mean(told**2)), 1e-12))
+
+
+def mends(data: DriveData, robot: Robot) -> bool:
+    """Tell whether wheels do about as they are told, forwards and in turns, in data in which a
+    mistake of the set-up has been put right."""
+    told, gone, seen = _ways(data, robot)
+    both = np.all(seen, axis=0)
+    if not both.any():
+        return True
+    sides = np.array([[0.5, 0.5], [-0.5, 0.5]])
+    wrong, told, gone = (
+        np.sqrt(np.mean((sides @ one[:, both]) ** 2, axis=1)) for one in (gone - told, told, gone)
+    )
+    moved = np.maximum(told, gone)
+    matters = moved > _MATTERS * moved.max()
+    return bool(np.all(wrong[matters] < _MENDED * moved[matters]))
+
+
+def _ways(data: DriveData, robot: Robot) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return [2, k] each: how far wheels are told to go in half a second, how far they go, and
+    where that is seen.
+
+    So long that the rounding of counts does not matter.
+    """
+    described = Shapes(data, robot).angle({})
+    apart = max(1, round(_HALF_S / data.block_s))
+    told, gone = (one[:, apart:] - one[:, :-apart] for one in (described, data.angle))
+    return told, gone, data.seen[:, apart:] & data.seen[:, :-apart]

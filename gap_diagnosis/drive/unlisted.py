@@ -1,0 +1,131 @@
+"""Drives that answer their commands in some way that no effect of the list has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.columns import Variant
+from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.likelihood import (
+    Setting,
+    evidence,
+    fitted_levels,
+    linear_sizes,
+    setting_of,
+)
+from gap_diagnosis.drive.noise import Levels, whitened
+from gap_diagnosis.drive.shapes import WAVE, Shapes
+from gap_diagnosis.drive.told import off
+from hil_harness.robot import Robot
+
+Floats = NDArray[np.float64]
+
+_GIVES_WAY: Final = 0.006
+"""Of its rate a wheel is off under load: what is unlisted must show beyond that."""
+_AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
+"""A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
+_STANDS: Final = -0.5
+"""Of its rate a drive that does as it is told gives way by less, however slow that is: one that
+gives way by more stands."""
+
+
+@dataclass(frozen=True)
+class Null:
+    """What the log says of no effect.
+
+    Attributes:
+        setting: of the data as they are.
+        levels: logarithms of its noise levels.
+        likelihood, evidence: their logarithms.
+    """
+
+    setting: Setting
+    levels: Floats
+    likelihood: float
+    evidence: float
+
+    @property
+    def data(self) -> DriveData:
+        """Commands and wheels."""
+        return self.setting.variant.data
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """What a drive explains that answers in some way of its own.
+
+    Attributes:
+        evidence, likelihood: their logarithms, less those of no effect.
+        sizes: of its columns, the best ones.
+    """
+
+    evidence: float
+    likelihood: float
+    sizes: Floats
+
+
+def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
+    """Return logarithms of evidence and best likelihood of a drive without a name, less those of
+    no effect.
+
+    Linear dynamics of other time constants with a speed that bends with the command, answers
+    that come late, or a gain of each wheel, steady or some function of its speed, all of
+    unknown size: what is left to a motor, a velocity loop or an engine not in the library. Or
+    one that answers slow commands in a way of their own, or whose poles show in its rate.
+    """
+    shapes = Shapes(null.data, robot)
+    does_as_told = off(null.data, robot) < _AS_TOLD
+    found = []
+    for columns in shapes.foreign():
+        one = _foreign(null, robot, columns)
+        found.append(replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one)
+    slow = shapes.slow()
+    if len(slow):
+        one = _foreign(null, robot, slow)
+        if not does_as_told or one.sizes.min() < _STANDS:
+            found.append(one)
+    poles = _poles(null, robot, shapes.waves())
+    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > _AS_TOLD:
+        found.append(poles)
+    total = float(np.logaddexp.reduce([one.evidence for one in found])) - math.log(len(found))
+    return total, max(one.likelihood for one in found)
+
+
+def _foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
+    """Return what columns of unknown size explain."""
+    variant = Variant(null.data, columns, (prior.FOREIGN,) * len(columns))
+    setting = setting_of(variant, robot, frozenset())
+    levels, free = fitted_levels(setting, {}, null.levels)
+    # A load, a caster that swings round: a loop gives way by a little that no noise level has.
+    before = evidence(null.setting, _giving_way(null.levels), rough=True)[0]
+    yielding = evidence(setting, _giving_way(levels), rough=True)[0] - before
+    # Effects of the list are weighed without that allowance: it must not favour what is not.
+    strict = evidence(setting, levels, rough=True)[0] - null.evidence
+    return Foreign(
+        min(yielding, strict), max(free - null.likelihood, 0.0), linear_sizes(setting, levels)
+    )
+
+
+def _poles(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign:
+    """Return what the likeliest number of poles explains, as if any were as likely."""
+    stacked = np.concatenate((null.setting.columns({})[:1], *waves))
+    white, _ = whitened(null.data, stacked, Levels.of(null.levels, null.data.tick_rad))
+    columns = white[1:].reshape(len(waves), -1, white.shape[1])
+    gains = []
+    for one in columns:
+        pull = one @ white[0]
+        gains.append(float(pull @ np.linalg.lstsq(one @ one.T, pull)[0]))
+    best = _foreign(null, robot, waves[int(np.argmax(gains))])
+    return replace(best, evidence=best.evidence - math.log(len(waves)))
+
+
+def _giving_way(logs: Floats) -> Floats:
+    """Return log levels with a rate error of at least what any velocity loop has under load."""
+    return np.asarray(np.maximum(logs, np.log([1e-9, 1e-9, _GIVES_WAY, 1e-9])))
