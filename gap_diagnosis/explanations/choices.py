@@ -158,6 +158,7 @@ _FROZEN_TICKS: Final = 20
 _DEAD_S: Final = 1.0
 _DEAD_TICKS: Final = 50
 _DEAD_SHARE: Final = 0.2
+_SURELY_SD: Final = 4.0
 _REVIVED: Final = 0.1
 """One dead encoder in ten counts again."""
 
@@ -171,11 +172,15 @@ def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
 def gyro_frozen(motion: Motion) -> Iterable[Variant]:
     """Return the longest stretches in which the code repeats though it could not."""
     for first, last in sorted(frozen_runs(motion), key=lambda run: run[0] - run[1])[:4]:
-        window = {
-            "start_s": float(motion.t_s[first - 1]) - 1e-6,
-            "stop_s": float(motion.t_s[last]) + 1e-6,
+        start_s, stop_s = float(motion.t_s[first - 1]), float(motion.t_s[last])
+        window = {"start_s": start_s - 1e-6, "stop_s": stop_s + 1e-6}
+        # Between which two rows, and no closer.
+        after = min(last + 1, len(motion.t_s) - 1)
+        told = {
+            "start_s": (start_s, float(motion.t_s[first])),
+            "stop_s": (stop_s, float(motion.t_s[after])),
         }
-        yield Variant("gyro_frozen", gyro.gyro_frozen, (), window, window)
+        yield Variant("gyro_frozen", gyro.gyro_frozen, (), window, window, told, is_held=True)
 
 
 def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
@@ -224,7 +229,10 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
     meanwhile, by a fifth of what the other one did: a robot that turns about a wheel was not dead.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
-    least = max(3, round(_DEAD_S / float(np.median(motion.dt_s[1:]))))
+    tick_s = float(np.median(motion.dt_s[1:]))
+    least = max(3, round(_DEAD_S / tick_s))
+    noise_rad_s = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
+    noise_rad = noise_rad_s * tick_s * motion.wheelbase_m / motion.radius_m
     turned_rad = encoder.turn_by_gyro_rad(motion)
     found = []
     for side, step in steps.items():
@@ -237,7 +245,12 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
             to_the_end = last == len(step) - 1
             told = motion.gyro_turn_rad is not None and missed_rad > _DEAD_SHARE * rolled_rad
             if rolled_rad > _DEAD_TICKS * motion.rad_per_count and (to_the_end or told):
-                gone = np.abs(unseen_rad) > _DEAD_TICKS * motion.rad_per_count
+                # Two counts are rounded off, and the gyro's angle is a random walk.
+                walk_rad = noise_rad * np.sqrt(np.arange(1, len(unseen_rad) + 1))
+                least_rad = 2.0 * motion.rad_per_count + _SURELY_SD * walk_rad
+                if motion.gyro_turn_rad is None:
+                    least_rad = np.full(len(walk_rad), _DEAD_TICKS * motion.rad_per_count)
+                gone = np.abs(unseen_rad) > least_rad
                 found.append((side, first, last, missed_rad, first + int(np.argmax(gone))))
     return found
 
@@ -272,8 +285,9 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
         if not to_the_end:
             # It may have come back at any time, too, and seldom does.
             share = 2.0 * share + math.log(_REVIVED)
-        # Where its wheel stood just then, it may have died at any time until that went on.
-        told = {"start_s": (window["start_s"], float(motion.t_s[by]))}
+        # Its last row may have been counted in part. Where its wheel stood just then, it may have
+        # died at any time until that went on.
+        told = {"start_s": (float(motion.t_s[max(first - 2, 0)]), float(motion.t_s[by]))}
         yield Variant(
             "encoder_dead",
             acts[side],

@@ -46,6 +46,20 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
     assert last_s < 0.3 * LASTS_S + 0.2
 
 
+def test_the_last_row_before_it_died_may_have_been_counted_in_part() -> None:
+    """It died within a row of which half was counted: two sealed cases lay outside by that much."""
+    start_s = 0.3 * LASTS_S
+    at = int(np.flatnonzero(WHOLE.t_s > start_s)[0])
+    half = standing(float(WHOLE.t_s[at]), 0.8 * LASTS_S)
+    ticks = half.left_ticks.copy()
+    ticks[at : np.flatnonzero(WHOLE.t_s > 0.8 * LASTS_S)[0]] -= 0.5 * (ticks[at] - ticks[at - 1])
+    (dead,) = found(replace(half, left_ticks=ticks))
+    first_s, last_s = dead.told["start_s"]
+    assert first_s <= float(WHOLE.t_s[at - 1])
+    # Two rows, and as many as a wheel at this speed needs for what the gyro surely tells.
+    assert last_s - first_s < 6.0 * WHOLE.tick_period_s
+
+
 def test_the_row_in_which_it_counts_again_may_have_been_counted_in_part() -> None:
     stop_s = 0.8 * LASTS_S
     (dead,) = found(standing(0.3 * LASTS_S, stop_s))

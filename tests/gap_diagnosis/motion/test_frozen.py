@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from motion_cases import LEVELS, ROBOT, WIRE
 
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.priors import default_prior
@@ -50,3 +52,17 @@ def test_what_a_frozen_gyro_holds_is_no_evidence() -> None:
     zero, turning = ROBOT.plant.gyro.zero_rate_code, ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
     at_rest, in_a_turn = (misfit(held_at(zero + rate * turning, log)) for rate in (0.01, 0.3))
     assert at_rest == pytest.approx(in_a_turn, abs=0.01)
+
+
+def test_a_gyro_is_known_to_freeze_and_to_go_on_between_two_rows_and_no_closer() -> None:
+    """Told as the rows' own times, both ends of a sealed case had intervals of no width."""
+    start_s, stop_s = 20.0042, 22.0077
+    frozen = EffectSetting("gyro_frozen", (("start_s", start_s), ("stop_s", stop_s)))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("random"), (frozen,), 1, reference=ReferenceNoise(), duration_s=25.0
+    )
+    (variant,) = EXPLAINED["gyro_frozen"].variants(estimate_motion(log, ROBOT))
+    for name, true_s in (("start_s", start_s), ("stop_s", stop_s)):
+        low_s, high_s = variant.told[name]
+        assert low_s < true_s < high_s
+        assert high_s - low_s < 1.001 * log.tick_period_s
