@@ -35,7 +35,10 @@ _WRONG_MOST: Final = 12
 def run(folder: Path, cases: int, jobs: int | None) -> None:
     """Make the trial where there is none, and diagnose what has no result yet by every method."""
     if not (folder / CASES).is_dir():
-        counts = Counts(cases, nulls=cases // 5, pairs=cases // 10, withheld=cases // 10)
+        tenth = cases // 10
+        counts = Counts(
+            cases, nulls=2 * tenth, pairs=tenth, withheld=tenth, other_engine=tenth // 2
+        )
         make_trial(counts, folder, key_of(folder), fresh_secret(), told("making"))
     home = Path(gap_diagnosis.trials.rivals.__file__).parent
     for method in (None, *(home / f"{name}.py" for name in RIVALS)):

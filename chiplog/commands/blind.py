@@ -57,6 +57,14 @@ def make(
             help="Whose effect is taken out of the library; as many decoys come with them.",
         ),
     ] = 0,
+    other_engine: Annotated[
+        int,
+        typer.Option(
+            "--other-engine",
+            min=0,
+            help="Without an effect, in another engine's physics: MuJoCo, an extra.",
+        ),
+    ] = 0,
     strata: Annotated[
         str,
         typer.Option(
@@ -101,6 +109,7 @@ def make(
         nulls=nulls,
         pairs=pairs,
         withheld=withheld,
+        other_engine=other_engine,
         strata=cast("tuple[Stratum, ...]", tuple(strata.split(","))),
         factor=factor,
         effects=tuple(effects or ()),

@@ -19,7 +19,7 @@ from chiplog.pages.trial_words import (
     verdict_on,
 )
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.score import scores
+from gap_diagnosis.trials.score import OTHER, scores
 
 _TOLD: Final = 3
 _FALSE_ALARMS: Final = (
@@ -27,6 +27,7 @@ _FALSE_ALARMS: Final = (
     ("new manoeuvre", "new drive"),
     ("new noise", "new noise"),
     ("new robot", "new robot"),
+    ("other engine", OTHER),
 )
 FIGURE_HEAD: Final = ("figure", "measured (95 %), cases", "must be", "")
 EFFECT_HEAD: Final = (
@@ -106,7 +107,7 @@ def figure_rows(
         if one.key == "false_alarms":
             for label, part in _FALSE_ALARMS:
                 if part in parts:
-                    goal = goal_of(one, is_new=part != "familiar")
+                    goal = goal_of(one, part)
                     said = figure(parts[part], one)
                     rows.append(
                         [f"{one.label}, {label}", said, goal.words, verdict_on(parts[part], goal)]

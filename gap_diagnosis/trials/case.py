@@ -14,6 +14,9 @@ Stratum: TypeAlias = Literal["prior", "limit", "field"]
 Kind: TypeAlias = Literal["null", "single", "pair", "withheld", "decoy"]
 Effects: TypeAlias = Mapping[str, Mapping[str, Value]]
 
+OWN_ENGINE: Final = "own"
+OTHER_ENGINE: Final = "mujoco"
+
 STRATA: Final[tuple[Stratum, ...]] = ("prior", "limit", "field")
 
 
@@ -35,6 +38,7 @@ class Case:
         steps: of the plant in a tick.
         secret: 32 hexadecimal digits.
         like: by effect that no library has, those that nobody could tell from it.
+        engine: whose physics moved the robot.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Case:
     steps: int
     secret: str
     like: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    engine: str = OWN_ENGINE
 
     @property
     def true_effects(self) -> frozenset[str]:

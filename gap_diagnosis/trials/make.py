@@ -7,8 +7,9 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.trials import drives, reference_noise
-from gap_diagnosis.trials.case import Case, Effects
+from gap_diagnosis.trials.case import OWN_ENGINE, Case, Effects
 from gap_diagnosis.trials.draw import (
     draw_nominal,
     draw_surroundings,
@@ -49,6 +50,9 @@ _STAMP_S: Final = 946_684_800
 _TRIES: Final = 20
 _SAME_DRIVE: Final = 3
 """After so many draws without a trace another drive is tried: a play needs a reversal."""
+
+
+Drive = Callable[[Planned, Path, Wire, Secret], tuple[Case, EffectRun, Robot]]
 
 
 def make_trial(
@@ -88,15 +92,42 @@ def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secr
         own = secret.child(f"attempt {attempt}")
         if attempt >= _SAME_DRIVE:
             one = replace(one, drive=drives.FAMILIAR[attempt % len(drives.FAMILIAR)])
+        if one.engine != OWN_ENGINE:
+            return _other_engine(one, home, wire, own)
         maker = _Maker(one, home, wire, counts, own)
         case, run = maker.drawn()
         if run is not None:
-            maker.write(run, case)
+            write_case(home, run, case, maker.robot, wire)
             return case
     raise DiagnosisError(
         f"{' + '.join(one.effects)}: {_TRIES} draws in a row without a trace in the log: expected "
         "an effect that a drive of this kind can show"
     )
+
+
+def _other_engine(one: Planned, home: Path, wire: Wire, secret: Secret) -> Case:
+    try:
+        engine = import_module("gap_diagnosis.trials.other_engine")
+    except ModuleNotFoundError as error:
+        raise DiagnosisError(
+            f'cases of the other engine need {error.name}: pip install "chiplog[mujoco]"'
+        ) from error
+    case, run, robot = cast(Drive, engine.driven_null)(one, home, wire, secret)
+    write_case(home, run, case, robot, wire)
+    return case
+
+
+def write_case(home: Path, run: EffectRun, case: Case, robot: Robot, wire: Wire) -> None:
+    """Write what a lab would have; nothing in it tells more than its content."""
+    secret = Secret(bytes.fromhex(case.secret))
+    write_log(home / LOG, run, robot, wire)
+    draw = secret.generator("reference")
+    reference = measured(run, case.noise, draw, secret.seed("reference"))
+    (home / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
+    task = {"schema": SCHEMA, "without": list(case.without)}
+    (home / TASK).write_text(json.dumps(task) + "\n", encoding="ascii")
+    for path in (*home.iterdir(), home):
+        os.utime(path, (_STAMP_S, _STAMP_S))
 
 
 class _Maker:
@@ -110,15 +141,15 @@ class _Maker:
         (home / ROBOT).write_text(
             robot_text(one.robot, secret.generator("robot")), encoding="ascii"
         )
-        self._robot: Robot = load_robot(home / ROBOT)
-        fastest = min(0.8, 14.0 * self._robot.plant.wheels.radius_m)
+        self.robot: Robot = load_robot(home / ROBOT)
+        fastest = min(0.8, 14.0 * self.robot.plant.wheels.radius_m)
         self._scenario: Scenario = drive(one.drive, secret.generator("drive"), fastest)
 
     def drawn(self) -> tuple[Case, EffectRun | None]:
         """Return the case with its run; None for a run in which some effect did nothing."""
         one, secret = self._one, self._secret
         draw = secret.generator("effects")
-        world = world_of(self._scenario, self._robot, self._wire)
+        world = world_of(self._scenario, self.robot, self._wire)
         effects: Effects = {
             name: draw_values(name, one.stratum, world, draw) for name in one.effects
         }
@@ -129,7 +160,7 @@ class _Maker:
             effects=effects,
             over_limit={},
             without=one.without,
-            nominal=draw_nominal(self._robot, frozenset(effects), secret.generator("nominal")),
+            nominal=draw_nominal(self.robot, frozenset(effects), secret.generator("nominal")),
             surroundings=draw_surroundings(secret.generator("surroundings")),
             drive=one.drive,
             robot=one.robot,
@@ -167,8 +198,8 @@ class _Maker:
         return replace(case, over_limit=over, like=like)
 
     def _oracle(self, run: EffectRun, case: Case) -> Oracle:
-        self.write(run, case)
-        return Oracle(self._read(), self._robot, case)
+        write_case(self._home, run, case, self.robot, self._wire)
+        return Oracle(self._read(), self.robot, case)
 
     def _at_limit(self, case: Case, draw: np.random.Generator) -> Case:
         """Return the case with its sizes spread about the detection limit."""
@@ -190,7 +221,7 @@ class _Maker:
     def _read(self) -> Recording:
         (recording,) = read_recordings(
             [self._home / LOG],
-            robot=self._robot,
+            robot=self.robot,
             wire=self._wire,
             references=[self._home / REFERENCE],
         )
@@ -207,23 +238,11 @@ class _Maker:
         seed = self._secret.seed("plant")
         return run_with_effects(
             self._scenario,
-            self._robot,
+            self.robot,
             self._wire,
             [(world, seed) for world in worlds],
             simulator=finer(case.steps),
         )
-
-    def write(self, run: EffectRun, case: Case) -> None:
-        """Write what a lab would have; nothing in it tells more than its content."""
-        home, secret = self._home, self._secret
-        write_log(home / LOG, run, self._robot, self._wire)
-        draw = secret.generator("reference")
-        reference = measured(run, case.noise, draw, secret.seed("reference"))
-        (home / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
-        task = {"schema": SCHEMA, "without": list(case.without)}
-        (home / TASK).write_text(json.dumps(task) + "\n", encoding="ascii")
-        for path in (*home.iterdir(), home):
-            os.utime(path, (_STAMP_S, _STAMP_S))
 
 
 def _is_same(one: EffectRun, other: EffectRun) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 from typing import Final
 
@@ -12,7 +12,7 @@ import numpy as np
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import STRATA, Kind, Stratum
+from gap_diagnosis.trials.case import OTHER_ENGINE, OWN_ENGINE, STRATA, Kind, Stratum
 from gap_diagnosis.trials.sizes import SIZES, UNLISTED
 from gap_diagnosis.trials.truth import canonical, class_of
 from hil_harness.effects import catalogue
@@ -30,6 +30,7 @@ class Counts:
         cases: all of them; what is left beside the others has one effect each.
         nulls, pairs: without an effect, with two; None: a fifth, a tenth.
         withheld: whose effect is taken out of the library; as many decoys, where another one is.
+        other_engine: without an effect, in another engine's physics.
         strata: among which all are shared out evenly.
         factor: smallest and largest size in stratum *limit*, over the detection limit.
         effects: only these; empty: all.
@@ -40,6 +41,7 @@ class Counts:
     nulls: int | None = None
     pairs: int | None = None
     withheld: int = 0
+    other_engine: int = 0
     strata: tuple[Stratum, ...] = STRATA
     factor: tuple[float, float] = (0.3, 10.0)
     effects: tuple[str, ...] = ()
@@ -60,7 +62,8 @@ class Counts:
             raise DiagnosisError(f"factor {self.factor}: expected two sizes, the smaller one first")
         if self.singles < 0:
             raise DiagnosisError(
-                f"{self.cases} cases: fewer than the nulls, pairs and withheld together"
+                f"{self.cases} cases: fewer than the nulls, pairs, withheld and other "
+                "engine's together"
             )
 
     @property
@@ -76,7 +79,8 @@ class Counts:
     @property
     def singles(self) -> int:
         """Cases with one effect."""
-        return self.cases - self.null_count - self.pair_count - 2 * self.withheld
+        others = self.null_count + self.pair_count + 2 * self.withheld + self.other_engine
+        return self.cases - others
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,7 @@ class Planned:
     drive: str = field(default=drives.FAMILIAR[0])
     robot: str = field(default=robots.FAMILIAR)
     noise: str = field(default=reference_noise.FAMILIAR[0])
+    engine: str = OWN_ENGINE
 
 
 def planned(counts: Counts, draw: Draw) -> list[Planned]:
@@ -100,6 +105,7 @@ def planned(counts: Counts, draw: Draw) -> list[Planned]:
     found = [*_nulls(counts, strata), *_singles(counts, strata, order)]
     found += [Planned(next(strata), "pair", _pair(order)) for _ in range(counts.pair_count)]
     found += _withheld(counts, strata, order, draw)
+    found += [Planned("field", "null", engine=OTHER_ENGINE) for _ in range(counts.other_engine)]
     if "prior" in counts.strata:
         found = [_of_prior(one, names, draw) if one.stratum == "prior" else one for one in found]
     return [_world(found[place], counts, draw) for place in draw.permutation(len(found))]
@@ -173,12 +179,11 @@ def _world(one: Planned, counts: Counts, draw: Draw) -> Planned:
         names = new if draw.random() < counts.new_share else familiar
         return names[int(draw.integers(len(names)))]
 
-    return Planned(
-        one.stratum,
-        one.kind,
-        one.effects,
-        one.without,
+    return replace(
+        one,
         drive=pick(drives.FAMILIAR, drives.NEW),
-        robot=pick([robots.FAMILIAR], [robots.NEW]),
+        robot=pick(
+            [robots.FAMILIAR], [robots.FAMILIAR if one.engine == OTHER_ENGINE else robots.NEW]
+        ),
         noise=pick(reference_noise.FAMILIAR, reference_noise.NEW),
     )

@@ -42,16 +42,20 @@ integration = "{integration}"
 """
 
 
-def robot_text(kind: str, draw: Draw) -> str:
-    """Return a robot.toml; *familiar* robots are like the shipped one, *new* ones are any size."""
+def robot_text(kind: str, draw: Draw, *, described_m: tuple[float, float] | None = None) -> str:
+    """Return a robot.toml; *familiar* robots are like the shipped one, *new* ones are any size.
+
+    *described_m*: radius and wheelbase of a robot that is there already.
+    """
     low, high = (0.04, 0.065) if kind == FAMILIAR else (0.03, 0.12)
     radius_m = float(np.exp(draw.uniform(np.log(low), np.log(high))))
     ratio = draw.uniform(5.0, 7.0) if kind == FAMILIAR else draw.uniform(3.0, 9.0)
     ticks = (1024, 2048, 4096) if kind == FAMILIAR else (512, 1000, 3600, 8192)
     full_dps, lsb = _RANGES[int(draw.integers(len(_RANGES)))]
+    radius_m, wheelbase_m = described_m or (radius_m, ratio * radius_m)
     return _TEXT.format(
         radius_m=radius_m,
-        wheelbase_m=ratio * radius_m,
+        wheelbase_m=wheelbase_m,
         ticks_per_rev=int(draw.choice(ticks)),
         time_constant_s=draw.uniform(0.02, 0.1),
         sensitivity=lsb / _DPS,

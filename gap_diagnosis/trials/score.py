@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import STRATA
+from gap_diagnosis.trials.case import OWN_ENGINE, STRATA
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
@@ -25,6 +25,8 @@ from gap_diagnosis.trials.yardsticks import (
     share,
 )
 
+OTHER: Final = "other engine"
+
 _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
 _WORST: Final = 12
@@ -39,7 +41,7 @@ def scores(opened: Opened) -> dict[str, Any]:
     familiar = [one for one in judged if not newness(one)]
     parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
     parts |= {name: [one for one in judged if one.case.stratum == name] for name in STRATA}
-    for name in ("new drive", "new noise", "new robot"):
+    for name in ("new drive", "new noise", "new robot", OTHER):
         parts[name] = [one for one in judged if name in newness(one)]
     return {
         "schema": SCHEMA,
@@ -60,6 +62,7 @@ def newness(one: Judged) -> frozenset[str]:
         "new drive": one.case.drive in drives.NEW,
         "new noise": one.case.noise.kind in reference_noise.NEW,
         "new robot": one.case.robot == robots.NEW,
+        OTHER: one.case.engine != OWN_ENGINE,
     }
     return frozenset(name for name, is_new in new.items() if is_new)
 

@@ -18,7 +18,7 @@ from chiplog.pages.trial_words import (
     goal_of,
     verdict_on,
 )
-from gap_diagnosis.trials.case import Case
+from gap_diagnosis.trials.case import OTHER_ENGINE, Case
 from gap_diagnosis.trials.judge import Judged, judge
 from gap_diagnosis.trials.opening import Opened
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
@@ -85,8 +85,18 @@ def test_a_goal_is_reached_by_the_measured_value_and_missed_below_it() -> None:
     assert verdict_on(certain, goal_of(stage)) == REACHED
     alarms = next(one for one in FIGURES if one.key == "false_alarms")
     assert verdict_on(wrong, goal_of(alarms)) == MISSED
-    assert goal_of(alarms, is_new=True).value == pytest.approx(0.02)
+    assert goal_of(alarms, "new noise").value == pytest.approx(0.02)
     assert figure(right, stage).startswith("1.00 (")
+
+
+def test_false_alarms_of_the_other_engine_stand_apart_with_a_goal_of_their_own() -> None:
+    first = RIGHT.judged[0]
+    other = replace(first, case=replace(first.case, engine=OTHER_ENGINE), verdict="gyro_bias")
+    parts = scores(Opened((*RIGHT.judged, other), 0))["parts"]
+    alarms = next(one for one in FIGURES if one.key == "false_alarms")
+    assert parts["other engine"]["false_alarms"]["value"] == 1.0
+    assert parts["familiar"]["false_alarms"]["value"] == 0.0
+    assert goal_of(alarms, "other engine").value == pytest.approx(0.05)
 
 
 def test_what_was_not_measured_has_no_verdict() -> None:

@@ -31,7 +31,7 @@ TRIALS: tuple[Row, ...] = (
     Row(
         "a trial of more parts than cases",
         "chiplog blind make --out trial --cases 4 --nulls 5",
-        "4 cases: fewer than the nulls, pairs and withheld together",
+        "4 cases: fewer than the nulls, pairs, withheld and other engine's together",
     ),
     Row(
         "a trial over files of yours",

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.trials.case import Case, Kind
+from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
 from gap_diagnosis.trials.opening import open_trial
@@ -199,6 +200,43 @@ def test_the_prior_stratum_has_as_many_nulls_as_the_prior_says() -> None:
     nulls = sum(one.kind == "null" for one in plan)
     # 0.4/0.95 of 2,000, four standard deviations.
     assert abs(nulls - 842) < 4 * np.sqrt(2000 * 0.42 * 0.58)
+
+
+def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) -> None:
+    """Its robot is drawn as any robot is, and described as a calibration in that engine has it."""
+    texts = []
+    for name in ("own", "mujoco"):
+        home = tmp_path / name / CASES / "0001"
+        home.mkdir(parents=True)
+        one = Planned("field", "null", drive="short", engine=name)
+        made = make_case(one, home, load_wire(), COUNTS, SECRET)
+        assert (made.engine, made.true_effects) == (name, frozenset())
+        assert {path.name for path in home.iterdir()} == {LOG, ROBOT, REFERENCE, TASK}
+        texts.append((home / ROBOT).read_text())
+    own, other = texts
+    assert re.sub(r"\d", "0", own) == re.sub(r"\d", "0", other)
+    radius_m, rolling_m = (tomllib.loads(one)["wheels"]["radius_m"] for one in texts)
+    assert rolling_m == pytest.approx(radius_m, rel=0.002)
+    assert rolling_m != radius_m
+
+
+def test_without_the_other_engine_its_cases_are_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [one for one in sys.modules if one.startswith("gap_diagnosis.trials.mujoco")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "gap_diagnosis.trials.other_engine", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    counts = Counts(1, nulls=0, pairs=0, other_engine=1)
+    with pytest.raises(DiagnosisError, match=r'need mujoco: pip install "chiplog\[mujoco\]"'):
+        make_trial(counts, tmp_path / "trial", tmp_path / "trial.key", SECRET)
+
+
+def test_nulls_of_the_other_engine_are_planned_beside_the_rest_with_familiar_robots() -> None:
+    plan = planned(Counts(100, nulls=20, pairs=5, other_engine=30), np.random.default_rng(1))
+    other = [one for one in plan if one.engine == OTHER_ENGINE]
+    assert (len(plan), len(other)) == (100, 30)
+    assert {(one.kind, one.effects, one.robot) for one in other} == {("null", (), "familiar")}
 
 
 def test_the_order_of_cases_says_nothing_of_what_they_are() -> None:
