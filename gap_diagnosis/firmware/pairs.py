@@ -92,23 +92,42 @@ class Pairs:
         name, other = (first, second) if smooth(first, config) else (second, first)
         parameters = [one for one in smooth(name, config) if _stands_for_others(one)]
         if not parameters:
-            return singles.scored(
-                singles.programs(a.beside(b) for a in self._best(name) for b in self._best(other))
-            )
-        candidates = [
-            one.beside(rest)
-            for rest in self._best(other)
-            for parameter in parameters
-            for one in singles.around(parameter, rest)
-        ]
-        return singles.scored(singles.programs(candidates))
+            groups = [
+                [a.beside(b) for a in one for b in rest]
+                for one in self._best(name)
+                for rest in self._best(other)
+            ]
+        else:
+            groups = [
+                [one.beside(same) for same in rest]
+                for rest in self._best(other)
+                for parameter in parameters
+                for one in singles.around(parameter, rest[0])
+            ]
+        return self._scored_once(groups)
 
-    def _best(self, effect: str) -> list[Candidate]:
-        """Return the few candidates of an effect that come nearest, each program once."""
+    def _scored_once(self, groups: list[list[Candidate]]) -> list[Scored]:
+        """Return the scored candidates of groups that are one program each, replayed once."""
+        alike = {id(group[0]): group for group in groups}
+        return [
+            replace(one, candidate=same, log_prior=one.log_prior + same.log_prior - known.log_prior)
+            for one in self._singles.scored(self._singles.programs(group[0] for group in groups))
+            for known in [one.candidate]
+            for same in alike[id(known)]
+        ]
+
+    def _best(self, effect: str) -> list[list[Candidate]]:
+        """Return the candidates of the few programs of an effect that come nearest, by program.
+
+        How probable it is that a tick is missed changes no program, and is told all the same.
+        """
         ranked = sorted(self._singles.single(effect), key=lambda one: -one.total)
-        found: dict[str, Candidate] = {}
+        found: dict[str, list[Candidate]] = {}
         for one in ranked:
-            found.setdefault(repr(one.candidate.changes), one.candidate)
+            alike = found.setdefault(repr(one.candidate.changes), [])
+            # One that is there with and without an offset is one.
+            if all(one.candidate is not known for known in alike):
+                alike.append(one.candidate)
         return list(found.values())[:_KEPT]
 
 

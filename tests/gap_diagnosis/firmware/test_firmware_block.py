@@ -185,6 +185,18 @@ def test_ticks_that_were_not_executed_are_counted(repeats: bool) -> None:
     assert abs(float(share.value) - 0.01) < 4 * math.sqrt(0.01 / TICKS)
 
 
+def test_how_often_a_tick_is_missed_is_as_unsure_beside_another_effect_as_alone() -> None:
+    """One of twelve equal parts of its distribution was told as if it were the whole."""
+    runs = plant_runs(TICKS)
+    pose, executed = timed_pose(runs, missed_deadline=0.01, stale_heading_cycles=2)
+    block = block_of(recording_of(runs, pose))
+    pair = frozenset({"missed_deadline", "stale_heading"})
+    share = block.fit(pair).parameters["missed_deadline.probability"]
+    missed = np.count_nonzero(~executed)
+    # A count's own: each tick is missed or not, by itself.
+    assert share.sd == pytest.approx(math.sqrt(missed) / TICKS, rel=0.2)
+
+
 @pytest.mark.parametrize(
     ("changes", "pair"),
     [
