@@ -7,6 +7,7 @@ keep their place in time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -120,6 +121,12 @@ class Recording:
     clock_skew_sd: float = float("nan")
     speed_cycle_s: float = 0.0
     unsure_ticks2: Floats | None = None
+
+    @property
+    def tick_s(self) -> float:
+        """How long a tick lasts on the log's clock."""
+        skew = self.clock_skew if math.isfinite(self.clock_skew) else 0.0
+        return self.tick_period_s / (1.0 + skew)
 
     @property
     def duration_s(self) -> float:

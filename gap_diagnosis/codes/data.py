@@ -94,9 +94,9 @@ def _wheel_rate(recording: Recording, robot: Robot) -> Floats:
     there = np.isfinite(heading)
     if np.count_nonzero(there) < 2:
         return np.full(len(heading), np.nan)
-    time_s = recording.tick * recording.tick_period_s
-    half = max(recording.tick_period_s, 0.5 * _SMOOTH_S)
-    middle = time_s - 0.5 * recording.tick_period_s
+    time_s = recording.tick * recording.tick_s
+    half = max(recording.tick_s, 0.5 * _SMOOTH_S)
+    middle = time_s - 0.5 * recording.tick_s
     sides = [np.interp(middle + way * half, time_s[there], heading[there]) for way in (-1, 1)]
     return np.asarray((sides[1] - sides[0]) / (2 * half), dtype=np.float64)
 

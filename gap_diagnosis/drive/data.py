@@ -107,7 +107,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     tick_rad = math.tau / robot.plant.encoder.ticks_per_rev
     angle = np.stack([recording.left_ticks[rows], recording.right_ticks[rows]]) * tick_rad
     used = np.isfinite(angle)
-    dt_s = recording.tick_period_s
+    dt_s = recording.tick_s
     if used.sum(axis=1).min() < _LEAST_BLOCKS:
         return None
     silenced = np.zeros(used.shape[1], dtype=np.bool_)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drive_recordings import ROBOT, recording_of, simulated
+from drive_recordings import ROBOT, WIRE, drive_scenario, recording_of, simulated
 from foreign_drives import (
     commanded_rates,
     disturbed,
@@ -17,6 +17,8 @@ from foreign_drives import (
 from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.effects import EffectSetting
 
 ACTUATION = (
     "drive_acceleration_limit",
@@ -42,6 +44,15 @@ def evidence(block: DriveBlock, *effects: str) -> float:
 def test_a_drive_as_described_speaks_for_no_effect(seed: int) -> None:
     block = block_of(simulated(seed=seed))
     assert max(evidence(block, one) for one in block.effects) < 0.5
+
+
+def test_a_drive_answers_in_its_own_time_however_fast_the_clock_runs_that_counts_it() -> None:
+    """Of a clock 1 % fast a hundred ticks last 0.99 s: no motor speeds up by what is left over."""
+    fast = EffectSetting("clock_skew", (("skew", 0.01),))
+    log = synthetic_recording(ROBOT, WIRE, drive_scenario(2), [fast], 3, duration_s=60.0)
+    assert log.clock_skew == pytest.approx(0.01, rel=0.01)
+    block = block_of(log)
+    assert max(evidence(block, one) for one in ACTUATION) < 0.5
 
 
 def test_of_a_limit_that_no_command_reaches_there_is_no_trace() -> None:
