@@ -15,7 +15,7 @@ from gap_diagnosis.explanations.choices import SLIP_WINDOWS
 from gap_diagnosis.explanations.reference import counts_latency
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.motion.nodes import Nodes, residuals
+from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect
@@ -101,7 +101,7 @@ def build_columns(
     motion = nodes.motion
     base: list[Floats] = [residuals(nodes, predict(motion))]
     # A scale of what a counter jumps where it wraps would hide any other effect.
-    recorded, nodes = nodes, nodes if motion.wrap_bits == 0 else _unwrapped(nodes)
+    recorded, nodes = nodes, replace(nodes, smooth=without_jumps(nodes.smooth))
     nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
@@ -174,12 +174,6 @@ def build_columns(
         delays.add(len(base) - 2)
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances))
-
-
-def _unwrapped(nodes: Nodes) -> Nodes:
-    """Return the nodes of counts that do not jump."""
-    none = np.zeros_like(nodes.smooth.left_jump_rad)
-    return replace(nodes, smooth=replace(nodes.smooth, left_jump_rad=none, right_jump_rad=none))
 
 
 def _late_alone(terms: Sequence[Term], delays: Set[int]) -> Iterable[Term]:

@@ -8,7 +8,7 @@ however far dead reckoning has drifted.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -227,12 +227,18 @@ def _described(motion: Motion, step_s: float) -> Floats:
     Where the way leads is the estimated heading's: the wheels' own may have drifted by turns.
     """
     forward_m = 0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad)
-    heading = motion.heading_rad + _deviations(motion, Prediction(motion))[2]
+    heading = motion.heading_rad + _deviations(motion, Prediction(without_jumps(motion)))[2]
     places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading, motion.t_s])
     rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
     usual = math.sqrt(float(np.mean(rates**2))) / motion.rounding_rad
     width_s = max(_SHARP_S, _SHARP_COUNTS / max(usual, 1.0))
     return np.asarray(gaussian_filter1d(places, min(width_s, _MOST_S) / step_s, mode="nearest"))
+
+
+def without_jumps(motion: Motion) -> Motion:
+    """Return the motion as a counter tells it that does not jump."""
+    none = np.zeros_like(motion.left_jump_rad)
+    return replace(motion, left_jump_rad=none, right_jump_rad=none)
 
 
 def _at_end(means: Floats) -> Floats:

@@ -11,16 +11,21 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 NARROW = EffectSetting("encoder_wrap", (("bits", 12),))
 
 
+BETWEEN_TICKS = ReferenceNoise(rate_hz=70.0)
+
+
 @cache
-def model_of(*settings: EffectSetting) -> MotionModel:
-    log = synthetic_recording(ROBOT, WIRE, scenario("figure8"), settings, 5, duration_s=20.0)
+def model_of(*settings: EffectSetting, reference: ReferenceNoise | None = None) -> MotionModel:
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("figure8"), settings, 5, reference=reference, duration_s=20.0
+    )
     return MotionModel(log, ROBOT, default_prior())
 
 
@@ -45,3 +50,12 @@ def test_counts_are_lost_before_the_counter_wraps() -> None:
     both = predict(narrow.nodes.motion, [(lost, (0.01,)), (wrap, ())])
     alone = predict(wide.nodes.motion, [(lost, (0.01,))])
     np.testing.assert_allclose(both.left_rad, alone.left_rad, atol=1e-9)
+
+
+def test_a_sample_between_two_ticks_is_moved_along_no_jump() -> None:
+    """A wheel that jumps by 4,096 counts between them was laid there half a turn farther."""
+    wide, narrow = (model_of(*has, reference=BETWEEN_TICKS) for has in ((), (NARROW,)))
+    for seen, wanted in zip(
+        narrow.nodes.described_at_samples, wide.nodes.described_at_samples, strict=True
+    ):
+        np.testing.assert_allclose(seen, wanted, atol=1e-9)
