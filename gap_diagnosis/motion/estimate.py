@@ -41,6 +41,10 @@ _CONTACT_M_PER_SQRT_M: Final = 5e-4
 """As levels of noise have it before a log is seen."""
 _NOISY: Final = 0.07
 _MOST_SMOOTHING_S: Final = 0.3
+_ASLANT: Final = (0.03, 0.8)
+"""About headings off by so much [rad], a way is short by half of its square. Less is within the
+tolerance of a room's scale and may be a wander of the reference; more, eight times the end of its
+prior, is none's."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -451,8 +455,29 @@ def _heading_of(
     """Return the encoders' heading bent onto the reference's heading, or onto its course."""
     if reference.heading_rad is not None:
         residual = reference.heading_rad - np.interp(stamps, t_s, heading)
-        return heading + _slow(stamps, residual, t_s, step_s)
+        bent = heading + _slow(stamps, residual, t_s, step_s)
+        return bent + _aslant(bent, t_s, stamps, reference, forward_m)
     return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
+
+
+def _aslant(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> float:
+    """Return the one angle by which the reference's way lies to the left of its headings [rad], if
+    it matters."""
+    measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    angle = float(np.angle(np.sum(measured * np.conj(reckoned))))
+    least, most = _ASLANT
+    return angle if least < abs(angle) < most else 0.0
+
+
+def _measured_and_reckoned(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return steps between stamps, by the reference and by the wheels along these headings."""
+    x_m, y_m = dead_reckoned(forward_m, heading)
+    reckoned = np.diff(np.interp(stamps, t_s, x_m) + 1j * np.interp(stamps, t_s, y_m))
+    return np.diff(reference.x_m + 1j * reference.y_m), reckoned
 
 
 def _course_correction(
@@ -463,9 +488,7 @@ def _course_correction(
     Steps between stamps are complex numbers; the angle of a moving sum of measured times conjugate
     reckoned steps is the turn between them, weighted by the way, backwards or forwards.
     """
-    x_m, y_m = dead_reckoned(forward_m, heading)
-    reckoned = np.diff(np.interp(stamps, t_s, x_m) + 1j * np.interp(stamps, t_s, y_m))
-    measured = np.diff(reference.x_m + 1j * reference.y_m)
+    measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
     product = measured * np.conj(reckoned)
     width = max(_COURSE_S / float(np.median(np.diff(stamps))), 1.0)
     summed = gaussian_filter1d(product.real, width) + 1j * gaussian_filter1d(product.imag, width)

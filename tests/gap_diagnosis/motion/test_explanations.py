@@ -204,6 +204,17 @@ def test_a_reference_clock_that_runs_far_off_is_read_to_a_thousandth():
     assert abs(best - skew) < 1e-3 * skew
 
 
+def test_a_way_is_no_shorter_where_the_reported_heading_is_far_off():
+    """Steps along headings that are 0.15 rad off would be 1.1 % short: a room's scale."""
+    values = {"angle": 0.15}
+    setting = EffectSetting("reference_yaw", tuple(values.items()))
+    runs = [((setting,), 3), ((), 3)]
+    aslant, plain = synthetic_recordings(
+        without_noise(ROBOT), WIRE, DRIVE, runs, reference=EXACT, duration_s=40.0
+    )
+    assert energy(explained(aslant, "reference_yaw", values)) < 1.1 * energy(misfit(plain))
+
+
 def test_lost_counts_at_rest_are_told_from_spurious_ones():
     recording, plain = recordings()["extra_ticks"]
     floor = energy(misfit(plain))
