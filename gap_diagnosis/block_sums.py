@@ -65,7 +65,7 @@ def _concerned(
     """Yield every block that speaks of some of these effects, with those, and with the errors of
     counting that the motion shows clearly."""
     for blocks in logs:
-        doubtful, shown = _counting(blocks)
+        doubtful, shown = _counting(blocks, effects)
         for block in blocks:
             own = effects & block.effects
             if block.name == "drive":
@@ -74,25 +74,27 @@ def _concerned(
                 yield block, own, shown
 
 
-def _counting(blocks: Sequence[Block]) -> tuple[Effects, Effects]:
-    """Return the counting errors that the motion denies, so that the drive must not name them
-    alone, and those that it shows clearly."""
+def _counting(blocks: Sequence[Block], effects: Effects) -> tuple[Effects, Effects]:
+    """Return the counting errors of a set that the motion denies, so that the drive must not name
+    them alone, and all that it shows clearly."""
     motion = next((block for block in blocks if block.name == "motion"), None)
     drive = next((block for block in blocks if block.name == "drive"), None)
     if motion is None or drive is None:
         return frozenset(), frozenset()
-    both = [frozenset({effect}) for effect in _COUNTING & motion.effects & drive.effects]
-    denied = [one for one in both if _denies(motion, drive, one)]
-    shown = [one for one in both if motion.fit(one).log_evidence > _CLEARLY]
-    return frozenset[str]().union(*denied), frozenset[str]().union(*shown)
+    both = _COUNTING & motion.effects & drive.effects
+    denied = frozenset(one for one in both & effects if _denies(motion, drive, one, effects))
+    shown = frozenset(one for one in both if motion.fit(frozenset({one})).log_evidence > _CLEARLY)
+    return denied, shown
 
 
-def _denies(motion: Block, drive: Block, effect: Effects) -> bool:
+def _denies(motion: Block, drive: Block, effect: str, effects: Effects) -> bool:
     """Tell whether the motion, which measures counts more finely than commands do, hardly shows
-    what they tell clearly: it is of another size then."""
-    seen, told = motion.fit(effect), drive.fit(effect)
-    hardly = min(_CLEARLY, told.log_likelihood - seen.log_likelihood)
-    return seen.log_evidence <= max(hardly, 0.0)
+    beside the rest of a set what they tell clearly: it is of another size then."""
+    beside = effects & motion.effects
+    seen, less = motion.fit(beside), motion.fit(beside - {effect})
+    told = drive.fit(frozenset({effect}))
+    hardly = min(_CLEARLY, told.log_likelihood - (seen.log_likelihood - less.log_likelihood))
+    return seen.log_evidence - less.log_evidence <= max(hardly, 0.0)
 
 
 def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, float]:

@@ -275,6 +275,16 @@ def test_wheels_that_turn_less_than_told_are_no_counting_error_that_the_motion_h
     assert ranked(motion, drive).best.effects == {"drive_gain", "radius_mismatch"}
 
 
+def test_the_commands_bring_in_no_counting_error_that_the_motion_denies_beside_another() -> None:
+    """Alone, counts that are lost look like too few in a turn as well."""
+    both = frozenset({"missed_ticks", "ticks_per_rev"})
+    motion = FakeBlock({"missed_ticks": 1497.0, "ticks_per_rev": 900.0}, pairs={both: 1496.0})
+    drive = FakeBlock(
+        {"missed_ticks": 259.0, "ticks_per_rev": 150.0}, pairs={both: 275.0}, name="drive"
+    )
+    assert ranked(motion, drive).best.effects == {"missed_ticks"}
+
+
 def test_what_the_commands_tell_faintly_counts_for_a_counting_error_that_the_motion_shows() -> None:
     alike = frozenset({"drive_gain", "ticks_per_rev"})
     twins = frozenset({"radius_scale", "ticks_per_rev"})
