@@ -16,6 +16,7 @@ from gap_diagnosis.explanations.reference import counts_latency
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
+from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect
@@ -286,7 +287,10 @@ def _windows(
     base: list[Floats],
     prior: Prior,
 ) -> Iterable[Term]:
-    """Return windowed slips as differences of slips from the start on: one column per border."""
+    """Return windowed slips as differences of slips from the start on: one column per border.
+
+    Not where a wheel stands.
+    """
     limit = prior.of("one_sided_slip", "ratio").tolerance
     starts: dict[tuple[str, float], int] = {}
     for variant in variants[:: len(variants) // 2]:
@@ -306,8 +310,21 @@ def _windows(
         assert len(edges) == SLIP_WINDOWS
     for variant in variants:
         side = str(variant.report["side"])
+        if _hardly_turns(nodes.smooth, side, variant):
+            continue
         weights = [(starts[side, variant.fixed["stop_s"]], 1.0)]
         before = starts.get((side, variant.fixed["start_s"]))
         if before is not None:
             weights.append((before, -1.0))
         yield Term(variant, (tuple(weights),), (limit,))
+
+
+_PACE: Final = 0.02
+
+
+def _hardly_turns(motion: Motion, side: str, window: Variant) -> bool:
+    """Tell whether a wheel turns so little in a window, beside its pace in the log, that what its
+    counts do there is their own noise: a slip of as much would take that away."""
+    steps = np.abs(motion.left_step_rad if side == "left" else motion.right_step_rad)
+    inside = (motion.t_s > window.fixed["start_s"]) & (motion.t_s <= window.fixed["stop_s"])
+    return bool(steps[inside].mean() < _PACE * steps.mean()) if inside.any() else True

@@ -43,3 +43,24 @@ def test_the_contact_is_as_smooth_as_it_is_beside_counts_at_random(effect: str) 
     likeliest = int(np.argmax(found.scored.weights))
     sd = float(np.sqrt(found.scored.covariances[likeliest][0, 0]))
     assert size == pytest.approx(float(SETTINGS[effect][1][1]), abs=4 * sd)
+
+
+def test_no_slip_is_sought_where_a_wheel_stands_however_its_counter_trembles() -> None:
+    """A slip of more than all takes a counter's noise at rest away with itself: 10 nats."""
+    rests_s = 8.0
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        (EffectSetting("extra_ticks", SETTINGS["extra_ticks"]),),
+        5,
+        reference=ReferenceNoise(),
+        duration_s=40.0,
+    )
+    assert (
+        np.ptp(log.left_ticks[log.t_s < rests_s]) < 5 < np.ptp(log.right_ticks[log.t_s < rests_s])
+    )
+    columns = MotionModel(log, ROBOT, default_prior()).columns
+    windows = [one.variant.fixed for one in columns.terms if one.variant.effect == "one_sided_slip"]
+    assert min(one["stop_s"] for one in windows) > rests_s
+    assert min(one["start_s"] for one in windows) < rests_s
