@@ -126,11 +126,14 @@ def rank(
         single = frozenset({effect})
         scored[single] = (evidence, likelihood, _log_prior_of(single, prior, log_prior))
     bent = _bent_by_a_mistake(logs)
+    driven = _of_the_drive_alone(logs) & singles.keys()
+    first_seen = max(driven, key=lambda effect: singles[effect][0], default="")
+    hides = first_seen if first_seen and singles[first_seen][0] > _WORTH_ONE else ""
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
         if _is_hidden(pair, bent):
             continue
-        exact = first in leaders and second in leaders
+        exact = (first in leaders and second in leaders) or (hides in pair and pair <= driven)
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
@@ -288,6 +291,16 @@ def _bent_by_a_mistake(logs: Sequence[Sequence[Block]]) -> tuple[Effects, Effect
     drive = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
     gross = frozenset(effect for effect in motion if effect.startswith("setup_"))
     return gross, frozenset((motion | drive) - gross)
+
+
+def _of_the_drive_alone(logs: Sequence[Sequence[Block]]) -> Effects:
+    """Return the effects that only the commands tell: of these one may hide another.
+
+    About a dead band and a long lag, taken alone, wheels do anything but what a dead band has them.
+    """
+    drive = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
+    others = {e for blocks in logs for b in blocks if b.name != "drive" for e in b.effects}
+    return frozenset(effect for effect in drive - others if not effect.startswith("setup_"))
 
 
 def _is_hidden(effects: Effects, bent: tuple[Effects, Effects]) -> bool:

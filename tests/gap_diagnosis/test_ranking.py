@@ -275,6 +275,14 @@ def test_wheels_that_turn_less_than_told_are_no_counting_error_that_the_motion_h
     assert ranked(motion, drive).best.effects == {"drive_gain", "radius_mismatch"}
 
 
+def test_of_two_effects_of_the_drive_one_may_hide_the_other() -> None:
+    """Commands spoke against a dead band alone, and so it was not looked for beside a lag."""
+    both = frozenset({"drive_gain", "drive_lag"})
+    drive = FakeBlock({"drive_gain": -4.7, "drive_lag": 1337.0}, pairs={both: 5594.0}, name="drive")
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), drive, unknown={"actuation": 1397.0})
+    assert ranking.best.effects == both
+
+
 def test_the_commands_bring_in_no_counting_error_that_the_motion_denies_beside_another() -> None:
     """Alone, counts that are lost look like too few in a turn as well."""
     both = frozenset({"missed_ticks", "ticks_per_rev"})
