@@ -25,7 +25,7 @@ from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import STARTS, Levels
 from gap_diagnosis.drive.shapes import BENT, Shapes
 from gap_diagnosis.drive.told import mends
-from gap_diagnosis.drive.unlisted import Null, unlisted
+from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
@@ -36,6 +36,8 @@ _LOOKED_AT_AGAIN: Final = 3
 _HOPELESS: Final = 50.0
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
+_TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
+"""What a drive that does as it is told is off by less than its tolerances."""
 
 
 def drive_block(
@@ -46,7 +48,11 @@ def drive_block(
     *doubted*: the signals of which a mistake of the set-up may be.
     """
     data = drive_data(recording, robot)
-    return None if data is None else DriveBlock(data, robot, doubted)
+    if data is None:
+        return None
+    block = DriveBlock(data, robot, doubted)
+    own = block.manner()
+    return block if own is None else DriveBlock(data, robot, doubted, own)
 
 
 class DriveBlock:
@@ -58,7 +64,12 @@ class DriveBlock:
 
     name = "drive"
 
-    def __init__(self, data: DriveData, robot: Robot, doubted: frozenset[str]) -> None:
+    def __init__(
+        self, data: DriveData, robot: Robot, doubted: frozenset[str], own: Manner | None = None
+    ) -> None:
+        """Prepare; *own* is the drive's manner of answering, which every hypothesis has."""
+        data = data if own is None else replace(data, manner=own.columns)
+        self._left = 0.0 if own is None else own.leaves
         self._data = data
         self._doubted = doubted
         self._robot = robot
@@ -100,6 +111,15 @@ class DriveBlock:
             self._fits[wanted] = self._fit(wanted)
         return self._fits[wanted]
 
+    def manner(self) -> Manner | None:
+        """The manner in which a drive that does as it is told answers, if it has one."""
+        listed = self.effects - set(SETUP)
+        return manner(
+            self._null,
+            self._robot,
+            lambda: max(self.fit(frozenset({one})).log_evidence for one in listed),
+        )
+
     def unexplained(self) -> Fit:
         """Return the fit of a drive that follows its commands otherwise than any effect has it.
 
@@ -109,6 +129,7 @@ class DriveBlock:
         for mistake in self.effects & set(SETUP):
             self.fit(frozenset({mistake}))
         found, likelihood = unlisted(self._null, self._robot)
+        found = self._beside_manner(found, frozenset())
         return Fit((), max(found, self._nameless), max(likelihood, self._nameless))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
@@ -135,7 +156,7 @@ class DriveBlock:
             estimates |= _choices(effects, [one.variant for one in settings], weights)
         found = Fit(
             effects=tuple(sorted(effects)),
-            log_evidence=total + others - self._null.evidence,
+            log_evidence=self._beside_manner(total + others - self._null.evidence, effects),
             log_likelihood=max(free - self._null.likelihood, 0.0),
             parameters=estimates,
             pareto_k=grid.pareto_k,
@@ -146,6 +167,15 @@ class DriveBlock:
             self._nameless = max(self._nameless, found.log_evidence)
             return replace(found, log_evidence=_IMPOSSIBLE, log_likelihood=0.0)
         return found
+
+    def _beside_manner(self, gained: float, effects: frozenset[str]) -> float:
+        """Return what speaks for effects beside the drive's manner.
+
+        That is not exact, and has what a gain, a lag or a delay could say: within tolerance.
+        """
+        if self._data.manner is None or gained <= 0.0:
+            return gained
+        return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
 
     def _log_silent(self, effects: frozenset[str]) -> float:
         shapes = Shapes(self._data, self._robot)

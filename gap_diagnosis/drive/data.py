@@ -57,6 +57,8 @@ class DriveData:
         delay_sd_s: how far off any delay is between a command's row and a wheel's: by the offset
             between a command's reception by log and by drive, and where rows of a table were put
             together, or wheels say mean speeds, by a part of a row.
+        manner: float64[c, 2, m], what a drive that does as it is told adds in its own manner; every
+            hypothesis has it.
     """
 
     dt_s: float
@@ -74,6 +76,7 @@ class DriveData:
     time_s: Floats
     tick_rad: float
     delay_sd_s: float
+    manner: Floats | None = None
 
     def told(self, commanded: Floats) -> DriveData:
         """Return the data as they would be had the drive been told these wheel rates."""

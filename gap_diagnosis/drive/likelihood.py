@@ -27,6 +27,9 @@ _FREE_SD: Final = 0.3
 _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
 """Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
 
+_MANNER_SD: Final = 1.0
+"""Weight of an answer that no described drive has, beside the described one."""
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -89,6 +92,9 @@ def setting_of(variant: Variant, robot: Robot, effects: frozenset[str]) -> Setti
     nuisances = np.zeros((0, *nominal.shape))
     if columns:
         nuisances = np.stack(columns)
+    if variant.data.manner is not None:
+        nuisances = np.concatenate((nuisances, variant.data.manner))
+        sds += [_MANNER_SD] * len(variant.data.manner)
     return Setting(
         variant,
         shapes,

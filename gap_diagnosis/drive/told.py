@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.shapes import Shapes
 from hil_harness.robot import Robot
@@ -26,6 +27,21 @@ def off(data: DriveData, robot: Robot) -> float:
     told, gone, seen = _ways(data, robot)
     wrong, told = (gone - told)[seen], told[seen]
     return math.sqrt(float(np.mean(wrong**2)) / max(float(np.mean(told**2)), 1e-12))
+
+
+def is_as_described(data: DriveData, robot: Robot) -> bool:
+    """Tell whether wheels go no more wrong than they do where gain, lag and delay are at the ends
+    of their tolerances.
+
+    How they answer within that, as a loop with an integral does, is a manner and no news.
+    """
+    told, gone, seen = _ways(data, robot)
+    rate = data.commanded[:, data.start[:-1]]
+    apart = rate.shape[1] - told.shape[1]
+    changed = rate[:, apart:] - rate[:, :-apart]
+    late_s = math.hypot(prior.LAG_S.tolerance, data.delay_sd_s)
+    may_be = (prior.GAIN.tolerance * told) ** 2 + (late_s * changed) ** 2
+    return bool(np.mean((gone - told)[seen] ** 2) < np.mean(may_be[seen]))
 
 
 def mends(data: DriveData, robot: Robot) -> bool:

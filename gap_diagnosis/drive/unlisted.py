@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -22,7 +22,7 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.drive.shapes import WAVE, Shapes
-from gap_diagnosis.drive.told import off
+from gap_diagnosis.drive.told import is_as_described, off
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -34,6 +34,11 @@ _AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 _STANDS: Final = -0.5
 """Of its rate a drive that does as it is told gives way by less, however slow that is: one that
 gives way by more stands."""
+
+_A_MANNER: Final = 5.0
+"""What gains less [nat] needs no manner."""
+_LEFT: Final = 0.04
+"""Share of what a manner gains that it may leave over: a fifth of its amplitude."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,24 @@ class Foreign:
     sizes: Floats
 
 
+@dataclass(frozen=True)
+class Manner:
+    """How a drive that does as it is told answers otherwise than a first-order lag.
+
+    Attributes:
+        columns: float64[c, 2, m], what that may add to the angles.
+        gained: log evidence of it.
+    """
+
+    columns: Floats
+    gained: float
+
+    @property
+    def leaves(self) -> float:
+        """What of it, not being exact, it may leave to what is sought beside it [nat]."""
+        return _LEFT * self.gained
+
+
 def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
     """Return logarithms of evidence and best likelihood of a drive without a name, less those of
     no effect.
@@ -98,6 +121,22 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
     return total, max(one.likelihood for one in found)
 
 
+def manner(null: Null, robot: Robot, listed: Callable[[], float]) -> Manner | None:
+    """Return the drive's own manner of answering, if it has one that is likelier than any listed
+    effect, whose best log evidence *listed* returns.
+
+    No first-order lag is what a motor, its loop and its load do together. Where that moves the
+    wheels by no more than a description may be off, it is none of the drive's faults.
+    """
+    if not is_as_described(null.data, robot):
+        return None
+    columns = np.concatenate(Shapes(null.data, robot).foreign()[:2])
+    if 0.5 * _explained(null, [columns])[0] < _A_MANNER:
+        return None
+    gained = _foreign(null, robot, columns).evidence
+    return Manner(columns, gained) if gained > max(listed(), _A_MANNER) else None
+
+
 def _foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
     """Return what columns of unknown size explain."""
     variant = Variant(null.data, columns, (prior.FOREIGN,) * len(columns))
@@ -115,15 +154,21 @@ def _foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
 
 def _poles(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign:
     """Return what the likeliest number of poles explains, as if any were as likely."""
-    stacked = np.concatenate((null.setting.columns({})[:1], *waves))
-    white, _ = whitened(null.data, stacked, Levels.of(null.levels, null.data.tick_rad))
-    columns = white[1:].reshape(len(waves), -1, white.shape[1])
-    gains = []
-    for one in columns:
-        pull = one @ white[0]
-        gains.append(float(pull @ np.linalg.lstsq(one @ one.T, pull)[0]))
+    gains = _explained(null, waves)
     best = _foreign(null, robot, waves[int(np.argmax(gains))])
     return replace(best, evidence=best.evidence - math.log(len(waves)))
+
+
+def _explained(null: Null, ways: Sequence[Floats]) -> list[float]:
+    """Return by how much each way's columns, of whatever size, lessen the residual's square."""
+    stacked = np.concatenate((null.setting.columns({})[:1], *ways))
+    white, _ = whitened(null.data, stacked, Levels.of(null.levels, null.data.tick_rad))
+    gains, first = [], 1
+    for way in ways:
+        one, first = white[first : first + len(way)], first + len(way)
+        pull = one @ white[0]
+        gains.append(float(pull @ np.linalg.lstsq(one @ one.T, pull)[0]))
+    return gains
 
 
 def _giving_way(logs: Floats) -> Floats:

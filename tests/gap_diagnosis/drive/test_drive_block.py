@@ -1,6 +1,5 @@
 """The drive's block names what bends the way from command to wheel, and else nothing."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -106,13 +105,19 @@ def test_a_load_of_five_per_cent_is_noise_and_no_effect(seed: int) -> None:
     assert block.levels.spread == pytest.approx(0.05, rel=0.5)
 
 
-@pytest.mark.parametrize("drive", [second_order, velocity_loop])
-def test_a_foreign_motor_is_better_left_unexplained_than_named(
-    drive: Callable[[int], Recording],
-) -> None:
-    block = block_of(drive(1))
+def test_a_foreign_motor_is_better_left_unexplained_than_named() -> None:
+    block = block_of(velocity_loop(1))
     named = max(evidence(block, one) for one in block.effects)
     assert block.unexplained().log_evidence > named + 50
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_manner_of_a_motor_that_is_as_late_as_described_is_no_news(seed: int) -> None:
+    """Two lags of half the size move the wheels by less than a tolerated lag does, and were
+    hundreds of nats: every healthy robot of another engine was an unlisted cause."""
+    block = block_of(second_order(seed))
+    assert max(evidence(block, one) for one in block.effects) < 1
+    assert block.unexplained().log_evidence < 1
 
 
 def test_a_described_drive_leaves_nothing_unexplained() -> None:
