@@ -8,7 +8,7 @@ they used, so that their rows move with it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -28,6 +28,7 @@ Validity = NDArray[np.int8]
 
 _CLEARLY: Final = 10.0
 _EARLIEST: Final = 10
+_TRIED: Final = 24
 _NOT_LATE_US: Final = 2
 """Stamps are whole microseconds, and so is the line through them."""
 
@@ -47,16 +48,35 @@ class Arrived:
     repeats: Ints
 
 
-def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Arrived | None:
-    """Return the inputs as the ECU had them; None where no frame was late, or nobody can tell."""
-    wheels = wire.signal_map.get("left_count")
-    gyro = wire.signal_map.get("gyro")
+def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Iterator[Arrived]:
+    """Yield the inputs as the ECU had them; nothing where no frame was late, or nobody can tell.
+
+    First as the stamps say. What all frames are late by alike, they do not: a poll may take them
+    all half a millisecond later, and then some in the next tick. So then as they would have come
+    later by so much that a few more of them miss their tick.
+    """
     specs = _sensors(inputs, recording, wire)
-    if wheels is None or not specs:
-        return None
+    if not specs:
+        return
     late = _delays_us(recording, list(specs))
     if max(float(one.max()) for one in late.values()) <= _NOT_LATE_US:
-        return None
+        return
+    for more_us in (0.0, *_more_us(np.concatenate(list(late.values())), wire.tick_period_us)):
+        by = {name: np.rint(delay_us + more_us) for name, delay_us in late.items()}
+        yield _as_late(by, inputs, recording, wire)
+
+
+def _more_us(delay_us: Floats, tick_us: int) -> Floats:
+    """Return delays at which one frame after the other, or several that are late alike, comes into
+    the next tick."""
+    to_next_us = np.unique(tick_us - np.mod(delay_us, tick_us))[: _TRIED + 1]
+    return np.asarray(0.5 * (to_next_us[:-1] + to_next_us[1:]))
+
+
+def _as_late(
+    late: Mapping[str, Floats], inputs: ReplayInputs, recording: Recording, wire: Wire
+) -> Arrived:
+    wheels, gyro = wire.signal_map["left_count"], wire.signal_map.get("gyro")
     arrivals = {
         name: _arrivals(name, delay_us, recording, wire, inputs.ticks)
         for name, delay_us in late.items()

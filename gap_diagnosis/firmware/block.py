@@ -148,10 +148,11 @@ def firmware_block(
     if plain.is_equal(plain.described):
         return FirmwareBlock(plain, without)
     others = []
-    arrived = as_arrived(inputs, recording, wire)
-    if arrived is not None:
+    for arrived in as_arrived(inputs, recording, wire):
         known = bench(arrived.inputs, arrived.places, 0)
         others.append(replace(known, repeats=arrived.repeats, knows_arrivals=True))
+        if known.is_equal(known.described):
+            break
     others += [bench(inputs.with_gyro_late(late), places, lag) for late in _GYRO_LATE]
     return FirmwareBlock(_in_step(plain, others), without)
 

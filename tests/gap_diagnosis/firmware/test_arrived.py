@@ -31,6 +31,7 @@ def block_of(**effects: dict[str, Any]) -> FirmwareBlock:
         ("frame_loss", {"frame": "ENCODER", "probability": 0.1, "burst": 6}),
         ("bus_gap", {"start_s": 3, "stop_s": 3.3}),
         ("reception_stamp", {"frame": "ENCODER", "delay": 0.0005, "period": 0.0131}),
+        ("reception_stamp", {"frame": "sensors", "delay": 0.00045, "period": 0.0097}),
     ],
 )
 def test_what_the_bus_did_to_the_frames_leaves_nothing_for_the_firmware(
