@@ -58,7 +58,7 @@ def model_of(
     model = MotionModel(recording, world.described, default_prior(), without=frozenset(unused))
     columns = model.columns
     owner = {i: t.variant.effect for t in columns.terms for w in t.weights for i, _ in w}
-    free = [one for one in columns.nuisances if not exact or owner[one[0]] in TIME_MAP]
+    free = [one for one in columns.nuisances if not exact or owner.get(one[0]) in TIME_MAP]
     terms = tuple(term for term in columns.terms if term.variant.effect == own)
     model.columns = replace(columns, terms=terms, nuisances=tuple(free))
     return model

@@ -118,13 +118,17 @@ def turn_rate_with_details(motion: Motion) -> Floats:
         return smooth
     step_s = float(np.median(motion.dt_s[1:]))
     # Smoothed once by more, the more noise there is, and then once by the usual.
-    width = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S)) / step_s
+    width_s = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S))
+    per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
+    noise = counting_slope(width_s / step_s) * (per_count / step_s) ** 2
+    return with_details(smooth, width_s / step_s, noise, step_s)
+
+
+def with_details(smooth: Floats, width: float, noise: float, step_s: float) -> Floats:
+    """Return what a Gaussian of *width* ticks has smoothed, with as much of what that rounded off
+    as is no *noise* (the variance that it left)."""
     once, twice = rounded_off(smooth, width)
     detail = once + twice
-    # Of the slope of readings with independent errors, smoothed by a Gaussian so wide in ticks.
-    slope = min(2.0, 1.0 / (4.0 * np.sqrt(np.pi) * width**3))
-    per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
-    noise = slope * (_COUNT_SD * per_count / step_s) ** 2
     power, first, second = (
         gaussian_filter1d(one**2, _AROUND_S / step_s, mode="nearest")
         for one in (detail, once, twice)
@@ -133,6 +137,17 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     # A series whose terms grow tells nothing: there the smooth rate has an edge of its own making.
     is_smooth = second < _GROWING**2 * first
     return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
+
+
+def counting_slope(width: float) -> float:
+    """Return the variance [counts² per tick²] of the slope of a counter's readings, whose errors
+    are independent, smoothed by a Gaussian of *width* ticks."""
+    return _COUNT_SD**2 * min(2.0, 1.0 / (4.0 * math.sqrt(math.pi) * width**3))
+
+
+def counting_bend(width: float) -> float:
+    """Return the same of their second differences [counts² per tick⁴]."""
+    return _COUNT_SD**2 * min(6.0, 3.0 / (8.0 * math.sqrt(math.pi) * width**5))
 
 
 def rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:

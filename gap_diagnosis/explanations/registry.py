@@ -86,7 +86,14 @@ _ALL: Final = (
     _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
     _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
-    _plain("longitudinal_slip", "wheel", wheel.longitudinal_slip, "compliance", positive=True),
+    _plain(
+        "longitudinal_slip",
+        "wheel",
+        wheel.longitudinal_slip,
+        "compliance",
+        positive=True,
+        exact=wheel.exact_longitudinal_slip,
+    ),
     Explanation("one_sided_slip", 1, choices.one_sided_slip),
     _plain(
         "lateral_slip",

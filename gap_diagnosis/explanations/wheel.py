@@ -1,9 +1,22 @@
 """Stage wheel: from the wheels' turns to steps over ground."""
 
+import math
+from typing import Final
+
 import numpy as np
 
-from gap_diagnosis.explanations.reference import turn_rate_with_details
-from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.explanations.reference import (
+    USUAL_S,
+    counting_bend,
+    counting_slope,
+    turn_rate_with_details,
+    with_details,
+)
+from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.recording import Floats
+
+_SURELY: Final = 3.0
+"""Standard deviations."""
 
 
 def radius_scale(p: Prediction, *, scale: float) -> None:
@@ -38,17 +51,49 @@ def wheelbase_scale(p: Prediction, *, scale: float) -> None:
 
 def turn_scrub(p: Prediction, *, scrub: float) -> None:
     """Widen the effective wheelbase the more, the tighter the turn."""
-    across = np.abs(p.motion.right_rate_rad_s - p.motion.left_rate_rad_s)
-    along = np.abs(p.motion.right_rate_rad_s + p.motion.left_rate_rad_s)
+    across = _size(p.motion, p.motion.right_rate_rad_s - p.motion.left_rate_rad_s)
+    along = _size(p.motion, p.motion.right_rate_rad_s + p.motion.left_rate_rad_s)
     spin = across / np.maximum(across + along, 1e-9)
     p.wheelbase_m = p.wheelbase_m * (1 + scrub * spin)
+
+
+def _size(motion: Motion, rate_rad_s: Floats) -> Floats:
+    """Return the size of a sum of two wheels' rates, float64[n]; none within the noise of counting.
+
+    The mean size of noise is not zero: a robot that turned on the spot would seem to go along by a
+    thousandth, and its scrub be told short by as much.
+    """
+    tick_s = float(np.median(motion.dt_s[1:]))
+    noise = np.sqrt(2.0 * counting_slope(USUAL_S / tick_s)) * motion.rounding_rad / tick_s
+    size = np.abs(rate_rad_s)
+    return np.where(size > _SURELY * noise, size, 0.0)
 
 
 def longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     """Let the wheels over-read when speeding up: c * a_wheel * sign(v_wheel)."""
     m = p.motion
-    left = m.radius_m * m.left_acceleration_rad_s2 * np.sign(m.left_rate_rad_s)
-    right = m.radius_m * m.right_acceleration_rad_s2 * np.sign(m.right_rate_rad_s)
+    _lag_behind(p, compliance, m.left_acceleration_rad_s2, m.right_acceleration_rad_s2)
+
+
+def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
+    """Let the wheels over-read when speeding up as sharply as they do."""
+    m = p.motion
+    tick_s = float(np.median(m.dt_s[1:]))
+    width = math.sqrt(2.0) * USUAL_S / tick_s  # rate and acceleration were smoothed, each once
+    noise = counting_bend(width) * (m.rounding_rad / tick_s**2) ** 2
+    left, right = (
+        with_details(one, width, noise, tick_s)
+        for one in (m.left_acceleration_rad_s2, m.right_acceleration_rad_s2)
+    )
+    _lag_behind(p, compliance, left, right)
+
+
+def _lag_behind(
+    p: Prediction, compliance: float, left_rad_s2: Floats, right_rad_s2: Floats
+) -> None:
+    m = p.motion
+    left = m.radius_m * left_rad_s2 * np.sign(m.left_rate_rad_s)
+    right = m.radius_m * right_rad_s2 * np.sign(m.right_rate_rad_s)
     p.left_m = p.left_m * (1 - compliance * left)
     p.right_m = p.right_m * (1 - compliance * right)
 

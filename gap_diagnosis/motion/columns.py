@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -75,11 +75,13 @@ class Columns:
         terms: every variant of every effect.
         nuisances: for each coefficient that is always free within its tolerance: base column and
             standard deviation.
+        little: how those act, by base column: variant and which of its coefficients.
     """
 
     values: Floats
     terms: tuple[Term, ...]
     nuisances: tuple[tuple[int, float], ...]
+    little: Mapping[int, tuple[Variant, int]] = field(default_factory=dict)
 
 
 def build_columns(
@@ -106,6 +108,7 @@ def build_columns(
     nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
+    little: dict[int, tuple[Variant, int]] = {}
     own = {name: explanation_of(effect) for name, effect in library.items()}
     known = {**EXPLAINED, **{name: one for name, one in own.items() if one is not None}}
     for effect, explanation in known.items():
@@ -162,6 +165,8 @@ def build_columns(
                         base.append(near)
                         weight.append((len(base) - 2, 0.0))  # this effect's too: never beside it
                     nuisances.append((len(base) - 2, 0.5 * limit))
+                    acts = variant.act if variant.little is None else variant.little
+                    little[len(base) - 2] = replace(variant, act=acts, exact=None), index
                 weights.append(tuple(weight))
             if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
@@ -172,9 +177,10 @@ def build_columns(
         change = _change(nodes, _LATE_COUNTS, [_DELAY_S], nominal, to_both=True)
         base.append(change / _DELAY_S)
         nuisances.append((len(base) - 2, 0.5 * speed_cycle_s))
+        little[len(base) - 2] = _LATE_COUNTS, 0
         delays.add(len(base) - 2)
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances))
+    return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances), little)
 
 
 def _late_alone(terms: Sequence[Term], delays: Set[int]) -> Iterable[Term]:
@@ -240,7 +246,7 @@ def with_variant(
         weights.append(((count + index, 1.0), *little))
     term = Term(variant, tuple(weights), like.tolerances)
     values = np.ascontiguousarray(np.concatenate([columns.values, np.stack(base, axis=-1)], -1))
-    return term, Columns(values, (*columns.terms, term), columns.nuisances)
+    return term, replace(columns, values=values, terms=(*columns.terms, term))
 
 
 def _reach_m(nodes: Nodes) -> float:
@@ -256,6 +262,7 @@ _SKEW: Final = "reference_clock_skew"
 _LATENCY: Final = "frame_latency"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
+MOVES_IN_TIME: Final = _DELAYS | {_SKEW}
 """Late counts are an early reference: along chords to either side, or of other lengths, the two
 would leave the way's bends between them, and in these stands the rows' own noise."""
 _DELAY_S: Final = 0.02

@@ -14,7 +14,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
-from gap_diagnosis.explanations.reference import SHARP_S, USUAL_S
+from gap_diagnosis.explanations.reference import (
+    SHARP_S,
+    USUAL_S,
+    counting_slope,
+    with_details,
+)
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.standing import standing
@@ -313,6 +318,25 @@ def smoothed(motion: Motion) -> Motion:
         left_angle_rad=np.cumsum(left),
         right_angle_rad=np.cumsum(right),
     )
+
+
+def sharpened(smooth: Motion) -> Motion:
+    """Return smoothed wheel turns with as much of what smoothing rounded off as is no counting
+    error: what large effects make of them is compared with counts that begin a turn more sharply.
+    """
+    if smooth.rounding_rad == _FINE_RAD:
+        return smooth
+    tick_s = float(np.median(smooth.dt_s[1:]))
+    left, right = smooth.left_step_rad, smooth.right_step_rad
+    width = USUAL_S / tick_s
+    # Of the sum of two counters.
+    noise = 2.0 * counting_slope(width) * smooth.rounding_rad**2
+    ahead, turning = (
+        with_details(steps, width, noise, tick_s) for steps in (right + left, right - left)
+    )
+    left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
+    left[0] = right[0] = 0.0
+    return replace(smooth, left_step_rad=left, right_step_rad=right)
 
 
 def _filled(values: Floats, t_s: Floats) -> Floats:

@@ -13,8 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.motion.columns import Columns, Term, build_columns, with_variant
+from gap_diagnosis.explanations.variant import Setting, Variant
+from gap_diagnosis.motion.columns import (
+    MOVES_IN_TIME,
+    Columns,
+    Term,
+    build_columns,
+    with_variant,
+)
 from gap_diagnosis.motion.estimate import estimate_motion, silences, unsure_where_frozen
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
@@ -295,9 +301,7 @@ class MotionModel:
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
-        settings = [(t.variant.in_detail, c) for t, c in zip(terms, coefficients, strict=True)]
-        smooth = self.nodes.smooth
-        change = residuals(self.nodes, predict(smooth, settings)) - self._smooth_nominal
+        change = self._exact_change(terms, coefficients)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [self.columns.values[..., 0] + change]
@@ -325,9 +329,33 @@ class MotionModel:
                 course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course
 
+    def _free_about(self, index: int, settings: Sequence[Setting], there: Floats) -> Floats:
+        """Return what a unit of a constant within its tolerance changes beside these effects.
+
+        Where the reference speaks of another time, how late it may be is told by the way there.
+        """
+        known = self.columns.little.get(index)
+        moved = any(variant.effect in MOVES_IN_TIME for variant, _ in settings)
+        if known is None or not moved or known[0].effect not in MOVES_IN_TIME:
+            return np.asarray(self.columns.values[..., index + 1])
+        variant, place = known
+        sizes = [0.0] * len(variant.coefficients)
+        sizes[place] = dict(self.columns.nuisances)[index]
+        beside = residuals(self.nodes, predict(self.nodes.smooth, [*settings, (variant, sizes)]))
+        return (there - beside) / sizes[place]
+
+    def _exact_change(
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
+    ) -> Floats | float:
+        """Return what effects change of the residuals, in every detail, float64[4, m]."""
+        if not terms:
+            return 0.0
+        settings = [(t.variant.in_detail, c) for t, c in zip(terms, coefficients, strict=True)]
+        return residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
+
     @cached_property
-    def _smooth_nominal(self) -> Floats:
-        return residuals(self.nodes, predict(self.nodes.smooth))
+    def _sharp_nominal(self) -> Floats:
+        return residuals(self.nodes, predict(self.nodes.sharp))
 
     def _better_levels(
         self,
@@ -360,14 +388,11 @@ class MotionModel:
         """
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
-        there = exact = residuals(self.nodes, predict(smooth, settings))
-        if any(t.variant.exact is not None for t in terms):
-            detailed = [(variant.in_detail, c) for variant, c in settings]
-            exact = residuals(self.nodes, predict(smooth, detailed))
-        here = self.columns.values[..., 0] + exact - self._smooth_nominal
+        there = residuals(self.nodes, predict(smooth, settings))
+        here = self.columns.values[..., 0] + self._exact_change(terms, coefficients)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        columns = [here, *(self.columns.values[..., i + 1] for i, _ in free)]
+        columns = [here, *(self._free_about(i, settings, there) for i, _ in free)]
         data = here.copy()
         tangent: list[Term] = []
         for place, term in enumerate(terms):

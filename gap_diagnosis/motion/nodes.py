@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from gap_diagnosis.motion.estimate import dead_reckoned, smoothed
+from gap_diagnosis.motion.estimate import dead_reckoned, sharpened, smoothed
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Reference
 
@@ -87,6 +87,11 @@ class Nodes:
         known = (motion.x_m, motion.y_m, motion.heading_rad)
         moved = self._way(np.clip(true_t_s, *motion.t_s[[0, -1]])) - self._way_at_ticks
         return tuple(path[tick] + change for path, change in zip(known, moved, strict=True))
+
+    @cached_property
+    def sharp(self) -> Motion:
+        """The smooth motion with those details of the wheels' turns that are no counting errors."""
+        return sharpened(self.smooth)
 
     @cached_property
     def _way(self) -> CubicSpline:

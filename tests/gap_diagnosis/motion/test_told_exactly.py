@@ -13,6 +13,7 @@ from gap_diagnosis.explanations.reference import rounded_off, turn_rate_with_det
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.columns import MOVES_IN_TIME
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
@@ -134,6 +135,9 @@ LARGE: dict[str, dict[str, Value]] = {
     "gyro_temperature_scale": {"slope": 0.01},
     "supply_ratio": {"coefficient": 2.0},
     "lateral_slip": {"compliance": 0.2},
+    "turn_scrub": {"scrub": 0.3},
+    "longitudinal_slip": {"compliance": 0.08},
+    "reference_yaw": {"angle": -0.1},
 }
 AROUND = (
     EffectSetting("warm_up", (("offset", -5.0), ("rise", 20.0), ("time_constant", 20.0))),
@@ -142,12 +146,11 @@ AROUND = (
 
 
 @pytest.mark.parametrize("effect", LARGE)
-def test_a_large_effect_on_the_turn_rate_is_fitted_within_half_a_standard_deviation(
-    effect: str,
-) -> None:
+def test_a_large_effect_is_fitted_within_half_a_standard_deviation(effect: str) -> None:
     """There is no noise: what is left is how far the explanation is from the simulator.
 
-    Of a smooth rate, 1.7 to 10 standard deviations were left at these sizes.
+    Of a smooth rate, 1.7 to 10 standard deviations were left at these sizes, and about a heading
+    that held the yaw 3.
     """
     around = AROUND if effect in ("gyro_temperature_scale", "supply_ratio") else ()
     setting = EffectSetting(effect, tuple(LARGE[effect].items()))
@@ -160,6 +163,36 @@ def test_a_large_effect_on_the_turn_rate_is_fitted_within_half_a_standard_deviat
     levels = LEVELS.copy()
     levels[:2] = 1e-4
     model.columns = replace(model.columns, nuisances=())
+    fit = model.refit([term], levels, free_levels=False, start=[(size,)])
+    likeliest = int(np.argmax(fit.scored.weights))
+    sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
+    assert abs(fit.coefficients[0][0] - size) < 0.5 * sd
+
+
+@pytest.mark.parametrize("effect", ["reference_time_offset", "reference_clock_skew"])
+def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_both_are_off(
+    effect: str,
+) -> None:
+    """Each is free beside the other, along the way at the time that the reference speaks of: along
+    that at its stamps 0.7 ms of 300 were told of the other (10 standard deviations)."""
+    offset_s, skew = (0.3, 2e-5) if effect == "reference_time_offset" else (1e-3, 1e-3)
+    settings = [
+        EffectSetting("reference_time_offset", (("offset", offset_s),)),
+        EffectSetting("reference_clock_skew", (("skew", skew),)),
+    ]
+    log = synthetic_recording(without_noise(ROBOT), WIRE, DRIVE, settings, 3, reference=EXACT)
+    model = MotionModel(log, ROBOT, default_prior())
+    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    free = tuple(
+        (index, sd)
+        for index, sd in model.columns.nuisances
+        if model.columns.little[index][0].effect in MOVES_IN_TIME
+    )
+    assert len(free) == 2
+    model.columns = replace(model.columns, nuisances=free)
+    levels = LEVELS.copy()
+    levels[:2] = 1e-4
+    size = offset_s if effect == "reference_time_offset" else skew
     fit = model.refit([term], levels, free_levels=False, start=[(size,)])
     likeliest = int(np.argmax(fit.scored.weights))
     sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
