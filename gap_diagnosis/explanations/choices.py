@@ -224,9 +224,9 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
     """Return the stretches in which an encoder may count nothing: side, first and last row, how far
     its wheel turned meanwhile, as the gyro tells it [rad], and the row by which it had surely died.
 
-    Only while the other side's counts. One to the log's end will do: where only the counts tell,
-    the wheel may as well stand. Of one that counts again the gyro must say that its wheel turned
-    meanwhile, by a fifth of what the other one did: a robot that turns about a wheel was not dead.
+    Only while the other side's counts, and where the gyro says that its wheel turned meanwhile, by
+    a fifth of what the other one did: a robot that turns about a wheel was not dead. Where only the
+    counts tell, one that stands to the log's end will do.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
     tick_s = float(np.median(motion.dt_s[1:]))
@@ -242,9 +242,10 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
             rolled_rad = np.abs(other[inside]).sum()
             unseen_rad = np.cumsum(other[inside] + sign * turned_rad[inside])
             missed_rad = float(np.ptp(unseen_rad))
-            to_the_end = last == len(step) - 1
-            told = motion.gyro_turn_rad is not None and missed_rad > _DEAD_SHARE * rolled_rad
-            if rolled_rad > _DEAD_TICKS * motion.rad_per_count and (to_the_end or told):
+            told = missed_rad > _DEAD_SHARE * rolled_rad
+            if motion.gyro_turn_rad is None:
+                told = last == len(step) - 1
+            if rolled_rad > _DEAD_TICKS * motion.rad_per_count and told:
                 # Two counts are rounded off, and the gyro's angle is a random walk.
                 walk_rad = noise_rad * np.sqrt(np.arange(1, len(unseen_rad) + 1))
                 least_rad = 2.0 * motion.rad_per_count + _SURELY_SD * walk_rad
