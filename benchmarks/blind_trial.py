@@ -21,7 +21,7 @@ from chiplog.pages.trial import common_cases, figure_rows, trial_page
 from chiplog.pages.trial_words import FIGURES, MISSED, NOT_MEASURED, UNPROVED, figure
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
-from gap_diagnosis.trials.opening import Opened, methods_run, open_methods
+from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, open_trial
 from gap_diagnosis.trials.plan import Counts
 from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
@@ -53,9 +53,11 @@ def told(step: str) -> Any:
     return lambda done, total: print(f"\r{step}: {done} of {total}", end="", flush=True)
 
 
-def markdown(opened: Mapping[str, Opened], commits: Mapping[str, str], made: str) -> str:
+def markdown(
+    opened: Mapping[str, Opened], commits: Mapping[str, str], made: str, again: Opened | None
+) -> str:
     """Return the measured page."""
-    own = scores(opened[OWN_METHOD])
+    own = scores(opened[OWN_METHOD], again)
     parts = own["parts"]
     rows = figure_rows(parts["all"], parts)
     judged = [row for row in rows if row[3]]
@@ -93,7 +95,10 @@ def markdown(opened: Mapping[str, Opened], commits: Mapping[str, str], made: str
     lines += table(["figure", "measured (95 %), cases", "must be", ""], rows)
     if missed:
         lines += ["", f"**Missed: {'; '.join(missed)}.**"]
-    lines += ["", f"**Not measured: {'; '.join(NOT_MEASURED)}.**", "", "## By stratum", ""]
+    blank = [row[0] for row in rows if row[1] == NOT_MEASURED]
+    if blank:
+        lines += ["", f"**Not measured: {'; '.join(blank)}.**"]
+    lines += ["", "## By stratum", ""]
     strata = [name for name in ("prior", "limit", "field") if name in parts]
     lines += table(
         ["figure", *strata],
@@ -149,14 +154,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--page", type=Path)
     parser.add_argument("--at", action="append", default=[], metavar="METHOD=COMMIT")
+    parser.add_argument(
+        "--again", type=Path, metavar="DIR", help="results of `chiplog blind again`, run"
+    )
     parser.add_argument("--made", default="chiplog blind make --out DIR", help="how DIR was made")
     chosen = parser.parse_args()
     if chosen.cases is not None:
         run(chosen.folder, chosen.cases, chosen.jobs)
     if chosen.page is not None:
         opened = open_methods(chosen.folder, key_of(chosen.folder), methods_run(chosen.folder))
+        again = None if chosen.again is None else open_trial(chosen.again, key_of(chosen.again))
         commits = dict(one.split("=", 1) for one in chosen.at)
-        chosen.page.write_text(markdown(opened, commits, chosen.made), encoding="utf-8")
+        chosen.page.write_text(markdown(opened, commits, chosen.made, again), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -142,11 +142,43 @@ def run(
     show_line(f"{ran.results}: {ran.done} cases diagnosed, {ran.before} were there before")
 
 
+@app.command("again", short_help="Drive ambiguous cases again: what is recommended is worth.")
+def again(
+    folder: FolderArgument,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of that trial.")],
+    key: KeyOption = None,
+) -> None:
+    """Make a trial of every case for which a diagnosis recommended a manoeuvre, with one log more.
+
+    Each comes twice, in any order: the same robot drives what is recommended, and any other
+    manoeuvre of the menu. `run` and `score` take the new folder as any other.
+    """
+    from chiplog.terminal import progress, show_line
+    from gap_diagnosis.trials.again import make_again
+    from gap_diagnosis.trials.seal import key_of
+    from gap_diagnosis.trials.secret import fresh_secret
+
+    with progress("driving again") as bar:
+        count = make_again(
+            folder,
+            key or key_of(folder),
+            out,
+            key_of(out),
+            fresh_secret(),
+            bar or (lambda done, total: None),
+        )
+    show_line(f"{out}: {count} cases with a second log; answers sealed, key: {key_of(out)}")
+
+
 @app.command("score", short_help="Check the seal, open it, and score what was diagnosed.")
 def score(
     folder: FolderArgument,
     key: KeyOption = None,
     method: MethodOption = None,
+    again_folder: Annotated[
+        Path | None,
+        typer.Option("--again", metavar="DIR", help="What was recommended, driven and diagnosed."),
+    ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all scores; - prints them.")
     ] = None,
@@ -159,7 +191,7 @@ def score(
 ) -> None:
     """Check that the answers are those committed to, open them, and score every result."""
     from chiplog.terminal import progress
-    from gap_diagnosis.trials.opening import methods_run, open_methods
+    from gap_diagnosis.trials.opening import methods_run, open_methods, open_trial
     from gap_diagnosis.trials.run import results_of
     from gap_diagnosis.trials.score import scores
     from gap_diagnosis.trials.seal import key_of
@@ -170,19 +202,22 @@ def score(
         opened = open_methods(
             folder, key or key_of(folder), [own, *beside], bar or (lambda done, total: None)
         )
-    found = scores(opened[own])
+    driven = None if again_folder is None else open_trial(again_folder, key_of(again_folder))
+    found = scores(opened[own], driven)
     if json_file is not None:
         write_json(json_file, found)
     if html_file is not None:
-        _write_page(html_file, folder, own, opened)
+        _write_page(html_file, folder, own, opened, driven)
     if json_file != STANDARD_OUTPUT:
         _show(found)
 
 
-def _write_page(file: Path, folder: Path, own: str, opened: Mapping[str, Opened]) -> None:
+def _write_page(
+    file: Path, folder: Path, own: str, opened: Mapping[str, Opened], again: Opened | None
+) -> None:
     from chiplog.pages.trial import trial_page
 
-    file.write_text(trial_page(folder.resolve().name, own, opened), encoding="utf-8")
+    file.write_text(trial_page(folder.resolve().name, own, opened, again), encoding="utf-8")
 
 
 def _show(found: dict[str, Any]) -> None:

@@ -36,12 +36,15 @@ EFFECT_HEAD: Final = (
 )  # fmt: skip
 
 
-def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
+def trial_page(
+    name: str, own: str, opened: Mapping[str, Opened], again: Opened | None = None
+) -> str:
     """Return the self-contained page of a trial: *own* is the method, the others stand beside it.
 
-    Rivals are compared on the cases that every method has a result for.
+    Rivals are compared on the cases that every method has a result for. *again*: the trial of its
+    ambiguous cases with one log more.
     """
-    found = scores(opened[own])
+    found = scores(opened[own], again)
     parts = found["parts"]
     common = common_cases(opened)
     beside = {method: scores(one)["parts"]["all"] for method, one in common.items()}
@@ -63,7 +66,7 @@ def trial_page(name: str, own: str, opened: Mapping[str, Opened]) -> str:
             "missed": missed,
             "figure_head": FIGURE_HEAD,
             "figure_rows": rows,
-            "not_measured": NOT_MEASURED,
+            "not_measured": [row[0] for row in rows if row[1] == NOT_MEASURED],
             "parts_head": ("figure", *parts),
             "parts_rows": [
                 [one.label, *(figure(part, one) for part in parts.values())] for one in FIGURES

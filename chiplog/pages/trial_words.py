@@ -67,9 +67,12 @@ FIGURES: Final = (
     Figure("error_over_bound", "parameter error over the Cramér-Rao bound"),
     Figure("window_overlap", "true and reported window, intersection over union"),
     Figure("gap_closed", "held-out gap closed over what noise leaves to close", "least", 0.95),
+    Figure("recommended", "probability of the truth after the recommended manoeuvre"),
+    Figure("random", "probability of the truth after another manoeuvre"),
+    Figure("more", "by how much the recommended one tells more"),
     Figure("seconds", "seconds a case"),
 )
-NOT_MEASURED: Final = ("value of the recommended manoeuvre against a random one",)
+NOT_MEASURED: Final = "–"
 _FALSE_ALARMS: Final = {"new drive": 0.02, "new noise": 0.02, "new robot": 0.02, OTHER: 0.05}
 """More of them are allowed on what is new, and in another engine's physics."""
 
@@ -99,7 +102,8 @@ def value_of(
         return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
     if key == "gap_closed":
         return part["gap_closed"], None, part["cases"]
-    one = part["coverage"][key] if key in part["coverage"] else part[key]
+    group = next((name for name in ("coverage", "again") if key in part[name]), None)
+    one = part[key] if group is None else part[group][key]
     interval = None if one["low"] is None else (one["low"], one["high"])
     return one["value"], interval, one["count"]
 
@@ -108,7 +112,7 @@ def figure(part: Mapping[str, Any], one: Figure) -> str:
     """Return a figure as text: value, interval, cases."""
     value, interval, count = value_of(part, one.key)
     if value is None:
-        return "–"
+        return NOT_MEASURED
     decimals = 3 if abs(value) < 0.1 else 2
     span = (
         "" if interval is None else f" ({interval[0]:.{decimals}f} to {interval[1]:.{decimals}f})"

@@ -255,7 +255,7 @@ def _reach_m(nodes: Nodes) -> float:
     return float(np.hypot(motion.x_m - motion.x_m[0], motion.y_m - motion.y_m[0]).max())
 
 
-_LEAST_REACH_M: Final = 0.2
+_LEAST_REACH_M: Final = 0.1
 """On the spot, what scales with the place is the reference's own noise."""
 _OFFSET: Final = "reference_time_offset"
 _SKEW: Final = "reference_clock_skew"

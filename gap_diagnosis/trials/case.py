@@ -16,6 +16,8 @@ Effects: TypeAlias = Mapping[str, Mapping[str, Value]]
 
 OWN_ENGINE: Final = "own"
 OTHER_ENGINE: Final = "mujoco"
+RECOMMENDED: Final = "recommended"
+RANDOM: Final = "random"
 
 STRATA: Final[tuple[Stratum, ...]] = ("prior", "limit", "field")
 
@@ -39,6 +41,7 @@ class Case:
         secret: 32 hexadecimal digits.
         like: by effect that no library has, those that nobody could tell from it.
         engine: whose physics moved the robot.
+        again, of: which manoeuvre was driven besides, after what was said of which case.
     """
 
     name: str
@@ -56,6 +59,8 @@ class Case:
     secret: str
     like: Mapping[str, Sequence[str]] = field(default_factory=dict)
     engine: str = OWN_ENGINE
+    again: str = ""
+    of: str = ""
 
     @property
     def true_effects(self) -> frozenset[str]:

@@ -2,7 +2,8 @@
 
 ``cases/0001/`` holds `bus.log` (candump), `robot.toml`, `reference.tum` and `task.json`
 (``{"schema": 1, "without": [effects that must not be named]}``); ``results/METHOD/0001.json`` is
-what a method says of it, in the format of ``chiplog schema diagnosis``.
+what a method says of it, in the format of ``chiplog schema diagnosis``. Where a robot was driven
+again, ``cases/0001/again/`` holds the second log and its reference.
 """
 
 from typing import Final
@@ -14,4 +15,5 @@ ROBOT: Final = "robot.toml"
 LOG: Final = "bus.log"
 REFERENCE: Final = "reference.tum"
 TASK: Final = "task.json"
+AGAIN: Final = "again"
 OWN_METHOD: Final = "chiplog"

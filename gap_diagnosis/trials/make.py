@@ -68,9 +68,7 @@ def make_trial(
     *plan* names the cases; without one they are drawn. Raises DiagnosisError where *folder* has
     something in it already.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise DiagnosisError(f"{folder}: there already: expected an empty folder or a new one")
-    (folder / CASES).mkdir(parents=True)
+    new_trial(folder)
     wire = load_wire()
     plan = plan or planned(counts, secret.generator("plan"))
     width = max(4, len(str(len(plan))))
@@ -84,6 +82,13 @@ def make_trial(
     digest = seal({"schema": SCHEMA, "cases": answers}, folder, key)
     progress(len(plan), len(plan))
     return digest
+
+
+def new_trial(folder: Path) -> None:
+    """Make a trial's folder; raise DiagnosisError where it has something in it already."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DiagnosisError(f"{folder}: there already: expected an empty folder or a new one")
+    (folder / CASES).mkdir(parents=True)
 
 
 def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
@@ -119,13 +124,18 @@ def _other_engine(one: Planned, home: Path, wire: Wire, secret: Secret) -> Case:
 
 def write_case(home: Path, run: EffectRun, case: Case, robot: Robot, wire: Wire) -> None:
     """Write what a lab would have; nothing in it tells more than its content."""
+    task = {"schema": SCHEMA, "without": list(case.without)}
+    (home / TASK).write_text(json.dumps(task) + "\n", encoding="ascii")
+    write_drive(home, run, case, robot, wire)
+
+
+def write_drive(home: Path, run: EffectRun, case: Case, robot: Robot, wire: Wire) -> None:
+    """Write a log and its reference, and date all that is there alike."""
     secret = Secret(bytes.fromhex(case.secret))
     write_log(home / LOG, run, robot, wire)
     draw = secret.generator("reference")
     reference = measured(run, case.noise, draw, secret.seed("reference"))
     (home / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
-    task = {"schema": SCHEMA, "without": list(case.without)}
-    (home / TASK).write_text(json.dumps(task) + "\n", encoding="ascii")
     for path in (*home.iterdir(), home):
         os.utime(path, (_STAMP_S, _STAMP_S))
 

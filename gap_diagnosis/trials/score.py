@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import OWN_ENGINE, STRATA
+from gap_diagnosis.trials.case import OWN_ENGINE, RANDOM, RECOMMENDED, STRATA
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
@@ -35,8 +35,11 @@ _MEDIAN_ERROR: Final = 0.6744897501960817
 """Of a normal error, in standard deviations."""
 
 
-def scores(opened: Opened) -> dict[str, Any]:
-    """Return all scores: overall, by stratum, by what is new, by effect, with the worst cases."""
+def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
+    """Return all scores: overall, by stratum, by what is new, by effect, with the worst cases.
+
+    *again*: the trial of its ambiguous cases with one log more.
+    """
     judged = opened.judged
     familiar = [one for one in judged if not newness(one)]
     parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
@@ -48,7 +51,7 @@ def scores(opened: Opened) -> dict[str, Any]:
         "cases": len(judged),
         "missing": opened.missing,
         "crashes": sum(one.error is not None for one in judged),
-        "parts": {name: _part(part) for name, part in parts.items() if part},
+        "parts": {name: _part(part, again) for name, part in parts.items() if part},
         "effects": _by_effect(judged),
         "miss_curve": _miss_curve(judged),
         "confusion": _confusion(judged),
@@ -67,7 +70,9 @@ def newness(one: Judged) -> frozenset[str]:
     return frozenset(name for name, is_new in new.items() if is_new)
 
 
-def _part(judged: Sequence[Judged]) -> dict[str, Any]:
+def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
+    names = {one.case.name for one in judged}
+    driven = [one for one in again.judged if one.case.of in names] if again else judged
     full = [one for one in judged if one.truth != UNKNOWN]
     clear = [one for one in full if one.is_clear]
     alone = [one for one in clear if len(one.oracle) == 1]
@@ -108,6 +113,7 @@ def _part(judged: Sequence[Judged]) -> dict[str, Any]:
         "window_overlap": mean([o for one in judged if (o := one.overlap) is not None], (0.0, 1.0)),
         "gap_closed": _closed(judged),
         "seconds": mean([one.seconds for one in judged], _POSITIVE),
+        "again": _again(driven),
     }
     return {name: _plain(value) for name, value in found.items()}
 
@@ -151,6 +157,21 @@ def _closed(judged: Sequence[Judged]) -> float | None:
     open_gaps = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f]
     could = math.fsum((b - f) / max(f, 1e-12) for b, _, f in open_gaps)
     return math.fsum((b - a) / max(f, 1e-12) for b, a, f in open_gaps) / could if could else None
+
+
+def _again(judged: Sequence[Judged]) -> dict[str, Share]:
+    """Return the probability of the truth after the recommended manoeuvre, after another one, and
+    by how much the first is more, case by case."""
+    told = {(one.case.of, one.case.again): one.true_probability for one in judged}
+    both = [of for of, kind in told if kind == RECOMMENDED and (of, RANDOM) in told]
+    advised = [told[of, RECOMMENDED] for of in both]
+    other = [told[of, RANDOM] for of in both]
+    more = [a - b for a, b in zip(advised, other, strict=True)]
+    return {
+        RECOMMENDED: mean(advised, (0.0, 1.0)),
+        RANDOM: mean(other, (0.0, 1.0)),
+        "more": mean(more, (-1.0, 1.0)),
+    }
 
 
 def _by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
@@ -257,6 +278,9 @@ def summary(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("unknown, confident wrong", "confident_wrong"), ("Brier", "brier"),
     )  # fmt: skip
     rows += [(label, words(part[key])) for label, key in names if part[key]["count"]]
+    if part["again"]["more"]["count"]:
+        rows.append(("truth after what is recommended", words(part["again"][RECOMMENDED])))
+        rows.append(("truth after another manoeuvre", words(part["again"][RANDOM])))
     rows += [("coverage of " + name, words(one)) for name, one in part["coverage"].items()]
     rows.append(("calibration error", "none" if part["ece"] is None else f"{part['ece']:.3f}"))
     return rows

@@ -22,7 +22,7 @@ from typing import Any, Final, NoReturn, cast
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT, TASK
+from gap_diagnosis.trials.layout import AGAIN, LOG, REFERENCE, ROBOT, TASK
 from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
@@ -77,8 +77,12 @@ def _own(case: Path) -> Any:
     """Diagnose as `chiplog diagnose` does, but for effects that the task withholds."""
     started = time.monotonic()
     robot, wire = load_robot(case / ROBOT), load_wire()
+    drives = [one for one in (case, case / AGAIN) if one.is_dir()]
     recordings = read_recordings(
-        [case / LOG], robot=robot, wire=wire, references=[case / REFERENCE]
+        [one / LOG for one in drives],
+        robot=robot,
+        wire=wire,
+        references=[one / REFERENCE for one in drives],
     )
     without = frozenset(json.loads((case / TASK).read_text(encoding="ascii"))["without"])
     report = diagnose_recordings(recordings, robot, wire, started=started, without=without)

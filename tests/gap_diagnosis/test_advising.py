@@ -148,3 +148,19 @@ def test_chiplog_run_drives_it(manoeuvre, tmp_path):
     path.write_text(manoeuvre.text, encoding="utf-8")
     done = CliRunner().invoke(app, ["run", "--scenario", str(path), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
+
+
+def test_rocking_by_a_hands_breadth_shows_a_reference_that_stretches_the_room() -> None:
+    """Advice sends people to rock where that is in question: it is no place on the spot."""
+    (dithers,) = (one for one in manoeuvres() if one.file == "dithers.toml")
+    log = synthetic_recording(ROBOT, WIRE, dithers.scenario, (), 1, reference=ReferenceNoise())
+    model = MotionModel(log, ROBOT, PRIOR)
+    assert "reference_scale" in {term.variant.effect for term in model.columns.terms}
+
+
+def test_every_manoeuvre_goes_somewhere() -> None:
+    """A log of standing still would be refused: it shows no wheel, and turns of noise alone."""
+    for one in manoeuvres():
+        time_s = np.arange(0, one.scenario.duration_s, 0.01)
+        way_m, turned_rad = np.abs(one.scenario.profile.rates(time_s)).sum(axis=0) * 0.01
+        assert way_m > 1.0 or turned_rad > 3.0, one.file
