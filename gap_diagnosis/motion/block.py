@@ -29,6 +29,8 @@ from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
 _DRAWS: Final = 4000
 _SEVERAL: Final = 12
+_AS_LIKELY: Final = 5.0
+"""Variants that lack less [nat] than that are drawn from too: one draw in 150."""
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
@@ -353,7 +355,7 @@ class MotionBlock:
         self, found: Found, again: Refitted
     ) -> tuple[dict[str, Estimate], list[tuple[float, float]]]:
         rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
-        draws = draw(again.scored, [t for t in found.terms if not t.is_fixed], rng)
+        draws = self._drawn(found, again, rng)
         parameters: dict[str, Estimate] = {}
         windows: list[tuple[float, float]] = []
         column = 0
@@ -377,6 +379,33 @@ class MotionBlock:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
         return parameters, windows
+
+    def _drawn(self, found: Found, again: Refitted, rng: np.random.Generator) -> Floats:
+        """Return draws float64[4000, k] of the sizes, of every variant that is about as likely.
+
+        What one side counts too many the other may count too few: the size goes with the side.
+        """
+        likely = [(found.terms, again)]
+        for place, term in enumerate(found.terms):
+            if not term.variant.coefficients or any(name in term.variant.fixed for name in EDGES):
+                continue
+            known = self.scan.evidence(found.terms, found.levels)
+            for other in self.scan.by_effect[term.variant.effect]:
+                terms = (*found.terms[:place], other, *found.terms[place + 1 :])
+                is_rival = other is not term and other.log_weight == 0.0
+                if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
+                    fit = self.model.refit(terms, again.levels, free_levels=False)
+                    likely.append((terms, fit))
+        logs = np.array([fit.log_evidence for _, fit in likely])
+        weights = np.exp(logs - logs.max())
+        drawn = [
+            draw(fit.scored, [one for one in terms if not one.is_fixed], rng)
+            for terms, fit in likely
+        ]
+        if len(drawn) == 1:
+            return drawn[0]
+        picked = rng.choice(len(drawn), size=_DRAWS, p=weights / weights.sum())
+        return np.stack(drawn)[picked, np.arange(_DRAWS)]
 
     def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""
