@@ -109,6 +109,7 @@ class Prediction:
         wheelbase_m: effective distance of the wheels.
         lateral_m: step to the left of the body's x axis.
         yaw_rad: turn that no wheel made.
+        turned_rad_s: turn rate by the wheels, as the effects so far have them turn.
         gyro_rad_s: rate that the gyro should read.
         reference_forward_m, reference_left_m: tracked point in the body frame.
         reference_heading_rad: added to the reported heading.
@@ -125,6 +126,7 @@ class Prediction:
     wheelbase_m: Floats = field(init=False)
     lateral_m: Floats = field(init=False)
     yaw_rad: Floats = field(init=False)
+    turned_rad_s: Floats = field(init=False)
     gyro_rad_s: Floats = field(init=False)
     reference_forward_m: Floats | float = 0.0
     reference_left_m: Floats | float = 0.0
@@ -137,7 +139,7 @@ class Prediction:
         """Start from the description."""
         self.left_rad = self.motion.left_step_rad + self.motion.left_jump_rad
         self.right_rad = self.motion.right_step_rad + self.motion.right_jump_rad
-        self.gyro_rad_s = self.motion.turn_rate_rad_s
+        self.turned_rad_s = self.gyro_rad_s = self.motion.turn_rate_rad_s
         self.roll()
 
     def roll(self) -> None:
@@ -148,6 +150,28 @@ class Prediction:
         self.wheelbase_m = np.full(count, self.motion.wheelbase_m)
         self.lateral_m = np.zeros(count)
         self.yaw_rad = np.zeros(count)
+
+    def turn(self) -> None:
+        """Let the gyro see the turn that the wheels make by the effects explained so far.
+
+        Counts that jump are left out: no body turns with them.
+        """
+        m = self.motion
+        if m.wrap_bits:
+            return
+        # In the same order as below: where nothing acts nothing is changed, to the last digit.
+        ways = m.radius_m * m.right_step_rad - m.radius_m * m.left_step_rad
+        described = ways / m.wheelbase_m
+        # As smooth from row to row as the turn is: stamps may jitter.
+        tick_s = float(np.median(m.dt_s[1:]))
+        changed = (self.turn_rad - described) / tick_s
+        self.gyro_rad_s = self.gyro_rad_s + changed
+        self.turned_rad_s = self.turned_rad_s + changed
+
+    @property
+    def gyro_added_rad_s(self) -> Floats:
+        """What the gyro reads beside the turn that the wheels make."""
+        return np.asarray(self.gyro_rad_s - self.turned_rad_s)
 
     @property
     def forward_m(self) -> Floats:

@@ -7,7 +7,12 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.reference import SHARP_S, detailed_turn_rate, turn_rate_with_details
+from gap_diagnosis.explanations.reference import (
+    SHARP_S,
+    detailed_turn_rate,
+    seen,
+    turn_rate_with_details,
+)
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
@@ -36,6 +41,7 @@ def long_gyro_lag(p: Prediction, *, time_constant: float) -> None:
 def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
     if time_constant <= 0:
         return
+    rate = seen(p, rate)
     step = float(np.median(p.motion.dt_s[1:]))
     share = -np.expm1(-step / time_constant)
     filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]

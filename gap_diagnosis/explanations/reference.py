@@ -162,6 +162,14 @@ def rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:
     return np.asarray(once), np.asarray(twice)
 
 
+def seen(p: Prediction, rate: Floats) -> Floats:
+    """Return the rate that the gyro reads so far, where by the description it turns at *rate*.
+
+    A late gyro shows late what it trails, and the turn of a wider wheelbase as well.
+    """
+    return np.asarray(rate + (p.gyro_rad_s - p.motion.turn_rate_rad_s))
+
+
 def _move_gyro(p: Prediction, by_s: float) -> None:
     """Let the gyro show the rate of another moment."""
     _move(p, by_s, p.motion.turn_rate_rad_s)
@@ -169,4 +177,5 @@ def _move_gyro(p: Prediction, by_s: float) -> None:
 
 def _move(p: Prediction, by_s: float, rate: Floats) -> None:
     t_s = p.motion.t_s
+    rate = seen(p, rate)
     p.gyro_rad_s = p.gyro_rad_s + np.interp(t_s + by_s, t_s, rate) - rate

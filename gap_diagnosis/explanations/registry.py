@@ -179,6 +179,8 @@ _ALL: Final = (
 
 EXPLAINED: Final[Mapping[str, Explanation]] = {one.effect: one for one in _ALL}
 """Every effect that the motion block can fit, by name."""
+_OF_WHEELS: Final = (0, 1)
+"""Ranks of what changes the turn that the gyro sees."""
 _PLACE: Final = {effect: place for place, effect in enumerate(EXPLAINED)}
 
 
@@ -192,13 +194,20 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     prediction = Prediction(motion)
     ordered = sorted(settings, key=lambda one: (rank_of(one[0]), _declared(one[0])))
     rolled = False
+    before: int | None = None
     for variant, coefficients in ordered:
-        if not rolled and rank_of(variant) >= 1:
+        rank = rank_of(variant)
+        if not rolled and rank >= 1:
             prediction.roll()
             rolled = True
+        if before in _OF_WHEELS and rank not in _OF_WHEELS:
+            prediction.turn()
         variant.apply(prediction, coefficients)
+        before = rank
     if not rolled:
         prediction.roll()
+    if before in _OF_WHEELS:
+        prediction.turn()
     return prediction
 
 

@@ -34,7 +34,7 @@ def gyro_turn_rad(prediction: Prediction) -> Floats:
     motion = prediction.motion
     if motion.gyro_turn_rad is None:
         return np.zeros(len(motion.t_s))
-    added = (prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s
+    added = prediction.gyro_added_rad_s * motion.dt_s
     return np.asarray(motion.gyro_turn_rad - np.cumsum(added))
 
 

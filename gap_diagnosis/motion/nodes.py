@@ -205,7 +205,7 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     out = np.full((CHANNELS, nodes.count), np.nan)
     d_x, d_y, d_heading = _deviations(motion, prediction)
     if motion.gyro_turn_rad is not None:
-        extra = np.cumsum((prediction.gyro_rad_s - motion.turn_rate_rad_s) * motion.dt_s)
+        extra = np.cumsum(prediction.gyro_added_rad_s * motion.dt_s)
         turned = motion.heading_rad - motion.heading_rad[0]
         compared = nodes.mean(motion.gyro_turn_rad - turned - d_heading - extra)
         out[3] = np.where(nodes.gyro_kept, compared, np.nan)

@@ -1,0 +1,73 @@
+"""What the gyro reads is the turn that the wheels make, trailed and late by all of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE, nodes_of
+
+from gap_diagnosis.explanations.registry import EXPLAINED, predict
+from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.scenarios import scenario
+
+LATE_TICKS = 8
+LAG_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    """A table's smooth motion."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), seed=3, duration_s=30.0)
+    return nodes_of(replace(log, frames={})).smooth
+
+
+def setting(motion: Motion, effect: str, size: float) -> Setting:
+    return next(iter(EXPLAINED[effect].variants(motion))), (size,)
+
+
+def later(motion: Motion, rate: Floats) -> Floats:
+    tick_s = float(np.median(motion.dt_s[1:]))
+    return np.asarray(np.interp(motion.t_s - LATE_TICKS * tick_s, motion.t_s, rate))
+
+
+def late(motion: Motion) -> Setting:
+    return setting(motion, "frame_latency", LATE_TICKS * float(np.median(motion.dt_s[1:])))
+
+
+def inside(motion: Motion, rate: Floats) -> Floats:
+    """Leave out the ends, where a filter or a shift has no past."""
+    return rate[100:-100]
+
+
+def test_a_late_gyro_shows_its_lag_late(motion: Motion) -> None:
+    lag = setting(motion, "gyro_lag", LAG_S)
+    both = predict(motion, [late(motion), lag]).gyro_rad_s
+    expected = later(motion, predict(motion, [lag]).gyro_rad_s)
+    most = float(np.abs(motion.turn_rate_rad_s).max())
+    # Ticks are even to the last digits of the times only.
+    np.testing.assert_allclose(inside(motion, both), inside(motion, expected), atol=1e-6 * most)
+
+
+def test_a_late_gyro_shows_the_turn_of_a_wider_wheelbase_late(motion: Motion) -> None:
+    wider = setting(motion, "wheelbase_scale", 0.1)
+    both = predict(motion, [late(motion), wider]).gyro_rad_s
+    change = predict(motion, [wider]).turn_rad - predict(motion).turn_rad
+    expected = later(motion, motion.turn_rate_rad_s + change / np.median(motion.dt_s[1:]))
+    most = float(np.abs(motion.turn_rate_rad_s).max())
+    np.testing.assert_allclose(inside(motion, both), inside(motion, expected), atol=1e-6 * most)
+
+
+def test_the_gyro_sees_all_that_a_wheel_effect_changes_of_the_turn(motion: Motion) -> None:
+    found, described = predict(motion, [setting(motion, "wheelbase_scale", 0.1)]), predict(motion)
+    by_gyro = np.cumsum((found.gyro_rad_s - described.gyro_rad_s) * motion.dt_s)
+    by_wheels = np.cumsum(found.turn_rad - described.turn_rad)
+    most = float(np.abs(by_wheels).max())
+    np.testing.assert_allclose(by_gyro, by_wheels, atol=1e-6 * most)
+
+
+def test_without_an_effect_of_its_own_the_gyro_adds_nothing_to_the_wheels(motion: Motion) -> None:
+    found = predict(motion, [setting(motion, "wheelbase_scale", 0.1)])
+    assert not found.gyro_added_rad_s.any()
