@@ -230,11 +230,12 @@ def staleness(
     message has the wheels' speeds, these: a steady wheel says the same speed by itself. A gyro at
     the end of its range says the same for another reason.
     """
-    wheels = [recording.left_ticks, recording.right_ticks]
-    moved = [_speed_steps(counts) for counts in wheels] if has_speeds else wheels
+    counts = [recording.left_ticks, recording.right_ticks]
+    wheels = counts if has_speeds else [_in_steps(one) for one in counts]
+    moved = [_speed_steps(one) for one in counts] if has_speeds else wheels
     good = ~message.doubled & ~message.swapped
     tick, changes, stamp = message.tick[good], message.changes[good], message.t_s[good]
-    speed = _speed(recording)
+    speed = _speed(wheels)
     row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
     moving = speed[row] > 0.0
     near = _around(changes & moving) / _around(np.ones(len(changes)))
@@ -286,10 +287,17 @@ def _beyond_chance(lengths: list[int], chances: int) -> int:
     return max(1, math.ceil(math.log(_BY_CHANCE / max(chances, 1)) / math.log(again)))
 
 
-def _speed(recording: Recording) -> Floats:
+def _in_steps(counts: Floats) -> Floats:
+    """Return counts in the steps in which they come: read ten times too large, a slow wheel's would
+    leap by ten."""
+    changes = np.abs(np.diff(counts[np.isfinite(counts)])).astype(np.int64)
+    return np.asarray(counts / max(int(np.gcd.reduce(changes)), 1))
+
+
+def _speed(wheels: Sequence[Floats]) -> Floats:
     """Return counts per tick of both wheels, over a few ticks either side; 0 below one."""
-    total = np.abs(np.nan_to_num(np.diff(recording.left_ticks, prepend=np.nan)))
-    total += np.abs(np.nan_to_num(np.diff(recording.right_ticks, prepend=np.nan)))
+    steps = [np.abs(np.nan_to_num(np.diff(counts, prepend=np.nan))) for counts in wheels]
+    total = np.sum(steps, axis=0)
     smooth = np.convolve(total, np.ones(9) / 9, mode="same")
     return np.where(smooth >= 2.0, smooth, 0.0)
 

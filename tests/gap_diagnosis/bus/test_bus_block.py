@@ -168,6 +168,15 @@ def test_two_events_are_enough_where_none_should_be(effect: str) -> None:
     assert evidence(block_of(made), effect) > 4
 
 
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_slow_wheel_says_nothing_again_though_it_is_read_ten_times_too_large(seed: int) -> None:
+    """Its count stands for a tick and then leaps by ten: 17 nats beside a wrong unit."""
+    made = synthetic_recording(ROBOT, WIRE, calibration(), (), seed, duration_s=60.0)
+    large = replace(made, left_ticks=10.0 * made.left_ticks)
+    plain = evidence(block_of(made), "stale_producer")
+    assert evidence(block_of(large), "stale_producer") == pytest.approx(plain, abs=0.1)
+
+
 def test_stale_rows_are_left_out_of_what_is_believed() -> None:
     stale = {"frame": "IMU", "cycles": 6, "probability": 0.004}
     made = recording(3, stale_producer=stale)
