@@ -22,7 +22,13 @@ from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.estimate import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import Alternative, alternatives, beyond_tolerance, levels_beside
+from gap_diagnosis.motion.unknown import (
+    Alternative,
+    alternatives,
+    beyond_tolerance,
+    levels_beside,
+    within_tolerance,
+)
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -205,8 +211,11 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
             sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
         )
         found = [max(pair, key=lambda one: one.log_evidence) for pair in both]
-    if motion.explained < _LITTLE:
+    tolerated = within_tolerance(found)
+    if motion.explained < max(_LITTLE, tolerated):
+        # What a healthy robot is off by, no listed effect explains as well.
         found = beyond_tolerance(found)
+        motion.tolerated = max(tolerated, 0.0)
     if burst is not None:
         found.append(_rough(burst))
     return sorted(found, key=lambda one: -one.log_evidence)

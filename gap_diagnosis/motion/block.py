@@ -58,8 +58,19 @@ def aliased(effects: frozenset[str]) -> frozenset[str]:
     return frozenset(ALIASES.get(effect, effect) for effect in effects)
 
 
+def beyond(tolerated: float, found: Fit) -> Fit:
+    """Return a fit by what it explains beyond what a healthy robot may be off by."""
+    more = max(found.log_evidence - tolerated, min(found.log_evidence, 0.0))
+    return replace(found, log_evidence=more)
+
+
 class MotionBlock:
-    """Wheels, gyro and reference of one log (a `Block`)."""
+    """Wheels, gyro and reference of one log (a `Block`).
+
+    Attributes:
+        tolerated: log evidence of what a healthy robot may be off by, where that explains the log
+            better than any listed effect: effects must explain more than that.
+    """
 
     name = "motion"
 
@@ -71,6 +82,7 @@ class MotionBlock:
         self.scan = Scan(model, progress)
         self._nothing = self.scan.found[frozenset()]
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
+        self.tolerated = 0.0
 
     @cached_property
     def effects(self) -> frozenset[str]:
@@ -129,6 +141,11 @@ class MotionBlock:
         return self.model.gram(levels).log_nothing + density - self._nothing.log_evidence
 
     def fit(self, effects: frozenset[str]) -> Fit:
+        """Return what the search found of a set of effects, without parameters, beyond what is
+        tolerated."""
+        return beyond(self.tolerated, self._fit(effects))
+
+    def _fit(self, effects: frozenset[str]) -> Fit:
         """Return what the search found of a set of effects, without parameters."""
         if any(alias in effects and other in effects for alias, other in ALIASES.items()):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
@@ -228,11 +245,11 @@ class MotionBlock:
         """Fit a latency: of all sensors it is a reference that is early; of one, unseen here."""
         rest = effects - {LATENCY}
         names = tuple(sorted(effects))
-        unseen = self.fit(rest)
+        unseen = self._fit(rest)
         if OFFSET in rest or len(rest) > 1 or rest & NOISES.keys():
             return replace(unseen, effects=names)
         found = self.scan.account(aliased(rest) | {OFFSET})
-        late = self.fit(rest | {OFFSET})
+        late = self._fit(rest | {OFFSET})
         place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
         offset = found.refitted.coefficients[place][0] if found.refitted else self._offset(found)
         if offset > 0:
@@ -269,8 +286,8 @@ class MotionBlock:
             OFFSET if one == LATENCY and one not in self.scan.effects else one for one in quiet
         )
         told = [self._noise_beside(name, one) for one in seen]
-        rest = [self.fit(frozenset({one})) for one in seen]
-        together = self.fit(quiet)
+        rest = [self._fit(frozenset({one})) for one in seen]
+        together = self._fit(quiet)
         left = _LEFT * max(0.0, *(one.log_evidence for one in rest))
         gains = [a.log_evidence - b.log_evidence - left for a, b in zip(told, rest, strict=True)]
         likelier = [a.log_likelihood - b.log_likelihood for a, b in zip(told, rest, strict=True)]
@@ -288,7 +305,7 @@ class MotionBlock:
         key = (name, effect)
         if key not in self._noise_fits:
             quiet = frozenset() if effect is None else frozenset({effect})
-            beside = self.fit(quiet)
+            beside = self._fit(quiet)
             alone = None if effect is None else self._noise_beside(name, None)
             if alone is None or min(alone.log_evidence, beside.log_evidence) > _GAINS:
                 found = self.scan.account(aliased(quiet))
@@ -306,10 +323,10 @@ class MotionBlock:
     def detail(self, effects: frozenset[str]) -> Fit:
         """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
         if not effects:
-            return self.fit(effects)
+            return self._fit(effects)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             rest = effects - {LATENCY}
-            seen = self.fit(effects).log_evidence > self.fit(rest).log_evidence + 1
+            seen = self._fit(effects).log_evidence > self._fit(rest).log_evidence + 1
             if not seen or OFFSET in rest:
                 return replace(self.detail(rest), effects=tuple(sorted(effects)))
             inner = self.detail(rest | {OFFSET})
@@ -319,7 +336,7 @@ class MotionBlock:
             return replace(inner, effects=tuple(sorted(effects)), parameters=parameters)
         if effects & NOISES.keys():
             quiet = self.detail(frozenset(effects - NOISES.keys()))
-            noisy = self.fit(effects)
+            noisy = self._fit(effects)
             return replace(
                 noisy,
                 parameters={**quiet.parameters, **noisy.parameters},
@@ -334,7 +351,7 @@ class MotionBlock:
                 parameters[f"{alias}.{name}"] = parameters.pop(known)
             samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
             parameters[f"{alias}.scale"] = _estimate("scale", samples)
-        fit = self.fit(effects)
+        fit = self._fit(effects)
         return replace(fit, parameters=parameters, windows=tuple(windows))
 
     def settings(self, effects: frozenset[str]) -> list[Setting]:
@@ -347,7 +364,7 @@ class MotionBlock:
         """Return the effects that change what is predicted, under the search's own names."""
         own = effects & self.effects
         if LATENCY in own and LATENCY not in self.scan.effects:
-            seen = self.fit(own).log_evidence > self.fit(own - {LATENCY}).log_evidence + 1
+            seen = self._fit(own).log_evidence > self._fit(own - {LATENCY}).log_evidence + 1
             own = own - {LATENCY} | ({OFFSET} if seen else frozenset())
         return aliased(frozenset(own - NOISES.keys()))
 

@@ -157,7 +157,7 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
         Way("wheel", _forward, 1e-3, 0.1, 1e-3),
         Way("wheel", _turn, 1e-3, 0.1, 2.5e-4),
         Way("wheel", _turn_gain, 1e-3, 0.1, 1.5e-3),
-        Way("wheel", _lateral, 1e-3, 0.1, 2.5e-4, needs_reference=True),
+        Way("wheel", _lateral, 1e-3, 0.1, 5e-4, needs_reference=True),
     ),
     "encoder": (
         Way("encoder", _left, 1e-3, 0.1, 2.5e-4),
@@ -174,6 +174,11 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     # Backing uphill, wheels go too far as they go forward downhill.
     ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 5e-4), *_WAYS["wheel"][1:]),
+    # Tyres slide outward: half a tolerance of that slip, in a turn of 1 rad/s.
+    ("wheel", "lateral_acceleration"): (
+        *_WAYS["wheel"][:3],
+        Way("wheel", _lateral, 1e-3, 0.1, 1e-3, needs_reference=True),
+    ),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # Counts that come whether or not a wheel turns.
@@ -276,10 +281,15 @@ def beyond_tolerance(found: Sequence[Alternative]) -> list[Alternative]:
     Where nothing that is listed explains a log, a healthy robot competes with them: no gap means
     nothing beyond tolerance, whether it has a name or not.
     """
+    within = max(within_tolerance(found), 0.0)
+    return [replace(one, log_evidence=one.log_evidence - within) for one in found]
+
+
+def within_tolerance(found: Sequence[Alternative]) -> float:
+    """Return the log evidence of any of them, so little of it that it is no gap."""
     if not found:
-        return []
-    within = float(np.logaddexp.reduce([one.within for one in found])) - math.log(len(found))
-    return [replace(one, log_evidence=one.log_evidence - max(within, 0.0)) for one in found]
+        return 0.0
+    return float(np.logaddexp.reduce([one.within for one in found])) - math.log(len(found))
 
 
 def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats | None:

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from gap_diagnosis.analysis import _at
+from gap_diagnosis.analysis import _alternatives, _at
+from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.motion.block import beyond
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance
 from gap_diagnosis.priors import default_prior
@@ -117,6 +119,29 @@ def test_a_slope_of_four_tolerances_is_a_gap_though_it_has_no_name() -> None:
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert best.variable == "heading"
     assert best.log_evidence > 8
+
+
+def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
+    """Another engine's healthy robot was an unlisted wheel (125 nats of 2 mm/s that a caster's drag
+    makes its tyres creep), as a scrub of one tolerance explained 28 of them."""
+    model = MotionModel(wandering(0.8 * ROBOT.tolerance.radius_mismatch), ROBOT, default_prior())
+    motion = SimpleNamespace(
+        model=model,
+        levels=model.no_effect_levels,
+        explained=5.0,
+        tolerated=0.0,
+        log_evidence_of_levels=lambda _: 0.0,
+    )
+    assert _alternatives(motion, None, gross=False)[0].log_evidence < 3
+    assert motion.tolerated > 10
+    motion.explained, motion.tolerated = motion.tolerated + 10, 0.0
+    assert _alternatives(motion, None, gross=False)[0].log_evidence > 10
+    assert motion.tolerated == 0.0
+
+
+def test_effects_must_explain_more_than_what_is_tolerated() -> None:
+    found = [beyond(125.0, Fit((), one, one)).log_evidence for one in (300.0, 28.0, -2.0)]
+    assert found == [175.0, 0.0, -2.0]
 
 
 def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -> None:
