@@ -79,6 +79,8 @@ def _of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
 
 SLIP_WINDOWS: Final = 12
 """One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
+_LEFT_OUT: Final = 0.05
+"""Of a wheel's way, what a window of its slip leaves out."""
 
 
 def one_sided_slip(motion: Motion) -> Iterable[Variant]:
@@ -90,6 +92,20 @@ def one_sided_slip(motion: Motion) -> Iterable[Variant]:
                 fixed = {"start_s": float(edges[first]), "stop_s": float(edges[last])}
                 report: dict[str, Value] = {"side": side, **fixed}
                 yield Variant("one_sided_slip", act, ("ratio",), fixed, report)
+
+
+def leaves_out(motion: Motion, variant: Variant) -> bool:
+    """Tell whether a slip's window leaves out a part of its wheel's way.
+
+    Where it does not, what slips all the time is a wheel of another size, and nothing tells when
+    it would have begun.
+    """
+    if variant.effect != "one_sided_slip":
+        return True
+    is_left = variant.report["side"] == "left"
+    way = np.abs(motion.left_step_rad if is_left else motion.right_step_rad)
+    inside = (motion.t_s > variant.fixed["start_s"]) & (motion.t_s <= variant.fixed["stop_s"])
+    return bool(way[~inside].sum() > _LEFT_OUT * way.sum())
 
 
 def gyro_saturation(motion: Motion) -> Iterable[Variant]:

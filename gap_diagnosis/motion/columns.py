@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
-from gap_diagnosis.explanations.choices import SLIP_WINDOWS
+from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
 from gap_diagnosis.explanations.reference import counts_latency
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
@@ -296,7 +296,7 @@ def _windows(
 ) -> Iterable[Term]:
     """Return windowed slips as differences of slips from the start on: one column per border.
 
-    Not where a wheel stands.
+    Not where a wheel stands, nor over all of its way.
     """
     limit = prior.of("one_sided_slip", "ratio").tolerance
     starts: dict[tuple[str, float], int] = {}
@@ -317,7 +317,7 @@ def _windows(
         assert len(edges) == SLIP_WINDOWS
     for variant in variants:
         side = str(variant.report["side"])
-        if _hardly_turns(nodes.smooth, side, variant):
+        if _hardly_turns(nodes.smooth, side, variant) or not leaves_out(nodes.smooth, variant):
             continue
         weights = [(starts[side, variant.fixed["stop_s"]], 1.0)]
         before = starts.get((side, variant.fixed["start_s"]))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.recording import Floats
@@ -53,6 +55,8 @@ def best_edges(
     }
 
     def value(candidate: Term) -> float:
+        if not leaves_out(model.nodes.smooth, candidate.variant):
+            return -math.inf
         trial = [*terms[:place], candidate, *terms[place + 1 :]]
         return model.evidence_about(trial, coefficients, levels).log_evidence
 

@@ -36,3 +36,26 @@ def test_a_window_that_is_open_towards_the_start_ends_where_the_log_does() -> No
     turns_s = float(t_s[np.flatnonzero(model.nodes.motion.left_steady_rad)[0]])
     assert t_s[0] <= edged.term.variant.fixed["start_s"] < turns_s + 0.1
     assert edged.spans["start_s"] < 5.0
+
+
+def test_a_wheel_that_slips_all_the_way_is_no_slip_but_another_wheel() -> None:
+    """A right wheel 0.8 % larger on another engine's robot was a slip of -0.8 % (0.79) from where
+    it began to turn to where it stopped; it is two effects, its own and that of both alike."""
+    larger = [
+        EffectSetting("radius_mismatch", (("mismatch", 0.008),)),
+        EffectSetting("radius_scale", (("scale", 0.004),)),
+    ]
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), larger, 3, reference=ReferenceNoise(), duration_s=40.0
+    )
+    model = MotionModel(recording, ROBOT, default_prior())
+    motion = model.nodes.motion
+    slips = [one for one in model.columns.terms if one.variant.effect == "one_sided_slip"]
+    widest = max(slips, key=lambda one: one.variant.fixed["stop_s"] - one.variant.fixed["start_s"])
+    sizes = ((-0.008 if widest.variant.report["side"] == "right" else 0.008,),)
+    edged = best_edges(model, (widest,), 0, sizes, model.level_prior.median)
+    for term in (*slips, edged.term):
+        fixed, is_left = term.variant.fixed, term.variant.report["side"] == "left"
+        way = np.abs(motion.left_step_rad if is_left else motion.right_step_rad)
+        inside = (motion.t_s > fixed["start_s"]) & (motion.t_s <= fixed["stop_s"])
+        assert way[inside].sum() < 0.96 * way.sum()
