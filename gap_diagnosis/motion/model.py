@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.variant import Setting, Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import (
     MOVES_IN_TIME,
     Columns,
@@ -305,7 +305,7 @@ class MotionModel:
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [self.columns.values[..., 0] + change]
-        columns += [self.columns.values[..., i + 1] for i, _ in free]
+        columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
         course = self.scattered(terms, coefficients)
@@ -329,20 +329,30 @@ class MotionModel:
                 course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course
 
-    def _free_about(self, index: int, settings: Sequence[Setting], there: Floats) -> Floats:
-        """Return what a unit of a constant within its tolerance changes beside these effects.
+    def _free_about(
+        self,
+        free: Sequence[tuple[int, float]],
+        terms: Sequence[Term],
+        coefficients: Sequence[tuple[float, ...]],
+    ) -> list[Floats]:
+        """Return what units of constants within their tolerances change beside these effects.
 
         Where the reference speaks of another time, how late it may be is told by the way there.
         """
-        known = self.columns.little.get(index)
-        moved = any(variant.effect in MOVES_IN_TIME for variant, _ in settings)
-        if known is None or not moved or known[0].effect not in MOVES_IN_TIME:
-            return np.asarray(self.columns.values[..., index + 1])
-        variant, place = known
-        sizes = [0.0] * len(variant.coefficients)
-        sizes[place] = dict(self.columns.nuisances)[index]
-        beside = residuals(self.nodes, predict(self.nodes.smooth, [*settings, (variant, sizes)]))
-        return (there - beside) / sizes[place]
+        columns = [np.asarray(self.columns.values[..., index + 1]) for index, _ in free]
+        if not any(term.variant.effect in MOVES_IN_TIME for term in terms):
+            return columns
+        smooth = self.nodes.smooth
+        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
+        there = residuals(self.nodes, predict(smooth, settings))
+        for place, (index, sd) in enumerate(free):
+            variant, own = self.columns.little.get(index, (None, 0))
+            if variant is not None and variant.effect in MOVES_IN_TIME:
+                sizes = [0.0] * len(variant.coefficients)
+                sizes[own] = sd
+                beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))
+                columns[place] = (there - beside) / sd
+        return columns
 
     def _exact_change(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
@@ -392,7 +402,7 @@ class MotionModel:
         here = self.columns.values[..., 0] + self._exact_change(terms, coefficients)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        columns = [here, *(self._free_about(i, settings, there) for i, _ in free)]
+        columns = [here, *self._free_about(free, terms, coefficients)]
         data = here.copy()
         tangent: list[Term] = []
         for place, term in enumerate(terms):

@@ -13,7 +13,7 @@ from gap_diagnosis.explanations.reference import rounded_off, turn_rate_with_det
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.columns import MOVES_IN_TIME
+from gap_diagnosis.motion.columns import MOVES_IN_TIME, Term
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
@@ -169,13 +169,9 @@ def test_a_large_effect_is_fitted_within_half_a_standard_deviation(effect: str) 
     assert abs(fit.coefficients[0][0] - size) < 0.5 * sd
 
 
-@pytest.mark.parametrize("effect", ["reference_time_offset", "reference_clock_skew"])
-def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_both_are_off(
-    effect: str,
-) -> None:
-    """Each is free beside the other, along the way at the time that the reference speaks of: along
-    that at its stamps 0.7 ms of 300 were told of the other (10 standard deviations)."""
-    offset_s, skew = (0.3, 2e-5) if effect == "reference_time_offset" else (1e-3, 1e-3)
+def late_reference(effect: str, offset_s: float, skew: float) -> tuple[MotionModel, Term]:
+    """Return a log without noise whose reference is late and runs fast, with nothing but these two
+    free, and the term of the effect."""
     settings = [
         EffectSetting("reference_time_offset", (("offset", offset_s),)),
         EffectSetting("reference_clock_skew", (("skew", skew),)),
@@ -190,6 +186,17 @@ def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_bot
     )
     assert len(free) == 2
     model.columns = replace(model.columns, nuisances=free)
+    return model, term
+
+
+@pytest.mark.parametrize("effect", ["reference_time_offset", "reference_clock_skew"])
+def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_both_are_off(
+    effect: str,
+) -> None:
+    """Each is free beside the other, along the way at the time that the reference speaks of: along
+    that at its stamps 0.7 ms of 300 were told of the other (10 standard deviations)."""
+    offset_s, skew = (0.3, 2e-5) if effect == "reference_time_offset" else (1e-3, 1e-3)
+    model, term = late_reference(effect, offset_s, skew)
     levels = LEVELS.copy()
     levels[:2] = 1e-4
     size = offset_s if effect == "reference_time_offset" else skew
@@ -197,3 +204,15 @@ def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_bot
     likeliest = int(np.argmax(fit.scored.weights))
     sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
     assert abs(fit.coefficients[0][0] - size) < 0.5 * sd
+
+
+def test_a_large_skew_is_found_from_where_a_straight_line_led() -> None:
+    """A step is judged along the way at the reference's own time as well: by that at its stamps it
+    was cut short, 3.6 standard deviations from where it led to."""
+    model, term = late_reference("reference_clock_skew", 1e-3, 3e-3)
+    levels = LEVELS.copy()
+    levels[:2] = 1e-4
+    fit = model.refit([term], levels, free_levels=False)
+    likeliest = int(np.argmax(fit.scored.weights))
+    sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
+    assert abs(fit.coefficients[0][0] - 3e-3) < sd
