@@ -211,18 +211,26 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
             sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
         )
         found = [max(pair, key=lambda one: one.log_evidence) for pair in both]
+    found = [_dispersed(one, motion) for one in found]
     tolerated = within_tolerance(found)
     if motion.explained < max(_LITTLE, tolerated):
         # What a healthy robot is off by, no listed effect explains as well.
         found = beyond_tolerance(found)
         motion.tolerated = max(tolerated, 0.0)
     if burst is not None:
-        found.append(_rough(burst))
+        found.append(_dispersed(_rough(burst), motion))
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
 _LITTLE: Final = 3.0
 """What gains less [nat] explains nothing."""
+
+
+def _dispersed(one: Alternative, motion: MotionBlock) -> Alternative:
+    """Return an unlisted cause as it is worth where the log's surprises scatter."""
+    evidence, likelihood = motion.dispersed(one.log_evidence, one.log_likelihood)
+    within, _ = motion.dispersed(one.within, max(one.within, 0.0))
+    return replace(one, log_evidence=evidence, log_likelihood=likelihood, within=within)
 
 
 def _subject(one: Alternative) -> tuple[str, str]:

@@ -49,6 +49,12 @@ class Found:
     refitted: Refitted | None = None
 
 
+def dispersed(log_evidence: float, log_likelihood: float, times: float) -> tuple[float, float]:
+    """Return both with the likelihood so many times smaller; what a prior costs stays."""
+    less = (1 - 1 / times) * log_likelihood
+    return log_evidence - less, log_likelihood - less
+
+
 class Accounts:
     """What sets of effects say of one log's motion.
 
@@ -58,7 +64,10 @@ class Accounts:
         spans: how far edges can move, by effect.
         found: the best account of every set of at most two effects that was scored, and of the
             larger sets that were worth it; no effect is the empty set.
+        dispersion: how many times too large the log's likelihoods are.
     """
+
+    dispersion = 1.0
 
     def __init__(self, model: MotionModel) -> None:
         """Begin without any."""
@@ -106,7 +115,7 @@ class Accounts:
         best = max(self._belief(one) for one in self._fitted())
         for effects, one in self.found.items():
             if one.refitted is None and self._belief(one) > best:
-                less = self._belief(one) - (best - NEAR)
+                less = (self._belief(one) - (best - NEAR)) * self.dispersion
                 self.found[effects] = replace(
                     one,
                     log_evidence=one.log_evidence - less,
@@ -213,11 +222,21 @@ class Accounts:
         if known is None or found.log_evidence > known.log_evidence:
             self.found[found.effects] = found
 
+    def gained(self, one: Found) -> tuple[float, float]:
+        """Return what log evidence and log likelihood are worth beyond those of no effect, where
+        the log's surprises scatter by more than they should."""
+        nothing = self.found[frozenset()]
+        return dispersed(
+            one.log_evidence - nothing.log_evidence,
+            one.log_likelihood - nothing.log_likelihood,
+            self.dispersion,
+        )
+
     def _belief(self, one: Found) -> float:
         """Return the log evidence with the prior of so many effects among those of the motion."""
         count = len(one.effects)
         prior = math.log(math.factorial(count) * self.model.prior.effects[count])
-        return one.log_evidence + prior - count * math.log(max(len(self.by_effect), 1))
+        return self.gained(one)[0] + prior - count * math.log(max(len(self.by_effect), 1))
 
     def _ranked(self) -> list[Found]:
         return sorted(self.found.values(), key=lambda one: -one.log_evidence)

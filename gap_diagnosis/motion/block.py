@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.accounts import Found
+from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.edges import EDGES
@@ -103,7 +103,7 @@ class MotionBlock:
 
         As many of each size.
         """
-        ranked = sorted(self.scan.found.values(), key=lambda one: -one.log_evidence)
+        ranked = sorted(self.scan.found.values(), key=lambda one: -self.scan.gained(one)[0])
         sets: list[frozenset[str]] = []
         for size in range(3, len(self.model.prior.effects)):
             sets += [one.effects for one in ranked if len(one.effects) == size][:_SEVERAL]
@@ -119,8 +119,7 @@ class MotionBlock:
     @property
     def explained(self) -> float:
         """Log evidence of the best account of all, less that of no effect."""
-        best = max(one.log_evidence for one in self.scan.found.values())
-        return best - self._nothing.log_evidence
+        return max(self.scan.gained(one)[0] for one in self.scan.found.values())
 
     @cached_property
     def burst(self) -> Burst | None:
@@ -134,6 +133,10 @@ class MotionBlock:
             log_evidence=burst.log_evidence - self._nothing.log_evidence,
             log_likelihood=burst.log_likelihood - self._nothing.log_likelihood,
         )
+
+    def dispersed(self, log_evidence: float, log_likelihood: float) -> tuple[float, float]:
+        """Return both as they are worth where the log's surprises scatter too much."""
+        return dispersed(log_evidence, log_likelihood, self.scan.dispersion)
 
     def log_evidence_of_levels(self, levels: Floats) -> float:
         """Return the log evidence of no effect at these noise levels, less that at its own."""
@@ -158,11 +161,7 @@ class MotionBlock:
             return self._noisy(effects)
         if self._put_right is not None and tuple(effects) == self._put_right.effects:
             return self._put_right
-        return Fit(
-            tuple(sorted(effects)),
-            found.log_evidence - self._nothing.log_evidence,
-            found.log_likelihood - self._nothing.log_likelihood,
-        )
+        return Fit(tuple(sorted(effects)), *self.scan.gained(found))
 
     @cached_property
     def _put_right(self) -> Fit | None:
@@ -310,7 +309,9 @@ class MotionBlock:
             if alone is None or min(alone.log_evidence, beside.log_evidence) > _GAINS:
                 found = self.scan.account(aliased(quiet))
                 names = sorted(quiet | {name})
-                fit = fit_noise(self.model, found, self._nothing, name, names)
+                noisy = fit_noise(self.model, found, self._nothing, name, names)
+                evidence, likelihood = self.dispersed(noisy.log_evidence, noisy.log_likelihood)
+                fit = replace(noisy, log_evidence=evidence, log_likelihood=likelihood)
             else:
                 fit = replace(
                     alone,
@@ -416,13 +417,17 @@ class MotionBlock:
         logs = np.array([fit.log_evidence for _, fit in likely])
         weights = np.exp(logs - logs.max())
         drawn = [
-            draw(fit.scored, [one for one in terms if not one.is_fixed], rng)
+            draw(self._widened(fit.scored), [one for one in terms if not one.is_fixed], rng)
             for terms, fit in likely
         ]
         if len(drawn) == 1:
             return drawn[0]
         picked = rng.choice(len(drawn), size=_DRAWS, p=weights / weights.sum())
         return np.stack(drawn)[picked, np.arange(_DRAWS)]
+
+    def _widened(self, scored: Scored) -> Scored:
+        """Return the posterior with as much more variance as the log's likelihood is too sure."""
+        return replace(scored, covariances=scored.covariances * self.scan.dispersion)
 
     def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""

@@ -18,20 +18,21 @@ import numpy as np
 
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.recording import Floats
 
-_STRETCHES: Final = 40
-_BY_CHANCE: Final = 3.0
+STRETCHES: Final = 40
+_SAME: Final = 1e-12
+"""Columns that differ by no more are one: which of them it is, no stretch can contradict."""
+BY_CHANCE: Final = 3.0
 """Standard deviations by which the scatter of a right explanation may exceed what is expected."""
 
 
 def excess(model: MotionModel, terms: Sequence[Term], fit: Refitted) -> Mapping[str, float]:
     """Return by effect how many times too large its evidence is, 1 where chance explains it."""
     data, columns, restraint, owners = model.at_fit(terms, fit)
-    inner = columns.T @ columns + np.diag(restraint)
-    sizes = np.linalg.solve(inner, columns.T @ data)
-    left = data - columns @ sizes
-    parts = np.array_split(np.arange(len(data)), _STRETCHES)
-    inverse = np.linalg.inv(inner)
+    inverse = _inverse(columns.T @ columns + np.diag(restraint))
+    left = data - columns @ (inverse @ (columns.T @ data))
+    parts = np.array_split(np.arange(len(data)), STRETCHES)
     # How each row of the log pulls at each size, and by how much it may: float64[rows, sizes].
     influence = columns @ inverse
     pulls = np.array([influence[part].T @ left[part] for part in parts])
@@ -42,12 +43,21 @@ def excess(model: MotionModel, terms: Sequence[Term], fit: Refitted) -> Mapping[
             float(np.sum(pulls[:, place] ** 2))
             / (float(np.sum(allowed[:, place])) * _by_chance(allowed[:, place]))
             for place in places
+            if allowed[:, place].any()
         ]
         found[effect] = max(1.0, *ratios)
     return found
 
 
+def _inverse(inner: Floats) -> Floats:
+    """Return the inverse float64[c, c] of inner products; what a log does not tell has none."""
+    size = np.sqrt(np.diag(inner))
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    even = np.linalg.pinv(scale[:, None] * inner * scale, rcond=_SAME, hermitian=True)
+    return np.asarray(scale[:, None] * even * scale)
+
+
 def _by_chance(allowed: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
     """Return the largest ratio that chance gives where so few stretches have a say."""
     total = float(np.sum(allowed))
-    return 1.0 + _BY_CHANCE * math.sqrt(2.0 * float(np.sum(allowed**2))) / total
+    return 1.0 + BY_CHANCE * math.sqrt(2.0 * float(np.sum(allowed**2))) / total

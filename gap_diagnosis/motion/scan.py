@@ -13,6 +13,7 @@ import numpy as np
 from gap_diagnosis.motion.accounts import NEAR, Accounts, Effects, Found
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
+from gap_diagnosis.motion.dispersion import dispersion
 from gap_diagnosis.motion.edges import best_edges, has_edges
 from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
@@ -94,6 +95,14 @@ class Scan(Accounts):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
         self._sought_beside(max(self._fitted(), key=self._belief))
+        self._settle()
+        self.dispersion = self._dispersion()
+        if self.dispersion > 1:
+            self._settle()
+        self._hold_back_the_unfitted()
+
+    def _settle(self) -> None:
+        """Fit the best set, its parts and what comes beside it, until another one is no better."""
         for _ in range(_REFITTED):
             head = max(self.found.values(), key=self._belief)
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
@@ -101,7 +110,17 @@ class Scan(Accounts):
                 break
             for one in unfitted:
                 self._refit(one)
-        self._hold_back_the_unfitted()
+
+    def _dispersion(self) -> float:
+        """Return by how much the log scatters about its best account.
+
+        Where something is wrong by a sign or a factor, everything scatters.
+        """
+        if GROSS & self.by_effect.keys():
+            return 1.0
+        head = max(self._fitted(), key=self._belief)
+        coefficients = () if head.refitted is None else head.refitted.coefficients
+        return dispersion(self.model, head.terms, coefficients, head.levels)
 
     def _sought_beside(self, head: Found) -> bool:
         """Fit, once, each part of the best set from where it ended, and what gains beside the set

@@ -70,6 +70,14 @@ def test_the_delay_is_estimated_within_four_standard_deviations(block):
     assert abs(delay.value - LATE_S) < 4 * delay.sd
 
 
+def test_where_surprises_hang_together_the_delay_is_less_sure(block, monkeypatch):
+    sure = block.detail(frozenset({"frame_latency"})).parameters["frame_latency.delay"]
+    monkeypatch.setattr(block.scan, "dispersion", 4.0)
+    unsure = block.detail(frozenset({"frame_latency"})).parameters["frame_latency.delay"]
+    # The same draws, of twice the deviation, less those within tolerance.
+    assert unsure.sd == pytest.approx(2 * sure.sd, rel=0.02)
+
+
 def test_frames_without_counters_may_be_late_as_the_rows_of_a_table_may():
     whole = synthetic_recording(
         load_robot(), load_wire(), scenario("straight"), (), seed=3, reference=None, duration_s=5.0

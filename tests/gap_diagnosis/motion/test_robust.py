@@ -51,3 +51,9 @@ def test_what_a_single_place_of_the_log_says_is_said_by_no_other() -> None:
     leapt = replace(log.reference, y_m=log.reference.y_m + 0.1 * late)
     found = excess_of(replace(log, reference=leapt), log, "wheelbase_scale")
     assert found["wheelbase_scale"] > 2.0
+
+
+def test_of_two_effects_that_are_one_in_this_log_neither_is_contradicted() -> None:
+    """Their inner products have no inverse (a traceback in a trial)."""
+    found = excess_of(drive(1, *PAIR), drive(1), "lateral_slip", "wheelbase_scale", "lateral_slip")
+    assert found == {"lateral_slip": 1.0, "wheelbase_scale": 1.0}

@@ -131,6 +131,7 @@ def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
         explained=5.0,
         tolerated=0.0,
         log_evidence_of_levels=lambda _: 0.0,
+        dispersed=lambda *as_they_are: as_they_are,
     )
     assert _alternatives(motion, None, gross=False)[0].log_evidence < 3
     assert motion.tolerated > 10
