@@ -19,9 +19,9 @@ def _plain(
     act: Action,
     *coefficients: str,
     positive: bool = False,
-    exact: Action | None = None,
+    **more: Any,
 ) -> Explanation:
-    variant = Variant(effect, act, coefficients, is_positive=positive, exact=exact)
+    variant = Variant(effect, act, coefficients, is_positive=positive, **more)
     return Explanation(effect, _RANK[stage], lambda motion: (variant,))
 
 
@@ -85,7 +85,7 @@ _ALL: Final = (
     ),
     _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
-    _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub"),
+    _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub", unbent=wheel.scrub_of_line),
     _plain(
         "longitudinal_slip",
         "wheel",

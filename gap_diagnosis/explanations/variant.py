@@ -37,6 +37,8 @@ class Variant:
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
         stage_rank: order of acting, for effects of a user's library.
+        unbent: the size whose effect is about that of a straight line of another size, where lines
+            lead far astray; a fit starts there.
         exact: how it acts in every detail, if `act` makes it smooth so that its column is free of
             the data's noise: what is compared is exact, what it is compared along is smooth.
         log_share: log of the share of all the times at which it could have begun that looks like
@@ -64,6 +66,7 @@ class Variant:
     stage_rank: int = 3
     little: Action | None = None
     large: Action | None = None
+    unbent: Callable[[float], float] | None = None
     exact: Action | None = None
     log_share: float = 0.0
     scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None

@@ -57,6 +57,15 @@ def turn_scrub(p: Prediction, *, scrub: float) -> None:
     p.wheelbase_m = p.wheelbase_m * (1 + scrub * spin)
 
 
+def scrub_of_line(straight: float) -> float:
+    """Return the scrub that turns a robot on the spot as a straight line about none would.
+
+    1 / (1 + scrub) = 1 - straight: of a scrub of -0.54 that line is one of -1.2, and there a robot
+    would turn the other way.
+    """
+    return straight / (1.0 - straight) if straight < 1.0 else straight
+
+
 def _size(motion: Motion, rate_rad_s: Floats) -> Floats:
     """Return the size of a sum of two wheels' rates, float64[n]; none within the noise of counting.
 

@@ -237,7 +237,11 @@ class MotionModel:
         """
         if start is None:
             first = score(self.gram(levels), terms, self.prior)
-            start = _split(terms, first.means[int(np.argmax(first.weights))])
+            lines = _split(terms, first.means[int(np.argmax(first.weights))])
+            start = [
+                tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
+                for t, sizes in zip(terms, lines, strict=True)
+            ]
         coefficients = tuple(start)
         gained = math.inf if free_levels and steps > 1 else 0.0
         for step in range(steps + _MORE_STEPS):

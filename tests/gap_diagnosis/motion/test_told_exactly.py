@@ -216,3 +216,15 @@ def test_a_large_skew_is_found_from_where_a_straight_line_led() -> None:
     likeliest = int(np.argmax(fit.scored.weights))
     sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
     assert abs(fit.coefficients[0][0] - 3e-3) < sd
+
+
+def test_a_scrub_that_doubles_every_turn_is_found_from_where_a_straight_line_led() -> None:
+    """The line led beyond -1, where a robot turns the other way: the fit ended at -0.13, a search
+    at -2.9. Within a hundredth: what is tested is where it ends."""
+    scrub = -0.54
+    setting = EffectSetting("turn_scrub", (("scrub", scrub),))
+    log = synthetic_recording(without_noise(ROBOT), WIRE, DRIVE, (setting,), 3, reference=EXACT)
+    model = MotionModel(log, ROBOT, default_prior())
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "turn_scrub")
+    fit = model.refit([term], LEVELS, free_levels=False)
+    assert fit.coefficients[0][0] == pytest.approx(scrub, abs=0.01)
