@@ -19,6 +19,7 @@ Bools = NDArray[np.bool_]
 
 _TOGETHER: Final = 0.3
 """Of a cycle: a repeat that comes sooner is a duplicate where no counter tells."""
+_USUAL_ROWS: Final = 4
 _CONTEXT: Final = 40
 _CHANGING: Final = 0.8
 LONGEST_STALE_S: Final = 0.3
@@ -254,7 +255,9 @@ def staleness(
         turning = np.concatenate((moving[before], moving[after]))
         if np.mean(around[turning]) < _CHANGING if turning.any() else True:
             continue
-        if np.mean(turning) < 0.5 or not _leaps(moved, row[start - 1], row[stop], length):
+        if max(np.mean(moving[before]), np.mean(moving[after])) < 0.5:
+            continue
+        if not _leaps(moved, row[start - 1], row[stop], length):
             continue
         found.append((length, int(start), int(stop)))
     least = _beyond_chance([length for length, _, _ in found], chances)
@@ -303,11 +306,16 @@ def _speed(wheels: Sequence[Floats]) -> Floats:
 
 
 def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool:
-    """Tell whether the wheels went on during rows last to fresh, standing still or not."""
+    """Tell whether the wheels went on during rows last to fresh, standing still or not.
+
+    About as fast as midway between before and after: they may just have begun to turn.
+    """
     moved = 0.0
     usual = 0.0
     for wheel in wheels:
-        usual += float(np.abs(wheel[last] - wheel[max(last - 4, 0)])) / 4
+        until = min(fresh + _USUAL_ROWS, len(wheel) - 1)
+        usual += 0.5 * float(np.abs(wheel[last] - wheel[max(last - _USUAL_ROWS, 0)])) / _USUAL_ROWS
+        usual += 0.5 * float(np.abs(wheel[until] - wheel[fresh])) / _USUAL_ROWS
         moved += float(np.abs(wheel[fresh] - wheel[last]))
     # A slow wheel shows the same count twice by itself, a steady one the same speed.
     least = 2.0 if length >= _SURE_LENGTH else 8.0

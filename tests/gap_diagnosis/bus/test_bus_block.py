@@ -16,6 +16,7 @@ from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
 from hil_harness.scenarios.named import calibration
 from hil_harness.scenarios.named import random as random_scenario
 
@@ -166,6 +167,24 @@ def test_two_events_are_enough_where_none_should_be(effect: str) -> None:
         if np.count_nonzero(np.diff(counter) < 1) == 2:
             break
     assert evidence(block_of(made), effect) > 4
+
+
+def test_what_is_said_again_while_wheels_begin_to_turn_is_stale_as_well() -> None:
+    """They leap although they had hardly moved before: a window in which they lost their hold."""
+    made = synthetic_recording(ROBOT, WIRE, scenario("stop_and_go"), (), 3, duration_s=60.0)
+    left, right = made.left_ticks.copy(), made.right_ticks.copy()
+    payload = made.frames["ENCODER"].payload.copy()
+    turns = np.abs(np.diff(left, prepend=left[0])) > 1
+    starts = [at for at in np.flatnonzero(turns) if not turns[max(at - 50, 0) : at].any()]
+    for at in starts:
+        held = slice(at, at + 12)
+        left[held], right[held], payload[held] = left[at - 1], right[at - 1], payload[at - 1]
+    frames = {**made.frames, "ENCODER": replace(made.frames["ENCODER"], payload=payload)}
+    block = block_of(replace(made, left_ticks=left, right_ticks=right, frames=frames))
+    assert len(starts) > 2
+    assert evidence(block, "stale_producer") > 4
+    empty = np.isnan(block.without_stale().left_ticks)
+    assert all(empty[at : at + 12].all() for at in starts)
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
