@@ -39,6 +39,7 @@ class Found:
             comparable between sets of one log.
         levels: at which noise levels.
         refitted: the non-linear fit, for the best sets only.
+        fell: by how much the fit lies below what straight lines promised [nat].
     """
 
     effects: Effects
@@ -47,6 +48,7 @@ class Found:
     log_likelihood: float
     levels: Floats
     refitted: Refitted | None = None
+    fell: float = 0.0
 
 
 def dispersed(log_evidence: float, log_likelihood: float, times: float) -> tuple[float, float]:
@@ -113,9 +115,15 @@ class Accounts:
         """Let no set win on straight lines alone: where those of one bent effect mislead, they do
         so beside every other effect, and no more fits are spent on them."""
         best = max(self._belief(one) for one in self._fitted())
+        singles = [one for one in self._fitted() if len(one.effects) == 1]
+        misled = {next(iter(one.effects)): one.fell for one in singles if one.fell > NEAR}
         for effects, one in self.found.items():
-            if one.refitted is None and self._belief(one) > best:
+            if one.refitted is not None or not effects:
+                continue
+            less = max(misled.get(effect, 0.0) for effect in effects)
+            if self._belief(one) - less / self.dispersion > best:
                 less = (self._belief(one) - (best - NEAR)) * self.dispersion
+            if less > 0.0:
                 self.found[effects] = replace(
                     one,
                     log_evidence=one.log_evidence - less,
@@ -260,15 +268,15 @@ class Accounts:
         linear = score(gram, one.terms, self.model.prior).log_evidence
         density = self.model.level_prior.log_density(np.log(one.levels))
         others = one.log_evidence - (gram.log_nothing + density + linear)
+        evidence = again.log_evidence + others
         self.found[one.effects] = Found(
             one.effects,
             one.terms,
-            again.log_evidence
-            + others
-            - self._beyond_belief(one.terms, [v for c in again.coefficients for v in c]),
+            evidence - self._beyond_belief(one.terms, [v for c in again.coefficients for v in c]),
             again.log_likelihood,
             again.levels,
             again,
+            max(one.log_evidence - evidence, 0.0),
         )
 
     def _refit_beside(self, guess: Found, one: Found) -> None:

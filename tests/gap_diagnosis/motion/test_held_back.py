@@ -1,5 +1,6 @@
 """No set of effects wins on straight lines that nobody followed."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -41,6 +42,22 @@ def test_a_set_that_was_never_fitted_again_does_not_win() -> None:
     held = scan.found[frozenset({"gyro_bias", "turn_scrub"})]
     assert held.log_likelihood - held.log_evidence == 3.0
     assert scan.found[frozenset({"gyro_scale"})].log_evidence == -1.0
+
+
+def test_what_a_fit_took_from_an_effect_it_takes_from_all_that_stand_beside_it() -> None:
+    """Counts that get lost scatter, a wheel of another size does not: missed_ticks fell by 507 nats
+    when fitted, and frame_latency + missed_ticks, which never was, won (0.39)."""
+    fell = replace(found(-1.0, "missed_ticks", fitted=True), fell=507.0)
+    scan = scan_of(
+        found(0.0),
+        fell,
+        found(502.0, "radius_mismatch", fitted=True),
+        found(505.8, "frame_latency", "missed_ticks"),
+        found(501.5, "gyro_bias", "radius_mismatch"),
+    )
+    scan._hold_back_the_unfitted()
+    assert scan.found[frozenset({"frame_latency", "missed_ticks"})].log_evidence < 0
+    assert scan.found[frozenset({"gyro_bias", "radius_mismatch"})].log_evidence == 501.5
 
 
 def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_of_few() -> None:
