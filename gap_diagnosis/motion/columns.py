@@ -29,6 +29,9 @@ NEVER_NUISANCE: Final = frozenset(
 _ON_EACH_SIDE: Final = frozenset({"encoder_eccentricity"})
 """Effects that either side may have a little of. Of a wheel off centre an encoder's as little is
 hardly another."""
+_OF_A_ROW: Final = frozenset({"IMU", "ENCODER"})
+"""What stands in one row of a table: a rate may be of the moment or a mean since the row before,
+and nothing says which."""
 GROSS: Final = frozenset({"setup_wheels_swapped", "setup_sign", "setup_unit"})
 NEEDS_REFERENCE: Final = frozenset(
     {
@@ -146,6 +149,8 @@ def build_columns(
             for index, name in enumerate(variant.coefficients):
                 size = prior.of(effect, name)
                 limit = tolerances.get(f"{effect}.{name}", size.tolerance)
+                if variant.report.get("frame") in _OF_A_ROW:
+                    limit = max(limit, float(np.median(motion.dt_s[1:])))
                 steps = [0.0] * len(variant.coefficients)
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
                 step = math.sqrt(limit * max(size.high, limit))
