@@ -41,3 +41,8 @@ def command(
         show_line(f"left out, without a column: {', '.join(encoded.left_out)}")
     if encoded.not_available:
         show_line(f"sent as not available, without a column: {', '.join(encoded.not_available)}")
+    for message, changes in encoded.untold.items():
+        show_line(
+            f"{message} goes out at its cycle: {q.count(changes)} changes between its frames are "
+            "not in the log; a robot that was told them does otherwise"
+        )

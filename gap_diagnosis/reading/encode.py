@@ -51,6 +51,7 @@ _QUANTITIES: Final[tuple[Role, ...]] = (
     "odom_y",
     "odom_heading",
 )
+_COMMANDS: Final[tuple[Role, ...]] = ("v_command", "w_command")
 _ODOMETRY: Final = ("odom_x", "odom_y", "odom_heading")
 
 
@@ -63,12 +64,15 @@ class Encoded:
         ticks: rows of the table.
         left_out: messages of the map that the table has no column for.
         not_available: signals sent as not available throughout.
+        untold: by message of commands, how many changes its cycle has left out: robots that were
+            told each of them do otherwise than the log says.
     """
 
     frames: Mapping[str, int]
     ticks: int
     left_out: tuple[str, ...]
     not_available: tuple[str, ...]
+    untold: Mapping[str, int]
 
 
 def encode_table(table: Path, out: Path, robot: Robot, wire: Wire) -> Encoded:
@@ -168,7 +172,28 @@ class _Encoding:
             for role, mapped_signal in self.wire.signal_map.signals.items()
             if mapped_signal.message.name in given and role not in self.values
         ]
-        return Encoded(self.sent, len(self.tick), tuple(sorted(mapped - given)), tuple(missing))
+        return Encoded(
+            self.sent,
+            len(self.tick),
+            tuple(sorted(mapped - given)),
+            tuple(missing),
+            self._untold(schedule),
+        )
+
+    def _untold(self, schedule: Sequence[tuple[MessageSpec, int, int]]) -> dict[str, int]:
+        """Return how many changes of commands fall between two frames of their message."""
+        found: dict[str, int] = {}
+        for spec, every, phase in schedule:
+            changed = np.zeros(len(self.tick), dtype=np.bool_)
+            for role in _COMMANDS:
+                own = self.wire.signal_map.signals.get(role)
+                if own is not None and own.message.name == spec.name and role in self.values:
+                    values = _filled(self.values[role])
+                    changed[1:] |= np.diff(values) != 0
+            lost = int(np.count_nonzero(changed & (self.tick % every != phase)))
+            if lost:
+                found[spec.name] = lost
+        return found
 
     def _schedule(self) -> Sequence[tuple[MessageSpec, int, int]]:
         roles = [role for role in (*_WHOLE, *_QUANTITIES) if role in self.values]

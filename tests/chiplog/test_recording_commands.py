@@ -24,6 +24,21 @@ def test_a_table_is_encoded_and_what_it_lacks_is_said(chiplog: Chiplog, tmp_path
     ]
 
 
+def test_commands_that_change_between_two_frames_are_said_not_to_be_in_the_log(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    """A robot that was told them was an unlisted drive in the log (1,000 nats)."""
+    rows = [f"{k / 100},{k},{k},{k / 1000},{0.1 if k < 8 else 0.2}" for k in range(33)]
+    header = "t_s,left_ticks,right_ticks,v_command_m_s,w_command_rad_s"
+    (tmp_path / "table.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    said = chiplog("encode", "table.csv", "--out", "bus.log")
+    # 32 changes, of which the frames in ticks 16 and 32 carry one each
+    assert said.out.splitlines()[-1] == (
+        "COMMAND goes out at its cycle: 30 changes between its frames are not in the log; a robot "
+        "that was told them does otherwise"
+    )
+
+
 def test_the_encoded_log_replays_after_a_run_and_maps_without_a_guess(
     chiplog: Chiplog, tmp_path: Path
 ) -> None:
