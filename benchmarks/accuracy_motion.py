@@ -3,7 +3,8 @@
     python benchmarks/accuracy_motion.py limit --rounds 40 --results DIR
     python benchmarks/accuracy_motion.py exact --rounds 40 --results DIR
     python benchmarks/accuracy_motion.py prior --rounds 150 --results DIR
-    python benchmarks/accuracy_motion.py page --results DIR --out docs/reference/accuracy.md
+    python benchmarks/accuracy_motion.py page --results DIR --commit HASH \\
+        --out docs/reference/accuracy.md
 
 *limit*: each effect at 2 to 10 times its detection limit, every constant of the description off
 within its tolerance; errors over the Cramér-Rao bound. *exact*: the same with constants that are
@@ -42,10 +43,11 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--until", help="HH:MM: begin no case after this time today")
     parser.add_argument("--out", type=Path, help="of the page")
+    parser.add_argument("--commit", default="", help="that was measured, for the page")
     given = parser.parse_args()
     given.results.mkdir(parents=True, exist_ok=True)
     if given.what == "page":
-        text = page(results(given.results))
+        text = page(results(given.results), commit=given.commit)
         if given.out is None:
             print(text)
         else:

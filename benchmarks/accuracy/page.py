@@ -30,10 +30,11 @@ the kinds that the likelihood assumes. The diagnosis's own fit is used, with one
 """
 
 
-def page(results: Sequence[Result], day: date | None = None) -> str:
-    """Return the page, in Markdown."""
+def page(results: Sequence[Result], day: date | None = None, commit: str = "") -> str:
+    """Return the page, in Markdown; *commit* is that of the code that was measured."""
     day = day or date.today()
-    parts = [_HEAD, f"Measured on {day:%Y-%m-%d} with\n\n{_commands(results)}\n"]
+    code = f", commit {commit}," if commit else ""
+    parts = [_HEAD, f"Measured on {day:%Y-%m-%d}{code} with\n\n{_commands(results)}\n"]
     failed = [one for one in results if "failed" in one]
     if failed:
         names = ", ".join(sorted({f"`{one['effect']}`" for one in failed}))
