@@ -50,6 +50,8 @@ _ASLANT: Final = (0.03, 0.8)
 """About headings off by so much [rad], a way is short by half of its square. Less is within the
 tolerance of a room's scale and may be a wander of the reference; more, eight times the end of its
 prior, is none's."""
+_LEAP: Final = 2.0
+"""A step so many times the wheels' is no step of the robot's alone."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -490,6 +492,9 @@ def _aslant(
     """Return the one angle by which the reference's way lies to the left of its headings [rad], if
     it matters."""
     measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    # Where a reference leaps, a single step would outweigh all others.
+    most_m = _LEAP * np.abs(reckoned)
+    measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
     angle = float(np.angle(np.sum(measured * np.conj(reckoned))))
     least, most = _ASLANT
     return angle if least < abs(angle) < most else 0.0
