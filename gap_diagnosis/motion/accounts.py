@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 from typing import Final
 
@@ -15,6 +16,7 @@ from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.recording import Floats
+from hil_harness.effects import catalogue
 
 Effects = frozenset[str]
 
@@ -216,7 +218,10 @@ class Accounts:
         ranges = []
         for term in terms:
             for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):
-                most = _BELIEVED * of(term.variant.effect, name).high
+                most = min(
+                    _BELIEVED * of(term.variant.effect, name).high,
+                    _largest(term.variant.effect, name),
+                )
                 ranges.append((-small if term.variant.is_positive else -most, most))
         believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))
         return 0.0 if believed else _NEVER
@@ -302,3 +307,12 @@ class Accounts:
             more.levels,
             more,
         )
+
+
+@cache
+def _largest(effect: str, parameter: str) -> float:
+    """Return the largest size that makes sense: a wheel that slips by more than all of its way
+    would drive backwards."""
+    known = catalogue()
+    parameters = known[effect].parameters if effect in known else ()
+    return min((one.maximum for one in parameters if one.name == parameter), default=math.inf)

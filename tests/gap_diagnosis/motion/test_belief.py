@@ -32,6 +32,14 @@ def test_sizes_that_occur_are_weighed_by_the_data_alone() -> None:
     assert against([-0.05, 0.02]) == 0.0
 
 
+def test_a_wheel_does_not_slip_by_more_than_all_of_its_way() -> None:
+    """It would drive backwards: its counts have the wrong sign."""
+    variant = Variant("one_sided_slip", lambda prediction, **size: None, ("ratio",))
+    slip = Term(variant, (((0, 1.0),),), (0.005,))
+    assert Scan._beyond_belief(SEARCH, [slip], [1.9]) > 1e5
+    assert Scan._beyond_belief(SEARCH, [slip], [0.9]) == 0.0
+
+
 def test_what_cannot_be_negative_is_not_believed_to_be() -> None:
     variant = Variant("lateral_slip", lambda prediction, **size: None, ("c",), is_positive=True)
     slip = Term(variant, (((0, 1.0),),), (0.002,))
