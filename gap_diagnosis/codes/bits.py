@@ -109,13 +109,13 @@ def _excursions(data: CodeData, bit: int, value: int) -> float:
     return _EXCURSION_NATS * len(long)
 
 
-def missing_codes(data: CodeData) -> tuple[Floats, Floats]:
+def missing_codes(code: Floats) -> tuple[Floats, Floats]:
     """Return interior codes and the log likelihood ratio of each being missing.
 
     A missing code is never seen and the next higher one stands for it, so that is seen twice as
     often. The neighbours give the expected number, overdispersed.
     """
-    codes = data.code.astype(np.int64)
+    codes = code.astype(np.int64)
     low = int(codes.min())
     if int(codes.max()) - low > 1 << 20:
         return np.zeros(0), np.zeros(0)

@@ -102,7 +102,7 @@ class CodesBlock:
         return Fit(("adc_stuck_bit",), evidence, max(best.log_ratio, 0.0), parameters)
 
     def _missing(self) -> Fit:
-        codes, ratio = missing_codes(self._data)
+        codes, ratio = missing_codes(self._alive())
         price = self._data.bits * math.log(2.0)
         if len(codes) == 0 or not np.isfinite(ratio).any():
             return Fit(("adc_missing_code",), _NOTHING_SEEN, 0.0, log_silent=_NOTHING_SEEN)
@@ -122,6 +122,14 @@ class CodesBlock:
             parameters,
             log_silent=unseen,
         )
+
+    def _alive(self) -> Floats:
+        """Return the codes but those of a frozen gyro, which says one of them over and over."""
+        frozen = self._single("gyro_frozen")
+        if frozen.log_evidence <= 0:
+            return self._data.code
+        ((start_s, stop_s),) = frozen.windows
+        return self._data.code[(self._data.t_s < start_s) | (self._data.t_s > stop_s)]
 
     def _frozen(self) -> Fit:
         found = frozen_run(self._data)

@@ -99,6 +99,19 @@ def test_a_flat_top_is_a_limit_and_no_frozen_gyro() -> None:
     assert limit.value == pytest.approx(0.7, abs=0.001)
 
 
+def test_a_frozen_gyro_says_one_code_over_and_over_and_hides_none() -> None:
+    """A code that nobody asked for stands below it by chance."""
+    made = recording(gyro_frozen={"start_s": 20.0, "stop_s": 22.0})
+    assert made.gyro_code is not None
+    (window,) = block_of(made).fit(frozenset({"gyro_frozen"})).windows
+    frozen = (made.t_s >= window[0]) & (made.t_s <= window[1])
+    said = made.gyro_code[frozen][len(made.gyro_code[frozen]) // 2]
+    code = np.where(made.gyro_code == said - 1, said - 2, made.gyro_code)
+    code = np.where(~frozen & (code == said - 3) & (np.arange(len(code)) % 2 == 0), said - 2, code)
+    fit = block_of(replace(made, gyro_code=code)).fit(frozenset({"adc_missing_code"}))
+    assert fit.log_evidence < 3.0
+
+
 def test_a_missing_code_is_named() -> None:
     fit = block_of(recording(adc_missing_code={"code": 32770})).fit(frozenset({"adc_missing_code"}))
     assert fit.log_evidence > 2
