@@ -26,7 +26,7 @@ DATA = {
     *(f"firmware_model/c99/{name}" for name in ("host.c", "jobs.c", "jobs.h")),
     *(f"firmware_model/c99/cortex_m/{name}" for name in ("startup.c", "mps2_an385.ld")),
     "gap_diagnosis/data/prior.toml",
-    "gap_diagnosis/data/manoeuvres/standstill.toml",
+    "gap_diagnosis/data/manoeuvres/start_stop.toml",
     "hil_harness/data/robot.toml",
     "hil_harness/devices/include/chiplog_device.h",
     *(f"{package}/py.typed" for package in TOP_LEVEL),

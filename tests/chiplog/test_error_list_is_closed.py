@@ -102,6 +102,7 @@ UNLISTED = {
         "gap_diagnosis/reading/rows.py:rows_of_ticks",
         "gap_diagnosis/reading/table_file.py:_read_parquet",
         "gap_diagnosis/reading/table_file.py:_read_parts",
+        "gap_diagnosis/trials/make.py:_other_engine",
         "gap_diagnosis/trials/run.py:_one",
         "hil_harness/devices/process.py:_exchange",
         "hil_harness/devices/shared_library.py:_put",

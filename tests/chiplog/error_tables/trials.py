@@ -82,6 +82,13 @@ TRIALS: tuple[Row, ...] = (
         {"seal.json": _COMMITTED, "answers.sealed": _PLAIN, "a.key": b"1" * 16},
     ),
     Row(
+        "a trial to drive again in which nothing is recommended",
+        "chiplog blind again . --out again --key a.key",
+        ".: no diagnosis in it recommends a manoeuvre: expected results of `chiplog blind run .` "
+        "with an ambiguous case",
+        {"seal.json": _OPENED, "answers.sealed": _EMPTY, "a.key": bytes(len(_EMPTY))},
+    ),
+    Row(
         "a sealed trial that was not run",
         "chiplog blind score . --key a.key",
         "results/chiplog: no results: expected those of `chiplog blind run .`",
