@@ -81,6 +81,7 @@ def markdown(
         f"Measured on {datetime.now(UTC):%Y-%m-%d}. Made with",
         "",
         f"    {made}",
+        *(["    chiplog blind again DIR --out AGAIN"] if again else []),
         "",
         "Command and version of each method:",
         "",
