@@ -18,9 +18,11 @@ from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.motion.whitening import course_of, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import ReferenceNoise
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness import load_robot, load_wire
+from hil_harness.effects import EffectSetting
 from hil_harness.robot import Robot
+from hil_harness.scenarios import scenario
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +30,10 @@ ROBOT = load_robot()
 WIRE = load_wire()
 LEVELS = level_prior(ROBOT).median
 EXACT = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
+SLIP_AND_BASE = (
+    EffectSetting("lateral_slip", (("compliance", 0.02),)),
+    EffectSetting("wheelbase_scale", (("scale", 0.01),)),
+)
 
 
 def without_noise(robot: Robot) -> Robot:
@@ -79,3 +85,10 @@ def setting_of(motion: Motion, effect: str, values: Mapping[str, Value]) -> list
     turned = np.array([variant.polar_turn(1.0, 0.0), variant.polar_turn(0.0, 1.0)]).T
     wanted = size * np.array([math.cos(angle), math.sin(angle)])
     return [(variant, tuple(float(one) for one in np.linalg.solve(turned, wanted)))]
+
+
+def calibration_drive(seed: int, *effects: EffectSetting) -> Recording:
+    """Return the log of a calibration drive with an ordinary reference."""
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+    )

@@ -4,30 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, SLIP_AND_BASE, calibration_drive
 
 from gap_diagnosis.motion.accounts import Accounts, Found
 from gap_diagnosis.motion.dispersion import dispersion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import EffectSetting
-from hil_harness.scenarios import scenario
 
 PIECE_S = 2.0
 UNEVEN = 0.05
 """A turn's share that one floor slips and the next does not: what carpets and ramps do."""
-PAIR = (
-    EffectSetting("lateral_slip", (("compliance", 0.02),)),
-    EffectSetting("wheelbase_scale", (("scale", 0.01),)),
-)
-
-
-def drive(seed: int, *effects: EffectSetting) -> Recording:
-    return synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
-    )
 
 
 def on_many_floors(log: Recording, seed: int) -> Recording:
@@ -52,22 +39,25 @@ def dispersion_of(log: Recording, *effects: str) -> float:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_drive_that_is_explained_scatters_as_its_noise_does(seed: int) -> None:
-    assert dispersion_of(drive(seed, *PAIR), "lateral_slip", "wheelbase_scale") == 1.0
+    assert (
+        dispersion_of(calibration_drive(seed, *SLIP_AND_BASE), "lateral_slip", "wheelbase_scale")
+        == 1.0
+    )
 
 
 def test_an_effect_that_is_not_in_the_fit_is_no_scatter() -> None:
     """All patterns of the library are fitted first: what is missing must not count against it."""
-    assert dispersion_of(drive(3, *PAIR)) == 1.0
+    assert dispersion_of(calibration_drive(3, *SLIP_AND_BASE)) == 1.0
 
 
 def test_turns_that_each_go_their_own_way_say_less_than_their_likelihood() -> None:
     """Pieces with a scale each vary by what they turn, not by their samples: the likelihood takes
     each sample for news of its own. Levels grow until samples fit, and pieces do not."""
-    assert dispersion_of(on_many_floors(drive(1), 1)) > 1.5
+    assert dispersion_of(on_many_floors(calibration_drive(1), 1)) > 1.5
 
 
 def test_a_set_gains_its_likelihood_divided_and_pays_its_prior_whole() -> None:
-    accounts = Accounts(MotionModel(drive(1), ROBOT, default_prior()))
+    accounts = Accounts(MotionModel(calibration_drive(1), ROBOT, default_prior()))
     levels = accounts.model.level_prior.median
     nothing, pair = frozenset[str](), frozenset({"lateral_slip", "wheelbase_scale"})
     likelihood, cost = 40.0, 10.0

@@ -4,26 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, SLIP_AND_BASE, calibration_drive
 
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import EffectSetting
-from hil_harness.scenarios import scenario
-
-PAIR = (
-    EffectSetting("lateral_slip", (("compliance", 0.02),)),
-    EffectSetting("wheelbase_scale", (("scale", 0.01),)),
-)
-
-
-def drive(seed: int, *effects: EffectSetting) -> Recording:
-    return synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
-    )
 
 
 def excess_of(log: Recording, quiet: Recording, *effects: str) -> dict[str, float]:
@@ -39,13 +25,18 @@ def excess_of(log: Recording, quiet: Recording, *effects: str) -> dict[str, floa
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_effects_that_are_there_scatter_as_noise_does(seed: int) -> None:
-    found = excess_of(drive(seed, *PAIR), drive(seed), "lateral_slip", "wheelbase_scale")
+    found = excess_of(
+        calibration_drive(seed, *SLIP_AND_BASE),
+        calibration_drive(seed),
+        "lateral_slip",
+        "wheelbase_scale",
+    )
     assert found == {"lateral_slip": 1.0, "wheelbase_scale": 1.0}
 
 
 def test_what_a_single_place_of_the_log_says_is_said_by_no_other() -> None:
     """The reference leaps aside by a decimetre: a wider wheelbase explains a little of it."""
-    log = drive(1)
+    log = calibration_drive(1)
     assert log.reference is not None
     late = log.reference.t_s > float(np.median(log.reference.t_s))
     leapt = replace(log.reference, y_m=log.reference.y_m + 0.1 * late)
@@ -55,5 +46,11 @@ def test_what_a_single_place_of_the_log_says_is_said_by_no_other() -> None:
 
 def test_of_two_effects_that_are_one_in_this_log_neither_is_contradicted() -> None:
     """Their inner products have no inverse (a traceback in a trial)."""
-    found = excess_of(drive(1, *PAIR), drive(1), "lateral_slip", "wheelbase_scale", "lateral_slip")
+    found = excess_of(
+        calibration_drive(1, *SLIP_AND_BASE),
+        calibration_drive(1),
+        "lateral_slip",
+        "wheelbase_scale",
+        "lateral_slip",
+    )
     assert found == {"lateral_slip": 1.0, "wheelbase_scale": 1.0}
