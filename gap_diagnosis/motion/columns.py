@@ -332,6 +332,7 @@ def _windows(
 
 
 _PACE: Final = 0.02
+"""Of a wheel's mean pace in the log: a slower one stands, and its counter trembles."""
 
 
 def _hardly_turns(motion: Motion, side: str, window: Variant) -> bool:
