@@ -12,6 +12,7 @@ Index k of every array speaks of the tick that ends at t_k; at k = 0 steps are z
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -92,6 +93,11 @@ class Motion:
     sharp_s: float
     has_counters: bool = True
 
+    @cached_property
+    def tick_s(self) -> float:
+        """The usual length of a tick."""
+        return float(np.median(self.dt_s[1:]))
+
     @property
     def elapsed_s(self) -> Floats:
         """Time since the log's start."""
@@ -163,7 +169,7 @@ class Prediction:
         ways = m.radius_m * m.right_step_rad - m.radius_m * m.left_step_rad
         described = ways / m.wheelbase_m
         # As smooth from row to row as the turn is: stamps may jitter.
-        tick_s = float(np.median(m.dt_s[1:]))
+        tick_s = m.tick_s
         changed = (self.turn_rad - described) / tick_s
         self.gyro_rad_s = self.gyro_rad_s + changed
         self.turned_rad_s = self.turned_rad_s + changed

@@ -245,7 +245,7 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
     counts tell, one that stands to the log's end will do.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
-    tick_s = float(np.median(motion.dt_s[1:]))
+    tick_s = motion.tick_s
     least = max(3, round(_DEAD_S / tick_s))
     noise_rad_s = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
     noise_rad = noise_rad_s * tick_s * motion.wheelbase_m / motion.radius_m

@@ -42,7 +42,7 @@ def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
     if time_constant <= 0:
         return
     rate = seen(p, rate)
-    step = float(np.median(p.motion.dt_s[1:]))
+    step = p.motion.tick_s
     share = -np.expm1(-step / time_constant)
     filtered = lfilter([share], [1, share - 1], rate, zi=rate[:1] * (1 - share))[0]
     # The filter's exact mean over a tick in which the rate is constant.

@@ -99,7 +99,7 @@ def detailed_turn_rate(motion: Motion) -> Floats:
     """Return the mean turn rate of each tick, smoothed by no more than its noise asks for."""
     if motion.sharp_s == np.inf:
         return motion.turn_rate_rad_s
-    step_s = float(np.median(motion.dt_s[1:]))
+    step_s = motion.tick_s
     heading = gaussian_filter1d(motion.heading_rad, motion.sharp_s / step_s, mode="nearest")
     turn = np.diff(heading, prepend=heading[0])
     return np.asarray(turn / np.maximum(motion.dt_s, 1e-9))
@@ -116,7 +116,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     smooth = motion.turn_rate_rad_s
     if motion.sharp_s == np.inf:
         return smooth
-    step_s = float(np.median(motion.dt_s[1:]))
+    step_s = motion.tick_s
     # Smoothed once by more, the more noise there is, and then once by the usual.
     width_s = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S))
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad

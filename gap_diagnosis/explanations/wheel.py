@@ -72,7 +72,7 @@ def _size(motion: Motion, rate_rad_s: Floats) -> Floats:
     The mean size of noise is not zero: a robot that turned on the spot would seem to go along by a
     thousandth, and its scrub be told short by as much.
     """
-    tick_s = float(np.median(motion.dt_s[1:]))
+    tick_s = motion.tick_s
     noise = np.sqrt(2.0 * counting_slope(USUAL_S / tick_s)) * motion.rounding_rad / tick_s
     size = np.abs(rate_rad_s)
     return np.where(size > _SURELY * noise, size, 0.0)
@@ -87,7 +87,7 @@ def longitudinal_slip(p: Prediction, *, compliance: float) -> None:
 def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     """Let the wheels over-read when speeding up as sharply as they do."""
     m = p.motion
-    tick_s = float(np.median(m.dt_s[1:]))
+    tick_s = m.tick_s
     width = math.sqrt(2.0) * USUAL_S / tick_s  # rate and acceleration were smoothed, each once
     noise = counting_bend(width) * (m.rounding_rad / tick_s**2) ** 2
     left, right = (

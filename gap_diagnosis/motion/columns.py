@@ -150,7 +150,7 @@ def build_columns(
                 size = prior.of(effect, name)
                 limit = tolerances.get(f"{effect}.{name}", size.tolerance)
                 if variant.report.get("frame") in _OF_A_ROW:
-                    limit = max(limit, float(np.median(motion.dt_s[1:])))
+                    limit = max(limit, motion.tick_s)
                 steps = [0.0] * len(variant.coefficients)
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
                 step = math.sqrt(limit * max(size.high, limit))

@@ -294,7 +294,7 @@ def smoothed(motion: Motion) -> Motion:
     A column made of raw counts would carry the same quantisation noise as the data that it is
     compared with (errors in variables), and large amplitudes could cancel that noise.
     """
-    tick_s = float(np.median(motion.dt_s[1:]))
+    tick_s = motion.tick_s
     left, right = motion.left_steady_rad, motion.right_steady_rad
     # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
     # by as much: of a wheel that stands nothing must be left.
@@ -328,7 +328,7 @@ def sharpened(smooth: Motion) -> Motion:
     """
     if smooth.rounding_rad == _FINE_RAD:
         return smooth
-    tick_s = float(np.median(smooth.dt_s[1:]))
+    tick_s = smooth.tick_s
     left, right = smooth.left_step_rad, smooth.right_step_rad
     width = USUAL_S / tick_s
     # Of the sum of two counters.

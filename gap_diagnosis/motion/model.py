@@ -104,7 +104,7 @@ class MotionModel:
             self.tolerances["reference_time_offset.offset"] = late_up_to_s
         if not motion.has_counters:
             # How a table's rows were put together, a mean of a tick or its last sample, is no lag.
-            tick_s = float(np.median(motion.dt_s[1:]))
+            tick_s = motion.tick_s
             self.tolerances[_LAG] = max(self.tolerances[_LAG], tick_s)
         if recording.speed_cycle_s > 0:
             usual_s = prior.of("frame_latency", "delay").tolerance

@@ -137,7 +137,7 @@ def make_nodes(
     wheels and floor did meanwhile it has not seen.
     """
     count = len(motion.t_s)
-    step_s = float(np.median(motion.dt_s[1:]))
+    step_s = motion.tick_s
     size = max(1, round(_BLOCK_S / step_s), -(-count // _MOST_NODES))
     starts = np.arange(0, count, size)
     ticks = np.diff(np.append(starts, count)).astype(np.float64)

@@ -189,7 +189,7 @@ def _creep(motion: Motion, step_rad: Floats) -> Floats:
     )
     between = np.where(goes, np.abs(change[at[1:]]) / apart_s, 0.0)
     rate[at[0] + 1 : at[-1] + 1] = np.repeat(between, np.diff(at))
-    tick_s = float(np.median(motion.dt_s[1:]))
+    tick_s = motion.tick_s
     for one in np.flatnonzero(~goes):
         first, last = at[one] + 1, at[one + 1] + 1
         for known, part in ((one - 1, slice(first, last)), (one + 1, slice(last, first, -1))):
@@ -207,7 +207,7 @@ def _gyro_floor(nodes: Nodes) -> Floats:
     floor = np.full(nodes.count, _LEAST_TURN_RAD)
     if nodes.motion.has_counters:
         return floor
-    row_s = float(np.median(nodes.motion.dt_s[1:])) / np.sqrt(12.0)
+    row_s = nodes.motion.tick_s / np.sqrt(12.0)
     return np.asarray(floor + row_s * np.abs(nodes.mean(nodes.smooth.turn_rate_rad_s)))
 
 

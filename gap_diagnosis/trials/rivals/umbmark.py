@@ -104,7 +104,7 @@ def _pieces(job: Job) -> tuple[Floats, Floats, Floats, Floats]:
     if heading is None:
         raise ValueError(f"{job.recording.name}: expected a reference with headings")
     seen = np.interp(motion.t_s, reference.t_s, heading)
-    every = max(1, round(_PIECE_S / float(np.median(motion.dt_s[1:]))))
+    every = max(1, round(_PIECE_S / motion.tick_s))
     rows = []
     for first in range(0, len(kinds) - every, every):
         last = first + every
