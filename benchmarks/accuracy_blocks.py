@@ -40,7 +40,7 @@ from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.hypothesis import Estimate
-from gap_diagnosis.motion.estimate import unwrapped
+from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from gap_diagnosis.trials import drives

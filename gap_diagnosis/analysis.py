@@ -19,7 +19,7 @@ from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.lost_tracking import Lost, with_tracking
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst
-from gap_diagnosis.motion.estimate import unwrapped
+from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import (

@@ -26,9 +26,10 @@ from gap_diagnosis.gap.on_recording import Replayed, levels_of, measure, odometr
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
 from gap_diagnosis.gap.windows import Window
-from gap_diagnosis.motion.block import MotionBlock, draw
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.posterior import draw
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion

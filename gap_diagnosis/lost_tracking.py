@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from gap_diagnosis.motion.estimate import dead_reckoned, estimate_motion
+from gap_diagnosis.motion.course import dead_reckoned
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference

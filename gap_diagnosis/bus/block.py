@@ -20,7 +20,7 @@ from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.estimate import unwrapped
+from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
 from hil_harness.odometry_frames import ODOMETRY_ROLES

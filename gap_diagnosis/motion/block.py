@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import math
-import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
-from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.edges import EDGES
-from gap_diagnosis.motion.evidence import Scored
+from gap_diagnosis.motion.columns import GROSS
 from gap_diagnosis.motion.gross import looks_gross, put_right
-from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
+from gap_diagnosis.motion.posterior import Posterior, estimate
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
-_DRAWS: Final = 4000
 _SEVERAL: Final = 12
-_AS_LIKELY: Final = 5.0
-"""Variants that lack less [nat] than that are drawn from too: one draw in 150."""
-_REDRAWN: Final = 30
-"""So often what is within tolerance is drawn again; what then remains there has no news in it."""
 _IMPOSSIBLE: Final = -1e9
 _GAINS: Final = 1.0
 """Where a noise and an effect each gain more than this alone [nat], they may gain the same."""
@@ -333,7 +325,7 @@ class MotionBlock:
             inner = self.detail(rest | {OFFSET})
             parameters = dict(inner.parameters)
             early = parameters.pop(f"{OFFSET}.offset")
-            parameters[f"{LATENCY}.delay"] = _estimate("delay", -np.asarray(early.samples))
+            parameters[f"{LATENCY}.delay"] = estimate("delay", -np.asarray(early.samples))
             return replace(inner, effects=tuple(sorted(effects)), parameters=parameters)
         if effects & NOISES.keys():
             quiet = self.detail(frozenset(effects - NOISES.keys()))
@@ -345,13 +337,13 @@ class MotionBlock:
             )
         found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
-        parameters, windows = self._estimates(found, again)
+        parameters, windows = Posterior(self.model, self.scan).estimates(found, again)
         for alias in effects & ALIASES.keys():
             own = {name.split(".")[1]: name for name in parameters if _is_of(name, ALIASES[alias])}
             for name, known in own.items():
                 parameters[f"{alias}.{name}"] = parameters.pop(known)
             samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
-            parameters[f"{alias}.scale"] = _estimate("scale", samples)
+            parameters[f"{alias}.scale"] = estimate("scale", samples)
         fit = self._fit(effects)
         return replace(fit, parameters=parameters, windows=tuple(windows))
 
@@ -369,157 +361,6 @@ class MotionBlock:
             own = own - {LATENCY} | ({OFFSET} if seen else frozenset())
         return aliased(frozenset(own - NOISES.keys()))
 
-    def _estimates(
-        self, found: Found, again: Refitted
-    ) -> tuple[dict[str, Estimate], list[tuple[float, float]]]:
-        rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
-        draws = self._drawn(found, again, rng)
-        parameters: dict[str, Estimate] = {}
-        windows: list[tuple[float, float]] = []
-        column = 0
-        for term in found.terms:
-            effect = term.variant.effect
-            width = len(term.variant.coefficients)
-            named = term.variant.parameters(draws[:, column : column + width]) if width else {}
-            column += width
-            for name, samples in named.items():
-                parameters[f"{effect}.{name}"] = _estimate(name, samples)
-            for name in term.variant.report:
-                key = f"{effect}.{name}"
-                if name in EDGES:
-                    samples = self._edge(term, name, found, rng)
-                    if name.endswith("_s"):
-                        samples = np.clip(samples, *self.model.nodes.motion.t_s[[0, -1]])
-                    parameters[key] = _estimate(name, samples)
-                else:
-                    parameters[key] = self._choice(term, name, found)
-            if "start_s" in term.variant.fixed:
-                fixed = term.variant.fixed
-                windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
-        return parameters, windows
-
-    def _drawn(self, found: Found, again: Refitted, rng: np.random.Generator) -> Floats:
-        """Return draws float64[4000, k] of the sizes, of every variant that is about as likely.
-
-        What one side counts too many the other may count too few: the size goes with the side.
-        """
-        likely = [(found.terms, again)]
-        for place, term in enumerate(found.terms):
-            if not term.variant.coefficients or any(name in term.variant.fixed for name in EDGES):
-                continue
-            known = self.scan.evidence(found.terms, found.levels)
-            for other in self.scan.by_effect[term.variant.effect]:
-                terms = (*found.terms[:place], other, *found.terms[place + 1 :])
-                is_rival = other is not term and other.log_weight == 0.0
-                if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
-                    fit = self.model.refit(terms, again.levels, free_levels=False)
-                    likely.append((terms, fit))
-        logs = np.array([fit.log_evidence for _, fit in likely])
-        weights = np.exp(logs - logs.max())
-        drawn = [
-            draw(self._widened(fit.scored), [one for one in terms if not one.is_fixed], rng)
-            for terms, fit in likely
-        ]
-        if len(drawn) == 1:
-            return drawn[0]
-        picked = rng.choice(len(drawn), size=_DRAWS, p=weights / weights.sum())
-        return np.stack(drawn)[picked, np.arange(_DRAWS)]
-
-    def _widened(self, scored: Scored) -> Scored:
-        """Return the posterior with as much more variance as the log's likelihood is too sure."""
-        return replace(scored, covariances=scored.covariances * self.scan.dispersion)
-
-    def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
-        """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""
-        if name in term.variant.told:
-            return rng.uniform(*term.variant.told[name], size=_DRAWS)
-        sd = self.scan.spans.get(term.variant.effect, {}).get(name)
-        if sd is None:
-            return self._on_the_grid(term, name, found, rng)
-        return float(term.variant.report[name]) + sd * rng.standard_normal(_DRAWS)
-
-    def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
-        """Return draws float64[4000] of an edge that was told too faintly to be sought off its
-        grid: from the evidence of every variant, even within a step of the grid."""
-        others = [one for one in found.terms if one.variant.effect != term.variant.effect]
-        variants = self.scan.by_effect[term.variant.effect]
-        known = [one for one in variants if name in one.variant.fixed]
-        values = np.array([one.variant.fixed[name] for one in known])
-        logs = np.array([self.scan.evidence([*others, one], found.levels) for one in known])
-        weights = np.exp(logs - logs.max())
-        drawn = rng.choice(values, size=_DRAWS, p=weights / weights.sum())
-        grid = np.unique(values)
-        step = float(np.diff(grid).mean()) if len(grid) > 1 else 0.0
-        return np.maximum(drawn + step * rng.uniform(-0.5, 0.5, _DRAWS), 0.0)
-
-    def _choice(self, term: Term, name: str, found: Found) -> Estimate:
-        """Return the probabilities of a choice, from every variant of the effect."""
-        others = [one for one in found.terms if one.variant.effect != term.variant.effect]
-        scores: dict[str, float] = {}
-        for variant in self.scan.by_effect[term.variant.effect]:
-            key = str(variant.variant.report[name])
-            value = self.scan.evidence([*others, variant], found.levels)
-            scores[key] = float(np.logaddexp(scores.get(key, -np.inf), value))
-        top = max(scores.values())
-        weights = {key: float(np.exp(value - top)) for key, value in scores.items()}
-        total = sum(weights.values())
-        return Estimate(
-            term.variant.report[name],
-            probabilities={key: weight / total for key, weight in weights.items()},
-        )
-
 
 def _is_of(parameter: str, effect: str) -> bool:
     return parameter.partition(".")[0] == effect
-
-
-def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:
-    """Return draws float64[4000, k] of the coefficients from the posterior mixture.
-
-    What lies within its tolerance is no news and is drawn again, as the evidence leaves it out;
-    sizes that cannot be negative are never drawn so.
-    """
-    count = scored.means.shape[1]
-    if count == 0:
-        return np.zeros((_DRAWS, 0))
-    picked = rng.choice(len(scored.weights), size=_DRAWS, p=scored.weights / scored.weights.sum())
-    factors = np.linalg.cholesky(
-        scored.covariances + 1e-18 * np.eye(count) * np.trace(scored.covariances[0])
-    )
-    draws = np.zeros((_DRAWS, count))
-    again = np.ones(_DRAWS, dtype=np.bool_)
-    for _ in range(_REDRAWN):
-        which = picked[again]
-        normal = rng.standard_normal((len(which), count))
-        draws[again] = scored.means[which] + np.einsum("sij,sj->si", factors[which], normal)
-        again = ~_is_news(draws, terms)
-        if not again.any():
-            break
-    column = 0
-    for term in terms:
-        for _ in term.weights:
-            if term.variant.is_positive:
-                draws[:, column] = np.abs(draws[:, column])
-            column += 1
-    return draws
-
-
-def _is_news(draws: Floats, terms: Sequence[Term]) -> NDArray[np.bool_]:
-    """Tell of draws float64[s, k] whether each term has a coefficient beyond its tolerance."""
-    news = np.ones(len(draws), dtype=np.bool_)
-    column = 0
-    for term in terms:
-        beyond = np.zeros(len(draws), dtype=np.bool_)
-        for tolerance in term.tolerances:
-            size = draws[:, column] if term.variant.is_positive else np.abs(draws[:, column])
-            beyond |= size > tolerance
-            column += 1
-        news &= beyond
-    return news
-
-
-def _estimate(name: str, samples: Floats) -> Estimate:
-    if name in {"phase", "direction"}:
-        middle = float(np.angle(np.mean(np.exp(1j * samples))))
-        samples = middle + np.angle(np.exp(1j * (samples - middle)))
-    return Estimate(float(samples.mean()), float(samples.std()), samples)

@@ -21,9 +21,10 @@ from gap_diagnosis.motion.columns import (
     build_columns,
     with_variant,
 )
-from gap_diagnosis.motion.estimate import estimate_motion, silences, unsure_where_frozen
+from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_frozen
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
+from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import starts

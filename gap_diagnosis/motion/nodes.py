@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from gap_diagnosis.motion.estimate import dead_reckoned, sharpened, smoothed
+from gap_diagnosis.motion.course import dead_reckoned
+from gap_diagnosis.motion.smoothing import sharpened, smoothed
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Reference
 

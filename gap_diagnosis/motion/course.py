@@ -1,0 +1,93 @@
+"""Where steps forward lead, and how a reference bends what the wheels say of it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from gap_diagnosis.recording import Floats, Reference
+
+_COURSE_S: Final = 1.5
+_TOLD: Final = 0.02
+"""Where the way is less than this share of the longest, the course says nothing."""
+_ASLANT: Final = (0.03, 0.8)
+"""About headings off by so much [rad], a way is short by half of its square. Less is within the
+tolerance of a room's scale and may be a wander of the reference; more, eight times the end of its
+prior, is none's."""
+_LEAP: Final = 2.0
+"""A step so many times the wheels' is no step of the robot's alone."""
+_FOLLOW_S: Final = 0.4
+"""Faster deviations of the reference from dead reckoning are taken for its noise."""
+
+
+def dead_reckoned(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Return x and y [m], float64[n], of steps forward that end at these headings."""
+    middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
+    return np.cumsum(forward_m * np.cos(middle)), np.cumsum(forward_m * np.sin(middle))
+
+
+def heading_of(
+    heading: Floats,
+    t_s: Floats,
+    stamps: Floats,
+    reference: Reference,
+    forward_m: Floats,
+    step_s: float,
+) -> Floats:
+    """Return the encoders' heading bent onto the reference's heading, or onto its course."""
+    if reference.heading_rad is not None:
+        residual = reference.heading_rad - np.interp(stamps, t_s, heading)
+        bent = heading + slow(stamps, residual, t_s, step_s)
+        return bent + _aslant(bent, t_s, stamps, reference, forward_m)
+    return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
+
+
+def slow(stamps: Floats, residual: Floats, t_s: Floats, step_s: float) -> Floats:
+    """Return the residual at the ticks, without its fast part."""
+    at_ticks = np.interp(t_s, stamps, residual)
+    return np.asarray(gaussian_filter1d(at_ticks, _FOLLOW_S / step_s, mode="nearest"))
+
+
+def _aslant(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> float:
+    """Return the one angle by which the reference's way lies to the left of its headings [rad], if
+    it matters."""
+    measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    # Where a reference leaps, a single step would outweigh all others.
+    most_m = _LEAP * np.abs(reckoned)
+    measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
+    angle = float(np.angle(np.sum(measured * np.conj(reckoned))))
+    least, most = _ASLANT
+    return angle if least < abs(angle) < most else 0.0
+
+
+def _measured_and_reckoned(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return steps between stamps, by the reference and by the wheels along these headings."""
+    x_m, y_m = dead_reckoned(forward_m, heading)
+    reckoned = np.diff(np.interp(stamps, t_s, x_m) + 1j * np.interp(stamps, t_s, y_m))
+    return np.diff(reference.x_m + 1j * reference.y_m), reckoned
+
+
+def _course_correction(
+    heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> Floats:
+    """Return what turns the dead-reckoned course onto the reference's, where there is no heading.
+
+    Steps between stamps are complex numbers; the angle of a moving sum of measured times conjugate
+    reckoned steps is the turn between them, weighted by the way, backwards or forwards.
+    """
+    measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    product = measured * np.conj(reckoned)
+    width = max(_COURSE_S / float(np.median(np.diff(stamps))), 1.0)
+    summed = gaussian_filter1d(product.real, width) + 1j * gaussian_filter1d(product.imag, width)
+    middle = 0.5 * (stamps[1:] + stamps[:-1])
+    told = np.abs(summed) > _TOLD * float(np.abs(summed).max())
+    if told.sum() < 3:
+        return np.zeros(len(t_s))
+    return np.asarray(np.interp(t_s, middle[told], np.unwrap(np.angle(summed[told]))))

@@ -1,0 +1,129 @@
+"""Wheel turns without the noise of counting: what effects are computed from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gap_diagnosis.explanations.reference import (
+    SHARP_S,
+    USUAL_S,
+    counting_slope,
+    with_details,
+)
+from gap_diagnosis.motion.course import dead_reckoned
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats
+
+_SLOW_S: Final = 1.0
+_NOISE_COUNTS_PER_S: Final = 25.0
+"""A rate below this is hardly more than the noise of counting."""
+FINE_RAD: Final = math.tau / 65_536
+"""Wheels that say how fast they are do not round what they went to counts."""
+_CONTACT_M_PER_SQRT_M: Final = 5e-4
+"""As levels of noise have it before a log is seen."""
+_NOISY: Final = 0.07
+_MOST_SMOOTHING_S: Final = 0.3
+
+
+def turn_smoothing_s(
+    heading: Floats, speeds_m_s: Floats, wheelbase_m: float, step_s: float
+) -> float:
+    """Return over how long a turn rate is averaged, so that its change is that of the body.
+
+    Wheels on a road slip to and fro, a random walk over the way, and a heavy body turns smoothly:
+    where the slope of what they say is mostly their own noise, a late or lagging gyro would be
+    told from it. It is a Gaussian that leaves of the noise 7 % of the slope. *speeds_m_s*:
+    float64[2, n], each wheel's.
+    """
+    walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
+    walk_rad2_per_s /= wheelbase_m**2
+    turn_rate = np.diff(heading, prepend=heading[0]) / step_s
+    width_s = USUAL_S
+    while width_s < _MOST_SMOOTHING_S:
+        bends = np.gradient(gaussian_filter1d(turn_rate, max(width_s / step_s, 0.5)), step_s)
+        noise = math.sqrt(walk_rad2_per_s / (4.0 * math.sqrt(math.pi) * width_s**3))
+        if noise <= _NOISY * float(bends.std()):
+            break
+        width_s *= 1.1
+    return width_s
+
+
+def sharp_smoothing_s(turning_s: float) -> float:
+    """Return what details of a turn rate are smoothed by, the more the more noise there is."""
+    sharp_s = SHARP_S * (turning_s / USUAL_S) ** 2
+    return sharp_s if sharp_s < turning_s else math.inf
+
+
+def smoothed(motion: Motion) -> Motion:
+    """Return the motion with smooth wheel turns: what effects are computed from.
+
+    A column made of raw counts would carry the same quantisation noise as the data that it is
+    compared with (errors in variables), and large amplitudes could cancel that noise.
+    """
+    tick_s = motion.tick_s
+    left, right = motion.left_steady_rad, motion.right_steady_rad
+    # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
+    # by as much: of a wheel that stands nothing must be left.
+    is_speed = motion.rounding_rad == FINE_RAD
+    least_s = motion.turning_s if is_speed else USUAL_S
+    ahead, turning = (
+        _denoised(steps, tick_s, motion.rounding_rad, least_s)
+        for steps in (right + left, right - left)
+    )
+    left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
+    left[0] = right[0] = 0.0
+    x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
+    geometry = motion.radius_m / motion.wheelbase_m
+    turn = motion.turn_rate_rad_s * tick_s / geometry
+    turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S)
+    return replace(
+        motion,
+        x_m=x_m,
+        y_m=y_m,
+        turn_rate_rad_s=turn * geometry / tick_s,
+        left_step_rad=left,
+        right_step_rad=right,
+        left_angle_rad=np.cumsum(left),
+        right_angle_rad=np.cumsum(right),
+    )
+
+
+def sharpened(smooth: Motion) -> Motion:
+    """Return smoothed wheel turns with as much of what smoothing rounded off as is no counting
+    error: what large effects make of them is compared with counts that begin a turn more sharply.
+    """
+    if smooth.rounding_rad == FINE_RAD:
+        return smooth
+    tick_s = smooth.tick_s
+    left, right = smooth.left_step_rad, smooth.right_step_rad
+    width = USUAL_S / tick_s
+    # Of the sum of two counters.
+    noise = 2.0 * counting_slope(width) * smooth.rounding_rad**2
+    ahead, turning = (
+        with_details(steps, width, noise, tick_s) for steps in (right + left, right - left)
+    )
+    left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
+    left[0] = right[0] = 0.0
+    return replace(smooth, left_step_rad=left, right_step_rad=right)
+
+
+def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float, least_s: float) -> Floats:
+    """Smooth steps a little where they are large, and much where they are hardly more than noise.
+
+    On a straight the difference of two counts is nothing but their noise.
+    """
+
+    def smooth(width_s: float, values: Floats = step_rad) -> Floats:
+        return np.asarray(gaussian_filter1d(values, max(width_s / tick_s, 0.5), mode="nearest"))
+
+    rate = smooth(3 * USUAL_S) / tick_s
+    noise = _NOISE_COUNTS_PER_S * rad_per_count
+    calm = np.exp(-((rate / noise) ** 2))
+    # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
+    slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
+    return np.asarray((1 - calm) * smooth(least_s) + calm * slow)
