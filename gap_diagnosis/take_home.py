@@ -114,7 +114,8 @@ def _effect_table(name: str, candidate: Candidate, known: Mapping[str, Effect]) 
 def _parameter_line(parameter: EffectParameter, estimate: ParameterEstimate) -> str:
     if isinstance(estimate, ChoiceEstimate):
         sure = estimate.probabilities[str(estimate.estimate)]
-        value = f'"{estimate.estimate}"' if parameter.kind == "choice" else f"{estimate.estimate}"
+        named = parameter.kind in ("choice", "message")
+        value = f'"{estimate.estimate}"' if named else f"{estimate.estimate}"
         return f"{parameter.name} = {value}  # probability {sure:.2f}"
     number = min(max(estimate.estimate, parameter.minimum), parameter.maximum)
     low, high = estimate.ci95

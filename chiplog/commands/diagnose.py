@@ -118,14 +118,17 @@ def command(
     if html is not None:
         write_page(html, report)
     written = _write_advice(found, advice_dir or _beside(json_file, html))
-    _take_home(found, robot, effect_library, write_effects, write_robot)
-    if json_file == STANDARD_OUTPUT:
-        typer.echo(found.to_json(), nl=False)
-    else:
-        from chiplog.diagnosis_table import show_diagnosis
+    try:
+        _take_home(found, robot, effect_library, write_effects, write_robot)
+    finally:  # what cannot be written takes nothing of the answer with it
+        if json_file == STANDARD_OUTPUT:
+            typer.echo(found.to_json(), nl=False)
+        else:
+            from chiplog.diagnosis_table import show_diagnosis
 
-        files = [path for path in (json_file, html, write_effects, write_robot) if path is not None]
-        show_diagnosis(found, [*files, *written])
+            files = (json_file, html, write_effects, write_robot)
+            made = [path for path in files if path is not None and path.exists()]
+            show_diagnosis(found, [*made, *written])
     if not _hold(bounds, found, quiet=json_file == STANDARD_OUTPUT):
         raise typer.Exit(1)
 

@@ -114,6 +114,20 @@ def test_json_on_standard_output_is_json_alone(asked: Asked, chiplog: Chiplog) -
     assert json.loads(said.out)["verdict"] == "radius_mismatch+radius_scale"
 
 
+def test_an_effect_that_cannot_be_written_takes_nothing_of_the_answer_with_it(
+    asked: Asked, chiplog: Chiplog, tmp_path: Path
+) -> None:
+    found = samples.single("sticky_floor", glue=samples.number(1.0, 0.1))
+    with_diagnosis(asked, found)
+    said = chiplog("diagnose", "run.log", "--json", "OUT.json", "--write-effects", "e.toml")
+    assert said.status == 2
+    assert len(said.err.splitlines()) == 1
+    assert said.out.startswith("sticky_floor (98 %)")
+    assert "OUT.json" in said.out
+    assert "e.toml" not in said.out
+    assert (tmp_path / "OUT.json").read_text(encoding="utf-8") == found.to_json()
+
+
 def test_without_a_place_to_write_no_scenario_is_written(
     asked: Asked, chiplog: Chiplog, tmp_path: Path
 ) -> None:

@@ -14,9 +14,14 @@ from hypothesis import strategies as st
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import ChoiceEstimate, InputFile, NumberEstimate
+from gap_diagnosis.result_parts import (
+    ChoiceEstimate,
+    InputFile,
+    NumberEstimate,
+    ParameterEstimate,
+)
 from gap_diagnosis.take_home import corrected_effects, effects_text, robot_text
-from hil_harness.effects import load_effects
+from hil_harness.effects import Effect, EffectParameter, catalogue, load_effects
 from hil_harness.robot import Robot, default_robot_text, load_robot
 
 OWN = """# Our robot, measured by Ada.
@@ -78,6 +83,30 @@ def test_choices_and_windows_are_written_as_the_simulator_takes_them(tmp_path: P
     file.write_text(effects_text(found), encoding="utf-8")
     (slip,) = load_effects(file)
     assert dict(slip.values) == {"side": "left", "ratio": 0.03, "start_s": 12.0}
+
+
+def estimated(parameter: EffectParameter) -> ParameterEstimate:
+    """Return what a diagnosis could say of `parameter`: its choice, or a size within its range."""
+    if parameter.kind in ("choice", "message"):
+        one = parameter.choices[-1] if parameter.choices else "IMU"
+        return ChoiceEstimate(estimate=one, probabilities={one: 0.9, "other": 0.1})
+    low, high = max(parameter.minimum, -1.0), min(parameter.maximum, 1.0)
+    return number(low if low == high else (low + high) / 2, 0.001, parameter.unit)
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=lambda effect: effect.name)
+def test_each_effect_of_the_catalogue_is_written_as_the_simulator_reads_it(
+    tmp_path: Path, effect: Effect
+) -> None:
+    told = {parameter.name: estimated(parameter) for parameter in effect.parameters}
+    file = tmp_path / "explained.toml"
+    file.write_text(effects_text(samples.single(effect.name, **told)), encoding="utf-8")
+    (setting,) = load_effects(file)
+    assert setting.effect == effect.name
+    assert [name for name, _ in setting.values] == list(told)
+    for name, value in setting.values:
+        if isinstance(value, str):
+            assert value == told[name].estimate
 
 
 def test_an_estimate_beyond_what_can_be_is_written_at_the_edge(tmp_path: Path) -> None:
