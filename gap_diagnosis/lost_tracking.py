@@ -85,7 +85,8 @@ def _frozen(reference: Reference, motion: Motion, delay_s: float) -> NDArray[np.
     if reference.heading_rad is not None:
         same &= np.diff(reference.heading_rad) == 0
     repeats = np.concatenate(([False], same))
-    way_m = np.cumsum(np.abs(_forward_m(motion)))
+    steady = 0.5 * motion.radius_m * (motion.left_steady_rad + motion.right_steady_rad)
+    way_m = np.cumsum(np.abs(steady))  # a counter that trembles at an edge goes no way
     at = np.interp(reference.t_s - delay_s, motion.t_s, way_m)
     stands = np.concatenate(([False], np.diff(at) == 0))
     if stands.sum() > _FROZEN and repeats[stands].mean() > _AT_REST:

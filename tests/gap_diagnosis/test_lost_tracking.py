@@ -65,6 +65,21 @@ def test_a_reference_without_noise_may_show_wheels_that_spin() -> None:
     assert with_tracking(recording, ROBOT)[1].frozen == 0
 
 
+def test_counters_that_tremble_at_rest_are_no_drive() -> None:
+    """A count to and fro in every tick adds up to a way of metres, though the robot stands."""
+    stands = slice(0, 500)
+    held = {}
+    for name in ("x_m", "y_m", "heading_rad"):
+        held[name] = getattr(reference(), name).copy()
+        held[name][stands] = held[name][0]
+    ticks = {}
+    for name in ("left_ticks", "right_ticks"):
+        ticks[name] = getattr(drive(), name).copy()
+        ticks[name][stands] = ticks[name][stands.stop] + np.arange(500) % 2
+    recording = replace(with_reference(replace(reference(), **held)), **ticks)
+    assert with_tracking(recording, ROBOT)[1].frozen == 0
+
+
 @pytest.mark.parametrize("leap_m", [0.05, -0.3, 5.0])
 def test_a_leap_is_put_back(leap_m: float) -> None:
     x_m = reference().x_m.copy()
