@@ -19,6 +19,8 @@ tolerance of a room's scale and may be a wander of the reference; more, eight ti
 prior, is none's."""
 _LEAP: Final = 2.0
 """A step so many times the wheels' is no step of the robot's alone."""
+_LONGEST_ARM_M: Final = 1.0
+"""From the wheels' axis to the tracked point."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
 
@@ -57,10 +59,17 @@ def _aslant(
     """Return the one angle by which the reference's way lies to the left of its headings [rad], if
     it matters."""
     measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    # A tracked point off the wheels' middle goes aslant as well, as the robot turns.
+    swung = np.diff(np.exp(1j * np.interp(stamps, t_s, heading)))
     # Where a reference leaps, a single step would outweigh all others.
-    most_m = _LEAP * np.abs(reckoned)
+    most_m = _LEAP * (np.abs(reckoned) + _LONGEST_ARM_M * np.abs(swung))
     measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
-    angle = float(np.angle(np.sum(measured * np.conj(reckoned))))
+    both = np.stack([reckoned, swung], axis=1)
+    inner = both.conj().T @ both
+    # On a lasting circle an arm goes as an angle does: there it is none.
+    inner[1, 1] *= 1.0 + _TOLD
+    turn, _ = np.linalg.pinv(inner, hermitian=True) @ (both.conj().T @ measured)
+    angle = float(np.angle(turn))
     least, most = _ASLANT
     return angle if least < abs(angle) < most else 0.0
 
