@@ -1,0 +1,74 @@
+"""Play behind a motor: where the motor was is told by the edges of its encoder."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.play import followed, motor_steps
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+
+from accuracy.sizes import model_of
+from accuracy.worlds import draw_world
+
+from gap_diagnosis.motion.block import MotionBlock
+
+COUNT_RAD = math.tau / 2048
+NOISE_COUNTS = 0.2
+TICK_S = 0.01
+
+
+def turned_back(rests_s: float, stops_counts: float) -> np.ndarray:
+    """Return the angle [counts] of a motor that comes to rest somewhere and then turns back."""
+    slows_s = np.arange(0.0, 0.4, TICK_S)
+    way = 600.0 * slows_s**2
+    rest = np.zeros(round(rests_s / TICK_S))
+    return np.concatenate([stops_counts - way[::-1], stops_counts + rest, stops_counts - way[1:]])
+
+
+@pytest.mark.parametrize("rests_s", [0.0, 0.3, 0.9])
+def test_a_count_that_trembles_at_rest_takes_no_play_from_a_motor(rests_s: float) -> None:
+    """Where a motor rests its wheel does too, and the play is lost when it turns back: in the mean
+    within a seventh of a count, where the counts themselves lose two fifths too soon."""
+    draw = np.random.default_rng(5)
+    width = 3.0
+    told, counted = [], []
+    for _ in range(200):
+        motor = 1000.0 + turned_back(rests_s, draw.uniform(0.0, 1.0))
+        counts = np.rint(motor + NOISE_COUNTS * draw.standard_normal(len(motor)))
+
+        def lost(angle: np.ndarray) -> np.ndarray:
+            steps = np.diff(angle, prepend=angle[0])
+            return np.cumsum(steps - followed(steps, width, 0.0))
+
+        steps_rad = np.diff(counts, prepend=counts[0]) * COUNT_RAD
+        angle = np.cumsum(motor_steps(steps_rad, COUNT_RAD, TICK_S)) / COUNT_RAD
+        assert np.abs(angle + counts[0] - motor).max() < 1.5
+        truth = lost(motor)
+        slow = np.abs(motor - motor.max()) < width
+        told.append(float((lost(angle) - truth)[slow].mean()))
+        counted.append(float((lost(counts) - truth)[slow].mean()))
+    assert abs(np.mean(told)) < 0.15
+    assert np.sqrt(np.mean(np.square(told))) < np.sqrt(np.mean(np.square(counted)))
+
+
+def test_a_motor_without_edges_is_left_as_it_was_counted() -> None:
+    still = np.zeros(100)
+    assert np.array_equal(motor_steps(still, COUNT_RAD, TICK_S), still)
+
+
+def test_a_play_of_many_counts_is_found_from_a_fifth_of_it() -> None:
+    """About no play the line shows a fifth of one of a hundred counts, and no step of the fit goes
+    more than half as far again: it must not end while it climbs."""
+    width = 0.3
+    world = draw_world("backlash", np.random.default_rng(7))
+    log = world.recording("backlash", {"side": "left", "width": width})
+    block = MotionBlock(model_of(world, log, "backlash"))
+    told = block.detail(frozenset({"backlash"})).parameters["backlash.width"]
+    assert told.sd < COUNT_RAD
+    assert abs(float(told.value) - width) < 3 * told.sd
