@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
 
 
@@ -97,6 +98,16 @@ class Motion:
     def tick_s(self) -> float:
         """The usual length of a tick."""
         return float(np.median(self.dt_s[1:]))
+
+    @cached_property
+    def left_motor_rad(self) -> Floats:
+        """Turns of the left motor, of which a play behind it takes its share."""
+        return motor_steps(self.left_steady_rad, self.rounding_rad, self.tick_s)
+
+    @cached_property
+    def right_motor_rad(self) -> Floats:
+        """Turns of the right motor."""
+        return motor_steps(self.right_steady_rad, self.rounding_rad, self.tick_s)
 
     @property
     def elapsed_s(self) -> Floats:

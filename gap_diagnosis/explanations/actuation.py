@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from typing import Final
 
-import numba
 import numpy as np
 
 from gap_diagnosis.explanations.variant import Value, Variant
+from gap_diagnosis.play import followed
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
@@ -24,36 +24,21 @@ def backlash(p: Prediction, *, width: float, left: float, right: float, ahead: f
             their first way.
     """
     m = p.motion
-    p.left_rad = p.left_rad - left * _lost(m.left_step_rad, width, ahead)
-    p.right_rad = p.right_rad - right * _lost(m.right_step_rad, width, ahead)
-
-
-def exact_backlash(p: Prediction, *, width: float, left: float, right: float, ahead: float) -> None:
-    """Lose the play where it was counted: a reversal is over before a smooth one begins.
-
-    Of a count that trembles at rest, both flanks would be reached sooner than by the motor.
-    """
-    m = p.motion
-    p.left_rad = p.left_rad - left * _lost(m.left_steady_rad, width, ahead)
-    p.right_rad = p.right_rad - right * _lost(m.right_steady_rad, width, ahead)
+    p.left_rad = p.left_rad - left * _lost(m.left_motor_rad, width, ahead)
+    p.right_rad = p.right_rad - right * _lost(m.right_motor_rad, width, ahead)
 
 
 def _lost(step_rad: Floats, width_rad: float, ahead: float) -> Floats:
     """Return what of a motor's steps the wheel does not turn."""
-    moving = np.flatnonzero(step_rad)
-    backward = not ahead and len(moving) > 0 and step_rad[moving[0]] < 0
-    return step_rad - _followed(step_rad, width_rad, width_rad if backward else 0.0)
+    backward = not ahead and _begins_backward(step_rad)
+    return step_rad - followed(step_rad, width_rad, width_rad if backward else 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
-def _followed(step_rad: Floats, width_rad: float, play_rad: float) -> Floats:
-    """Return the wheel's steps behind a motor's, *play_rad* before its forward flank at first."""
-    wheel = np.zeros_like(step_rad)
-    for k in range(len(step_rad)):
-        to_flank = play_rad - step_rad[k]
-        play_rad = min(max(to_flank, 0.0), width_rad)
-        wheel[k] = play_rad - to_flank
-    return wheel
+def _begins_backward(step_rad: Floats) -> bool:
+    """Tell whether the first that a motor turns by more than its counts tremble is backward."""
+    angle = np.cumsum(step_rad)
+    far = np.flatnonzero(np.abs(angle) > _TURNED_BACK_RAD)
+    return len(far) > 0 and bool(angle[far[0]] < 0)
 
 
 _TURNED_BACK_RAD: Final = 0.1
@@ -62,23 +47,14 @@ _TURNED_BACK_RAD: Final = 0.1
 
 def variants_of_backlash(motion: Motion) -> Iterable[Variant]:
     """Return either side and both, where a motor reverses; before the log it came either way."""
-    steps = {"left": motion.left_steady_rad, "right": motion.right_steady_rad}
-    crossed = {side: _followed(step, _TURNED_BACK_RAD, 0.0) for side, step in steps.items()}
-    first = {side: step[np.flatnonzero(step)[:1]] for side, step in steps.items()}
+    steps = {"left": motion.left_motor_rad, "right": motion.right_motor_rad}
+    crossed = {side: followed(step, _TURNED_BACK_RAD, 0.0) for side, step in steps.items()}
     for side, (left, right) in _SIDES.items():
         own = [one for one, has in (("left", left), ("right", right)) if has]
         if not any(np.any(crossed[one] > 0) and np.any(crossed[one] < 0) for one in own):
             continue
         report: dict[str, Value] = {"side": side}
-        begins_backward = any(np.any(first[one] < 0) for one in own)
+        begins_backward = any(_begins_backward(steps[one]) for one in own)
         for ahead in (1.0, 0.0) if begins_backward else (1.0,):
             fixed = {"left": float(left), "right": float(right), "ahead": ahead}
-            yield Variant(
-                "backlash",
-                backlash,
-                ("width",),
-                fixed,
-                report,
-                is_positive=True,
-                exact=exact_backlash,
-            )
+            yield Variant("backlash", backlash, ("width",), fixed, report, is_positive=True)

@@ -40,10 +40,10 @@ _SHORTENED: Final = 6
 _ROUNDS: Final = 6
 _FAR_ROUNDS: Final = 15
 """Where chance has been taken for contact noise so far, the levels are far from the best."""
-_MORE_STEPS: Final = 3
+_MORE_STEPS: Final = 9
 _STILL: Final = 5.0
-"""So many steps more are taken as long as better noise levels gain this much [nat]: for a large
-effect those that the scan found, about straight lines, may be far off."""
+"""So many steps more are taken as long as the step before or better noise levels gain this much
+[nat]: for a large effect what the scan found, about straight lines, may be far off."""
 _DOWNHILL: Final = 0.5
 """A step may lose this much [nat]: the prior pulls too."""
 
@@ -245,9 +245,12 @@ class MotionModel:
             ]
         coefficients = tuple(start)
         gained = math.inf if free_levels and steps > 1 else 0.0
+        climbed = 0.0
         for step in range(steps + _MORE_STEPS):
-            if step >= steps and gained < _STILL:
-                break
+            if step >= steps:
+                gained = max(gained, climbed if free_levels else 0.0)
+                if gained < _STILL:
+                    break
             values, nuisances, tangent = self.linearised(terms, coefficients)
             course = self.scattered(terms, coefficients, leans=leans)
             if step > 0 and gained >= _STILL:
@@ -256,7 +259,7 @@ class MotionModel:
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
             best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
-            coefficients = self._no_worse(terms, coefficients, best, levels)
+            coefficients, climbed = self._no_worse(terms, coefficients, best, levels)
         density = self.level_prior.log_density(np.log(levels))
         return Refitted(
             scored=replace(scored, terms=tuple(terms)),
@@ -290,17 +293,19 @@ class MotionModel:
         before: tuple[tuple[float, ...], ...],
         after: tuple[tuple[float, ...], ...],
         levels: Floats,
-    ) -> tuple[tuple[float, ...], ...]:
-        """Shorten a step of Gauss and Newton until it does not lead downhill."""
-        least = self._height(terms, before, levels) - _DOWNHILL
+    ) -> tuple[tuple[tuple[float, ...], ...], float]:
+        """Shorten a step of Gauss and Newton until it does not lead downhill; return where it leads
+        and what it gains [nat]."""
+        known = self._height(terms, before, levels)
         for _ in range(_SHORTENED):
-            if self._height(terms, after, levels) >= least:
-                return after
+            climbed = self._height(terms, after, levels) - known
+            if climbed >= -_DOWNHILL:
+                return after, climbed
             after = tuple(
                 tuple(0.5 * (a + b) for a, b in zip(old, new, strict=True))
                 for old, new in zip(before, after, strict=True)
             )
-        return before
+        return before, 0.0
 
     def _height(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
