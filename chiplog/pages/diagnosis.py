@@ -228,10 +228,7 @@ def _advice(one: Advice) -> dict[str, Any]:
 
 
 def _detectable_rows(found: Diagnosis) -> list[list[str]]:
-    return [
-        [name, "cannot be seen" if limit is None else f"{limit:.3g}"]
-        for name, limit in found.structure.detectable.items()
-    ]
+    return [[name, words.limit(name, size)] for name, size in found.structure.detectable.items()]
 
 
 def _percent(share: float) -> str:

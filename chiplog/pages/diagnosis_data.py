@@ -25,6 +25,9 @@ def embedded(report: Report) -> str:
             segment.model_dump(mode="json") for segment in report.diagnosis.where.segments
         ],
         "paths": [_path(one) for one in pictures.paths],
+        "path": max(
+            range(len(pictures.paths)), key=lambda k: _apart_m(pictures.paths[k]), default=0
+        ),
     }
     text = json.dumps(content, allow_nan=False, separators=(",", ":"))
     for character in "<>&":
@@ -60,6 +63,15 @@ def _path(one: HeldOutPath) -> dict[str, Any]:
         "before": _xy(one.before),
         "after": _xy(one.after),
     }
+
+
+def _apart_m(one: HeldOutPath) -> float:
+    """Return how far the described way runs from the measured one, or from the explained."""
+    other = one.after if one.reference is None else one.reference
+    if other is None:
+        return 0.0
+    apart_m = np.hypot(*(one.before - other).T)
+    return float(np.nanmax(apart_m, initial=0.0))
 
 
 def _xy(points: Floats | None) -> list[list[float | None]] | None:

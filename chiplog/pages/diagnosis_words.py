@@ -18,6 +18,7 @@ from gap_diagnosis.result_parts import (
     NumberEstimate,
     ParameterEstimate,
 )
+from hil_harness.effects import catalogue
 
 METRIC_WORDS = {
     "odometry_position_m": "position of the odometry",
@@ -194,7 +195,24 @@ def quantity(value: float, unit: str) -> str:
         value = 0.0
     if unit == "rad":
         return q.angle(value, 3)
+    if _takes_no_prefix(unit):
+        return f"{value:.3g} {unit}".replace("-", q.MINUS)
     return q.prefixed(value, unit, 3)
+
+
+def limit(effect: str, size: float | None) -> str:
+    """Return from which size of an effect on a log shows it: with its unit, or that any does."""
+    if size is None:
+        return "cannot be seen"
+    if size == 0:
+        return "any"
+    known = catalogue().get(effect)
+    numbers = [one for one in known.parameters if one.kind == "real"] if known else []
+    if not numbers:
+        return f"{size:.3g}"
+    unit, is_bound = numbers[0].unit, numbers[0].neutral == math.inf
+    value = q.share(size) if unit == "1" else quantity(size, unit)
+    return f"up to {value}" if is_bound else value
 
 
 def ambiguity_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -255,12 +273,16 @@ def _scale(parameter: NumberEstimate) -> tuple[float, str]:
     largest = max(abs(parameter.estimate), *(abs(bound) for bound in parameter.ci95))
     if unit == "rad":
         return math.pi / 180, "°"
-    if unit in _PLAIN_UNITS or "²" in unit or unit.startswith("1/") or largest == 0:
+    if _takes_no_prefix(unit) or largest == 0:
         return 1.0, unit
     for factor, prefix in ((1.0, ""), (1e-3, "m"), (1e-6, "µ")):
         if largest >= factor:
             return factor, prefix + unit
     return 1e-9, f"n{unit}"
+
+
+def _takes_no_prefix(unit: str) -> bool:
+    return unit in _PLAIN_UNITS or "²" in unit or unit.startswith("1/")
 
 
 def _decimals(half_width: float) -> int:

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
-from gap_diagnosis.pictures import Pictures, Report
+from chiplog.pages.diagnosis_words import limit
+from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import LogFacts, Waterfall, WaterfallStep
 
@@ -67,6 +68,36 @@ def test_the_verdict_stands_first_and_names_the_group(page: str) -> None:
     verdict = "radius_mismatch + radius_scale or radius_mismatch + ticks_per_rev"
     assert f"{verdict} (stage wheel), which this data cannot tell apart: together 93 %" in text
     assert text.index("together 93 %") < text.index("From described to explained")
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "said"),
+    [
+        ("lateral_slip", None, "cannot be seen"),
+        ("firmware_truncation", 0.0, "any"),
+        ("radius_scale", 0.002, "0.200 %"),
+        ("missed_ticks", 0.0005, "0.0500 %"),
+        ("drive_saturation", 10.0, "up to 10.0 rad/s"),
+        ("reference_noise", 0.002, "2.00 mm"),
+        ("longitudinal_slip", 0.001, "0.001 s²/m"),
+        ("an_effect_of_mine", 0.25, "0.25"),
+    ],
+)
+def test_a_detection_limit_is_told_with_its_unit(
+    effect: str, size: float | None, said: str
+) -> None:
+    assert limit(effect, size) == said
+
+
+def test_the_way_is_shown_first_where_described_and_measured_part() -> None:
+    along = np.stack([np.linspace(0.0, 5.0, 50), np.zeros(50)], axis=1)
+    aside = along + np.stack([np.zeros(50), np.linspace(0.0, 0.3, 50)], axis=1)
+    paths = tuple(
+        HeldOutPath(name, reference=along, before=before, after=along)
+        for name, before in (("at rest", along), ("a bend", aside), ("a line", along))
+    )
+    report = replace(samples.report(), pictures=Pictures(paths=paths))
+    assert data_of(diagnosis_page(report))["path"] == 1
 
 
 def test_the_parts_of_an_answer_are_all_there(page: str) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
+from fake_blocks import FakeBlock
 from structure_cases import PRIOR, ROBOT, analysis_of, drive, groups, model_of, seen, sights
 
+from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.imitation import merged
 from gap_diagnosis.motion.nodes import residuals
@@ -138,6 +141,16 @@ def test_the_answer_lists_every_effect_once_with_its_limit():
     )
     assert all(list(group) == sorted(set(group)) for group in structure.groups)
     assert not any(set(one) < set(other) for one, other in combinations(structure.groups, 2))
+
+
+def test_bounds_of_the_drive_are_seen_as_far_as_commands_reach():
+    motion = analysis_of(drive("square"))
+    commanded = replace(
+        motion, blocks=(*motion.blocks, FakeBlock(dict.fromkeys(BOUNDS, 0.0), name="drive"))
+    )
+    assert structure_of([motion]).detectable["drive_saturation"] is None
+    found = structure_of([commanded]).detectable
+    assert {name: found[name] for name in BOUNDS} == limits_of_bounds([motion.recording], ROBOT)
 
 
 def test_temperature_and_supply_that_stay_are_twins_of_bias_and_scale():

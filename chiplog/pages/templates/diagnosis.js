@@ -225,13 +225,14 @@
 
   function pathChart(host) {
     const visible = { reference: true, before: true, after: true };
-    let current = 0, zoomed = null, chart = null;
+    let current = data.path, zoomed = null, chart = null;
     const controls = html(host.parentNode, "div", "controls");
     host.before(controls);
     if (data.paths.length > 1) {
       const select = html(controls, "select");
       select.setAttribute("aria-label", "stretch");
       data.paths.forEach((one, i) => { html(select, "option", "", one.name).value = i; });
+      select.value = current;
       select.addEventListener("change", () => { current = Number(select.value); zoomed = null; chart.paint(); });
     }
     for (const [key, name] of [["reference", "measured"], ["before", "as described"], ["after", "with what was found"]]) {
