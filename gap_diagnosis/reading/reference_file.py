@@ -76,10 +76,15 @@ def refuse_no_overlap(reference: Reference, recording: Recording, name: str) -> 
     stop = min(reference.t_s[-1], recording.t_s[-1])
     if stop - start < _LEAST_OVERLAP_S:
         raise DiagnosisError(
-            f"{name} lasts from {reference.t_s[0]:.3f} to {reference.t_s[-1]:.3f} s, "
-            f"{recording.name} from {recording.t_s[0]:.3f} to {recording.t_s[-1]:.3f} s: expected "
+            f"{name} lasts from {_span(reference.t_s)}, {recording.name} from "
+            f"{_span(recording.t_s)}: expected "
             f"stamps of one clock that overlap by {_LEAST_OVERLAP_S:g} s or more"
         )
+
+
+def _span(t_s: Floats) -> str:
+    first_s, last_s = (round(float(t), 3) + 0.0 for t in (t_s[0], t_s[-1]))  # a zero has no sign
+    return f"{first_s:.3f} to {last_s:.3f} s"
 
 
 def _read(path: Path) -> tuple[Floats, NDArray[np.int64]]:

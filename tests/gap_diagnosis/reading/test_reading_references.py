@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording, read_reference
+from gap_diagnosis.reading.reference_file import refuse_no_overlap
+from gap_diagnosis.recording import Reference
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +73,13 @@ def test_a_reference_of_another_time_is_one_sentence(tmp_path: Path) -> None:
     path = write(tmp_path, t_s, t_s, t_s, t_s)
     with pytest.raises(DiagnosisError, match=r"lasts from 1000.000 .* overlap by 2 s"):
         read_recording(log, robot=ROBOT, reference=path)
+
+
+def test_a_clock_that_begins_at_zero_is_not_told_as_less(tmp_path: Path) -> None:
+    recording = read_recording(encoded(drive(400), tmp_path), robot=ROBOT)
+    t_s = np.array([-1e-17, 1.0])
+    with pytest.raises(DiagnosisError, match=r"none\.tum lasts from 0\.000 to 1\.000 s"):
+        refuse_no_overlap(Reference(t_s, t_s, t_s, None), recording, "none.tum")
 
 
 def test_a_reference_file_is_laid_beside_the_log(tmp_path: Path) -> None:
