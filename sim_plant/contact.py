@@ -244,8 +244,10 @@ def move(
     forward_m = 0.5 * (left_m + right_m)
     difference_m = right_m - left_m
     wheelbase_m = p.wheelbase_m
-    if p.turn_scrub != 0.0 and difference_m != 0.0:
-        spin = abs(difference_m) / (abs(difference_m) + 2.0 * abs(forward_m))
+    across_m = abs(rolled[1] - rolled[0])
+    if p.turn_scrub != 0.0 and across_m != 0.0:
+        # As the wheels roll: the size of micro-slip, as large as ticks are short, is no speed.
+        spin = across_m / (across_m + abs(rolled[0] + rolled[1]))
         wheelbase_m *= 1.0 + p.turn_scrub * spin
     turn_rad = difference_m / wheelbase_m
     if p.kick_rad != 0.0:

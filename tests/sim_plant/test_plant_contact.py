@@ -191,6 +191,18 @@ def test_turn_scrub_is_full_in_a_spin_partial_on_an_arc_and_absent_on_a_straight
     assert np.array_equal(drive(STRAIGHT, scrubbing).truth, drive(STRAIGHT).truth)
 
 
+def test_the_size_of_micro_slip_is_no_speed_where_a_robot_scrubs_on_the_spot() -> None:
+    """Taken for speed it would loosen the scrub, and the more so the shorter a tick is."""
+    scrub, noise_m_per_sqrt_m = -0.5, 1e-3
+    slipping = quiet(contact={"noise_m_per_sqrt_m": noise_m_per_sqrt_m})
+    turned = drive(SPIN, Mechanisms(turn_scrub=scrub), description=slipping).truth[0, -1, 2]
+    seconds = STEPS * PERIOD_S
+    # law 7: each wheel's way is a random walk over distance.
+    path_m = 0.5 * WHEELBASE_M * seconds
+    sd_rad = noise_m_per_sqrt_m * math.sqrt(2.0 * path_m) / (WHEELBASE_M * (1 + scrub))
+    assert turned == pytest.approx(seconds / (1 + scrub), abs=3 * sd_rad)
+
+
 @pytest.mark.parametrize("direction", [1, -1])
 def test_longitudinal_slip_loses_ground_speeding_up_and_wins_it_braking(direction: int) -> None:
     compliance = 0.01
