@@ -85,7 +85,14 @@ _ALL: Final = (
     ),
     _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
     _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
-    _plain("turn_scrub", "wheel", wheel.turn_scrub, "scrub", unbent=wheel.scrub_of_line),
+    _plain(
+        "turn_scrub",
+        "wheel",
+        wheel.turn_scrub,
+        "scrub",
+        exact=wheel.exact_turn_scrub,
+        unbent=wheel.scrub_of_line,
+    ),
     _plain(
         "longitudinal_slip",
         "wheel",

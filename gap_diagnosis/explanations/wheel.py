@@ -51,8 +51,28 @@ def wheelbase_scale(p: Prediction, *, scale: float) -> None:
 
 def turn_scrub(p: Prediction, *, scrub: float) -> None:
     """Widen the effective wheelbase the more, the tighter the turn."""
-    across = _size(p.motion, p.motion.right_rate_rad_s - p.motion.left_rate_rad_s)
-    along = _size(p.motion, p.motion.right_rate_rad_s + p.motion.left_rate_rad_s)
+    across, along = _across_and_along(p.motion)
+    _scrub(p, scrub, across, along)
+
+
+def exact_turn_scrub(p: Prediction, *, scrub: float) -> None:
+    """Widen it as sharply as turns begin and end."""
+    m = p.motion
+    noise = _counting_rad_s(m) ** 2
+    across, along = (
+        with_details(one, USUAL_S / m.tick_s, noise, m.tick_s) for one in _across_and_along(m)
+    )
+    _scrub(p, scrub, across, along)
+
+
+def _across_and_along(motion: Motion) -> tuple[Floats, Floats]:
+    """Return difference and sum of the wheels' rates [rad/s], float64[n] each."""
+    left, right = motion.left_rate_rad_s, motion.right_rate_rad_s
+    return right - left, right + left
+
+
+def _scrub(p: Prediction, scrub: float, across_rad_s: Floats, along_rad_s: Floats) -> None:
+    across, along = (_size(p.motion, one) for one in (across_rad_s, along_rad_s))
     spin = across / np.maximum(across + along, 1e-9)
     p.wheelbase_m = p.wheelbase_m * (1 + scrub * spin)
 
@@ -72,10 +92,14 @@ def _size(motion: Motion, rate_rad_s: Floats) -> Floats:
     The mean size of noise is not zero: a robot that turned on the spot would seem to go along by a
     thousandth, and its scrub be told short by as much.
     """
-    tick_s = motion.tick_s
-    noise = np.sqrt(2.0 * counting_slope(USUAL_S / tick_s)) * motion.rounding_rad / tick_s
     size = np.abs(rate_rad_s)
-    return np.where(size > _SURELY * noise, size, 0.0)
+    return np.where(size > _SURELY * _counting_rad_s(motion), size, 0.0)
+
+
+def _counting_rad_s(motion: Motion) -> float:
+    """Return the noise that counting leaves in the smoothed rates of two wheels together."""
+    tick_s = motion.tick_s
+    return math.sqrt(2.0 * counting_slope(USUAL_S / tick_s)) * motion.rounding_rad / tick_s
 
 
 def longitudinal_slip(p: Prediction, *, compliance: float) -> None:

@@ -19,7 +19,7 @@ from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
-from hil_harness.scenarios import scenario
+from hil_harness.scenarios import Segment, SegmentProfile, scenario
 
 DRIVE = replace(scenario("calibration"), seed=3)
 
@@ -228,3 +228,25 @@ def test_a_scrub_that_doubles_every_turn_is_found_from_where_a_straight_line_led
     (term,) = (one for one in model.columns.terms if one.variant.effect == "turn_scrub")
     fit = model.refit([term], LEVELS, free_levels=False)
     assert fit.coefficients[0][0] == pytest.approx(scrub, abs=0.01)
+
+
+def test_a_scrub_is_as_sharp_as_a_robot_that_turns_goes_from_back_to_forth() -> None:
+    """There its turning share passes one within a ramp: of smoothed rates 6 standard deviations
+    were left."""
+    way = ((0.6, 0.45, 4.0), (-0.2, 0.55, 3.0), (0.6, 0.45, 4.0), (-0.3, -0.5, 4.0))
+    arcs = replace(
+        DRIVE,
+        profile=SegmentProfile([Segment(*one) for one in (*way, *way, *way)]),
+        duration_s=45.0,
+    )
+    scrub = -0.16
+    setting = EffectSetting("turn_scrub", (("scrub", scrub),))
+    log = synthetic_recording(without_noise(ROBOT), WIRE, arcs, (setting,), 3, reference=EXACT)
+    model = MotionModel(log, ROBOT, default_prior())
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "turn_scrub")
+    levels = LEVELS.copy()
+    levels[:2] = 1e-4
+    model.columns = replace(model.columns, nuisances=())
+    fit = model.refit([term], levels, free_levels=False, start=[(scrub,)])
+    sd = float(np.sqrt(fit.scored.covariances[int(np.argmax(fit.scored.weights))][0, 0]))
+    assert abs(fit.coefficients[0][0] - scrub) < sd
