@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,18 @@ from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import read_reference, refuse_no_overlap
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
 SHORTEST_S: Final = 2.0
 _MOVED_TICKS: Final = 20
+_FASTEST: Final = 1e5
+"""A yaw rate [rad/s] or a speed [m/s]: a hundred of either, in thousandths."""
+_FARTHEST_M: Final = 1e9
+"""The globe's far side in centimetres taken for metres."""
+_TIMES_TOO_FAST: Final = 1e4
+"""No unit makes a described wheel so much faster."""
 
 
 def read_recordings(
@@ -80,11 +87,11 @@ def read_recording(
     if reference is not None:
         measured = read_reference(reference)
         refuse_no_overlap(measured, recording, str(reference))
+        recording = replace(recording, reference=measured)
     elif own is not None:
-        measured = own
-    else:
-        return recording
-    return replace(recording, reference=measured)
+        recording = replace(recording, reference=own)
+    _refuse_unbelievable(recording, path, robot)
+    return recording
 
 
 def _refuse_useless(recording: Recording, path: Path) -> None:
@@ -103,3 +110,32 @@ def _refuse_useless(recording: Recording, path: Path) -> None:
             f"{path}: the robot never moves ({max(moved):.0f} encoder ticks in "
             f"{recording.duration_s:.0f} s): expected a log of a drive"
         )
+
+
+def _refuse_unbelievable(recording: Recording, path: Path, robot: Robot) -> None:
+    """Raise DiagnosisError for sizes that no unit's mistake explains: sums would overflow."""
+    sizes: list[tuple[str, Floats | None, float, str]] = [
+        ("yaw rate", recording.gyro_rate_rad_s, _FASTEST, "rad/s"),
+        ("commanded speed", recording.v_command_m_s, _FASTEST, "m/s"),
+        ("commanded turn rate", recording.w_command_rad_s, _FASTEST, "rad/s"),
+        ("odometry x", recording.odometry_x_m, _FARTHEST_M, "m"),
+        ("odometry y", recording.odometry_y_m, _FARTHEST_M, "m"),
+    ]
+    if recording.reference is not None:
+        reference = recording.reference
+        sizes.append(("reference x", reference.x_m, _FARTHEST_M, "m"))
+        sizes.append(("reference y", reference.y_m, _FARTHEST_M, "m"))
+    per_rad = robot.plant.encoder.ticks_per_rev / math.tau
+    for side, ticks in (("left", recording.left_ticks), ("right", recording.right_ticks)):
+        way_rad = (ticks - np.nanmin(ticks)) / per_rad
+        most_rad = _TIMES_TOO_FAST * robot.plant.drive.max_wheel_rate_rad_s * recording.duration_s
+        sizes.append((f"way of the {side} wheel", way_rad, most_rad, "rad"))
+    for name, values, most, unit in sizes:
+        if values is None or not np.isfinite(values).any():
+            continue
+        largest = float(np.nanmax(np.abs(values)))
+        if largest > most:
+            raise DiagnosisError(
+                f"{path}: {name} reaches {largest:.3g} {unit}: expected at most {most:.3g} {unit}; look "
+                "at its unit"
+            )

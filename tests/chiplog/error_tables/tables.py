@@ -102,6 +102,13 @@ TABLES: tuple[Row, ...] = (
         {"table.csv": table(WHEELS, lambda k: f"{k / 100},5,6")},
     ),
     Row(
+        "a size that no unit explains",
+        "chiplog diagnose table.csv",
+        "table.csv: way of the left wheel reaches 9.17e+12 rad: expected at most 8.97e+05 rad; "
+        "look at its unit",
+        {"table.csv": table(WHEELS, lambda k: f"{k / 100},{10**13 * k},{4 * k}")},
+    ),
+    Row(
         "nothing but wheels",
         "chiplog diagnose table.csv",
         "table.csv: nothing to compare the wheels with: expected a gyro, a reference, "

@@ -258,3 +258,30 @@ def test_parquet_reads_as_csv_does_or_says_what_to_install(tmp_path: Path) -> No
     table.write_bytes(b"PAR1")
     with pytest.raises(DiagnosisError, match=r"pip install pyarrow|not a Parquet file"):
         read_recording(table, robot=ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        ("left_ticks", "way of the left wheel"),
+        ("v_command_m_s", "commanded speed"),
+        ("w_command_rad_s", "commanded turn rate"),
+        ("odom_x_m", "odometry x"),
+    ],
+)
+def test_sizes_whose_squares_would_overflow_are_one_sentence(
+    column: str, said: str, tmp_path: Path
+) -> None:
+    """A misread cell of 1e300 filled the answer with infinities."""
+    table = drive(400)
+    table.columns[column] = np.where(np.arange(400) > 200, 1e300, 0.0)
+    with pytest.raises(DiagnosisError, match=rf"table\.csv: {said} reaches .*e\+\d+ .* its unit$"):
+        read(table, tmp_path)
+
+
+def test_metres_said_to_be_millimetres_are_read(tmp_path: Path) -> None:
+    """A mistake that the diagnosis tells is no reason to refuse a log."""
+    table = drive(400)
+    for name in ("left_ticks", "right_ticks"):
+        table.columns[name] *= 1000
+    assert read(table, tmp_path).duration_s > 3.9
