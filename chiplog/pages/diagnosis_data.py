@@ -66,12 +66,15 @@ def _path(one: HeldOutPath) -> dict[str, Any]:
 
 
 def _apart_m(one: HeldOutPath) -> float:
-    """Return how far the described way runs from the measured one, or from the explained."""
+    """Return how far the described way ends from the measured one, or from the explained: each has
+    samples of its own."""
     other = one.after if one.reference is None else one.reference
-    if other is None:
-        return 0.0
-    apart_m = np.hypot(*(one.before - other).T)
-    return float(np.nanmax(apart_m, initial=0.0))
+    ends = [
+        way[np.isfinite(way).all(axis=1)][-1:] for way in (one.before, other) if way is not None
+    ]
+    return (
+        float(np.hypot(*(ends[0] - ends[1])[0])) if all(map(len, ends)) and len(ends) > 1 else 0.0
+    )
 
 
 def _xy(points: Floats | None) -> list[list[float | None]] | None:

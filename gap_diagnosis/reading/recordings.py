@@ -136,6 +136,6 @@ def _refuse_unbelievable(recording: Recording, path: Path, robot: Robot) -> None
         largest = float(np.nanmax(np.abs(values)))
         if largest > most:
             raise DiagnosisError(
-                f"{path}: {name} reaches {largest:.3g} {unit}: expected at most {most:.3g} {unit}; look "
-                "at its unit"
+                f"{path}: {name} reaches {largest:.3g} {unit}: expected at most {most:.3g} "
+                f"{unit}; look at its unit"
             )

@@ -93,7 +93,7 @@ def test_the_way_is_shown_first_where_described_and_measured_part() -> None:
     along = np.stack([np.linspace(0.0, 5.0, 50), np.zeros(50)], axis=1)
     aside = along + np.stack([np.zeros(50), np.linspace(0.0, 0.3, 50)], axis=1)
     paths = tuple(
-        HeldOutPath(name, reference=along, before=before, after=along)
+        HeldOutPath(name, reference=along[::7], before=before, after=along)
         for name, before in (("at rest", along), ("a bend", aside), ("a line", along))
     )
     report = replace(samples.report(), pictures=Pictures(paths=paths))
