@@ -118,7 +118,7 @@ class Accounts:
         so beside every other effect, and no more fits are spent on them."""
         best = max(self._belief(one) for one in self._fitted())
         singles = [one for one in self._fitted() if len(one.effects) == 1]
-        misled = {next(iter(one.effects)): one.fell for one in singles if one.fell > NEAR}
+        misled = {next(iter(one.effects)): one.fell for one in singles}
         for effects, one in self.found.items():
             if one.refitted is not None or not effects:
                 continue

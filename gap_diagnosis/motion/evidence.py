@@ -10,8 +10,8 @@ section 3.5).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
 from typing import Final
@@ -43,6 +43,7 @@ class Gram:
         inner: float64[c, c] and
         data: float64[c]: of the base columns with each other and with the data.
         full_inner, full_data: before the tolerances were marginalised.
+        restraint: inverse variance beforehand of each column that a tolerance is.
     """
 
     levels: Floats
@@ -51,6 +52,7 @@ class Gram:
     data: Floats
     full_inner: Floats
     full_data: Floats
+    restraint: Mapping[int, float] = field(default_factory=dict)
 
 
 def make_gram(columns: Columns, course: Course, levels: Floats, ticks: Floats) -> Gram:
@@ -94,6 +96,7 @@ def gram_of(
         data - across.T @ solved_data,
         inner,
         data,
+        {column: float(one) for column, one in zip(index, precision, strict=True)},
     )
 
 
@@ -117,20 +120,36 @@ class Scored:
     weights: Floats
 
 
-def reduce_to(gram: Gram, terms: Sequence[Term]) -> tuple[Floats, Floats]:
-    """Return inner products float64[k, k] and float64[k] of the terms' coefficients."""
+def reduce_to(gram: Gram, terms: Sequence[Term]) -> tuple[Floats, Floats, float]:
+    """Return inner products float64[k, k] and float64[k] of the terms' coefficients, and what it
+    costs [nat] that tolerances which are little of the same effects are held at nothing.
+
+    An effect is the whole deviation: a chord and its own tangent, both free, would leave the way's
+    bends between them, and in these stands the rows' own noise.
+    """
     weights = [weight for term in terms for weight in term.weights]
     if all(len(weight) == 1 and weight[0][1] == 1.0 for weight in weights):
         own = [weight[0][0] for weight in weights]
-        return gram.inner[np.ix_(own, own)], gram.data[own]
+        return gram.inner[np.ix_(own, own)], gram.data[own], 0.0
     used = sorted({index for weight in weights for index, _ in weight})
     place = {index: row for row, index in enumerate(used)}
     mix = np.zeros((len(used), len(weights)))
     for column, weight in enumerate(weights):
         for index, value in weight:
             mix[place[index], column] = value
-    block = gram.inner[np.ix_(used, used)]
-    return mix.T @ block @ mix, mix.T @ gram.data[used]
+    block, data, cost = gram.inner[np.ix_(used, used)], gram.data[used], 0.0
+    little = {index for weight in weights for index, value in weight if value == 0.0}
+    held = sorted(place[index] for index in little & gram.restraint.keys())
+    if held:
+        # The reverse of marginalising: what that took away came through these columns alone.
+        beforehand = np.array([gram.restraint[used[row]] for row in held])
+        left = np.diag(beforehand) - block[np.ix_(held, held)]
+        back = np.linalg.solve(left, np.column_stack([data[held], block[held]]))
+        cost = -0.5 * float(data[held] @ back[:, 0])
+        cost += 0.5 * float(np.log(beforehand).sum() - np.linalg.slogdet(left)[1])
+        data = data + block[:, held] @ back[:, 0]
+        block = block + block[:, held] @ back[:, 1:]
+    return mix.T @ block @ mix, mix.T @ data, cost
 
 
 def log_sum(logarithms: Floats) -> float:
@@ -141,12 +160,11 @@ def log_sum(logarithms: Floats) -> float:
 
 def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     """Return the evidence of *terms* acting together."""
-    inner, data = reduce_to(gram, terms)
+    inner, data, gained = reduce_to(gram, terms)
     fixed = np.array([term.is_fixed for term in terms for _ in term.weights])
-    gained = 0.0
     if fixed.any():
         ones = fixed.astype(np.float64)
-        gained = float(data @ ones - 0.5 * ones @ inner @ ones)
+        gained += float(data @ ones - 0.5 * ones @ inner @ ones)
         data = (data - inner @ ones)[~fixed]
         inner = inner[np.ix_(~fixed, ~fixed)]
     free = [term for term in terms if not term.is_fixed]

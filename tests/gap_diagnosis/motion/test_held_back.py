@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.accounts import Found
@@ -58,6 +59,20 @@ def test_what_a_fit_took_from_an_effect_it_takes_from_all_that_stand_beside_it()
     scan._hold_back_the_unfitted()
     assert scan.found[frozenset({"frame_latency", "missed_ticks"})].log_evidence < 0
     assert scan.found[frozenset({"gyro_bias", "radius_mismatch"})].log_evidence == 501.5
+
+
+def test_many_pairs_on_lines_do_not_share_out_the_probability_of_one_effect() -> None:
+    """A late reference lost 7.3 nats to its fit; a dozen pairs with it kept them, and together left
+    it 0.20."""
+    fell = replace(found(72.7, "reference_time_offset", fitted=True), fell=7.3)
+    scan = scan_of(
+        found(0.0),
+        fell,
+        *(found(75.8, "reference_time_offset", f"effect {place}") for place in range(12)),
+    )
+    scan._hold_back_the_unfitted()
+    pairs = [one for one in scan.found.values() if len(one.effects) == 2]
+    assert all(one.log_evidence == pytest.approx(75.8 - 7.3) for one in pairs)
 
 
 def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_of_few() -> None:
