@@ -15,12 +15,14 @@ from accuracy.sizes import (
     NOISY,
     STEPPED,
     Truth,
+    again,
     as_coefficients,
     drawn_beyond_limit,
     drawn_from_prior,
     exactly,
     model_of,
     nearest,
+    noise_levels,
 )
 from accuracy.worlds import World, draw_world
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -29,12 +31,15 @@ from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.recording import Floats
 
 Study = Literal["limit", "exact", "prior"]
 """Sizes beyond the limit with constants within tolerance, the same with exact ones, the prior."""
 
 ANGLES: Final = ("phase", "direction")
 _STEP: Final = 0.1
+_LOGS: Final = 2
+"""So many logs more tell how sharply levels of noise are told."""
 
 
 def run_case(
@@ -157,14 +162,27 @@ def _parameters(effect: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def noise_bounds(world: World, model: MotionModel, effect: str, truth: Truth) -> dict[str, float]:
-    """Return the bound of levels of noise from the log's own curvature at the true levels.
+    """Return the bound of levels of noise: from the curvature at the true levels in the mean over
+    this log and a few more with the same noise. Other levels are free."""
+    levels = noise_levels(world, effect, truth)
+    more = [model_of(one, one.recording(effect, truth), effect) for one in again(world, _LOGS)]
+    curvatures = [noise_curvature(one, levels) for one in (model, *more)]
+    # A level that does not show (no skid sideways) is held by no more than its prior, but nothing
+    # is known of the noise's own.
+    known = model.level_prior.spread**-2.0
+    known[list(NOISES[effect].places)] = 0.0
+    covariance = np.linalg.inv(sum(curvatures) / len(curvatures) + np.diag(known))
+    return {
+        name: float(truth[name]) * math.sqrt(max(covariance[p, p], 0.0))
+        for name, level in NOISES[effect].parameters
+        for p in (LEVELS.index(level),)
+    }
 
-    Other levels are free.
-    """
+
+def noise_curvature(model: MotionModel, levels: Floats) -> Floats:
+    """Return minus the second derivative of a log's evidence, float64[9, 9], by the logarithms of
+    its levels."""
     places = range(len(LEVELS))
-    levels = world.levels.copy()
-    for name, level in NOISES[effect].parameters:
-        levels[LEVELS.index(level)] = float(truth[name])
 
     def height(*moves: tuple[int, float]) -> float:
         at = np.log(levels)
@@ -174,21 +192,14 @@ def noise_bounds(world: World, model: MotionModel, effect: str, truth: Truth) ->
 
     middle = height()
     single = {(i, s): height((i, s * _STEP)) for i in places for s in (-1, 1)}
-    information = np.zeros((len(LEVELS), len(LEVELS)))
+    curvature = np.zeros((len(LEVELS), len(LEVELS)))
     for i in places:
-        information[i, i] = (2 * middle - single[i, 1] - single[i, -1]) / _STEP**2
+        curvature[i, i] = (2 * middle - single[i, 1] - single[i, -1]) / _STEP**2
         for j in range(i):
             both = height((i, _STEP), (j, _STEP)) + height((i, -_STEP), (j, -_STEP))
             cross = both - single[i, 1] - single[i, -1] - single[j, 1] - single[j, -1] + 2 * middle
-            information[i, j] = information[j, i] = -cross / (2 * _STEP**2)
-    # A level that does not show (no skid sideways) is held by no more than the prior.
-    information += np.diag(model.level_prior.spread**-2.0)
-    covariance = np.linalg.inv(information)
-    return {
-        name: float(truth[name]) * math.sqrt(max(covariance[p, p], 0.0))
-        for name, level in NOISES[effect].parameters
-        for p in (LEVELS.index(level),)
-    }
+            curvature[i, j] = curvature[j, i] = -cross / (2 * _STEP**2)
+    return curvature
 
 
 def is_edge(name: str) -> bool:

@@ -47,6 +47,10 @@ _MIXTURE: Final = 5
 _TRIES: Final = 1000
 _WINDOWS: Final = 12
 _LEAST_TIMES: Final = 2.0
+_TOLERATED_NOISE: Final = 2.0
+"""A level within twice the described one is no news."""
+_COARSELY: Final = 2.0
+_LOGS: Final = 4
 
 
 def model_of(
@@ -102,10 +106,8 @@ def drawn_beyond_limit(
     """
     times = math.exp(draw.uniform(math.log(2.0), math.log(10.0)))
     if effect in NOISES:
-        return {
-            name: 2.0 * world_level(model, level) * times
-            for name, level in NOISES[effect].parameters
-        }, times
+        factor = faintest_noise(world, model, effect) * times
+        return noise_of(model, effect, factor), times
     if effect in STEPPED:
         truth = _stepped(model, effect, draw)
         return None if truth is None else (truth, math.nan)
@@ -147,6 +149,47 @@ def drawn_beyond_limit(
         sizes = np.abs(sizes)
     truth = {**chosen, **_named(effect, sizes)}
     return (truth, times) if _is_admitted(effect, truth) else None
+
+
+def noise_of(model: MotionModel, effect: str, factor: float) -> Truth:
+    """Return a noise so many times as large as described."""
+    return {name: world_level(model, level) * factor for name, level in NOISES[effect].parameters}
+
+
+def faintest_noise(world: World, model: MotionModel, effect: str) -> float:
+    """Return how many times the described noise the detection limit is: two, or more where that is
+    less than 29 in expected separation from it (the mean of a few logs with that noise)."""
+    described = noise_levels(world, effect, noise_of(model, effect, 1.0))
+    before = 0.0, 1.0
+    factor = _TOLERATED_NOISE
+    while True:
+        truth = noise_of(model, effect, factor)
+        levels = noise_levels(world, effect, truth)
+        models = (
+            model_of(one, one.recording(effect, truth), effect) for one in again(world, _LOGS)
+        )
+        gains = [one.evidence_at((), levels) - one.evidence_at((), described) for one in models]
+        separation = 2.0 * sum(gains) / _LOGS
+        if separation >= THRESHOLD:
+            break
+        before, factor = (max(separation, 0.0), factor), factor * _COARSELY
+    if factor == _TOLERATED_NOISE:
+        return factor
+    share = (THRESHOLD - before[0]) / (separation - before[0])
+    return float(before[1] * (factor / before[1]) ** share)
+
+
+def noise_levels(world: World, effect: str, truth: Truth) -> Floats:
+    """Return the true noise levels of a world with a noise."""
+    levels = world.levels.copy()
+    for name, level in NOISES[effect].parameters:
+        levels[LEVELS.index(level)] = float(truth[name])
+    return levels
+
+
+def again(world: World, count: int) -> list[World]:
+    """Return the same drive with noise drawn anew."""
+    return [replace(world, seed=(world.seed + 1 + one) % (1 << 62)) for one in range(count)]
 
 
 def nearest(terms: Sequence[Term], chosen: Truth) -> Term:

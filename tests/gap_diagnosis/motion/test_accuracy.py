@@ -5,7 +5,9 @@ right. Its limit is passed by chance less than once in a thousand draws, and by 
 too small deviations: half of them at the small size, seven tenths at the full one.
 """
 
+import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,9 @@ from scipy.stats import chi2
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 
-from accuracy.fits import run_case
+from accuracy.fits import noise_bounds, run_case
+from accuracy.sizes import faintest_noise, model_of, noise_of
+from accuracy.worlds import draw_world
 
 EFFECTS = (
     "radius_scale",
@@ -52,3 +56,27 @@ def test_errors_are_no_larger_than_stated(scores):
 def test_a_fit_that_states_too_little_would_not_pass(scores, size):
     share = 0.5 if size == "small" else 0.7
     assert float(np.square(np.array(scores) / share).sum()) > chi2.ppf(0.999, len(scores))
+
+
+def test_a_noise_is_asked_for_where_it_can_be_told():
+    """In ten seconds a bias that walks two times as far as described is not told from one that
+    walks as described; white noise is."""
+    world = draw_world("gyro_bias_walk", np.random.default_rng(1))
+    world = replace(world, scenario=replace(world.scenario, duration_s=10.0))
+    limits = {
+        name: faintest_noise(world, model_of(world, world.recording(None, {}), name), name)
+        for name in ("gyro_noise", "gyro_bias_walk")
+    }
+    assert limits["gyro_noise"] == 2.0
+    assert limits["gyro_bias_walk"] > 4.0
+
+
+def test_the_bound_of_a_noise_knows_nothing_of_its_prior():
+    """Of ten seconds a walk of the bias is told within a factor of two at best."""
+    world = draw_world("gyro_bias_walk", np.random.default_rng(1))
+    world = replace(world, scenario=replace(world.scenario, duration_s=10.0))
+    quiet = model_of(world, world.recording(None, {}), "gyro_bias_walk")
+    truth = noise_of(quiet, "gyro_bias_walk", 2.0)
+    model = model_of(world, world.recording("gyro_bias_walk", truth), "gyro_bias_walk")
+    bound = noise_bounds(world, model, "gyro_bias_walk", truth)["density"]
+    assert bound > math.log(2.0) * truth["density"]
