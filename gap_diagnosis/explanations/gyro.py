@@ -53,11 +53,12 @@ def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
 def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the true rate by so little that only the mean delay shows.
 
-    It is told from the finest details of a turn, where counting errors would pass for a lag: the
-    rate is smoothed more.
+    With those details of the rate that are no counting errors: what smoothing rounds off a turn's
+    beginning looks like wheels that slip as they speed up.
     """
     m = p.motion
-    p.gyro_rad_s = p.gyro_rad_s - time_constant * np.gradient(m.turn_rate_rad_s, m.t_s)
+    slope = np.gradient(turn_rate_with_details(m), m.t_s)
+    p.gyro_rad_s = p.gyro_rad_s - time_constant * slope
 
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
