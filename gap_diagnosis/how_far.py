@@ -15,7 +15,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.data import drive_data
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.firmware import replayed_pose
+from gap_diagnosis.firmware import firmware_block, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
@@ -33,7 +33,7 @@ from gap_diagnosis.motion.posterior import draw
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
@@ -101,7 +101,8 @@ def shrink(
     windows = windows_on(motion, mask)
     firmware = None
     if where.odometry_x_m is not None:
-        firmware = Replayed(before=replayed_pose(where, robot, wire))
+        after = _reprogrammed(analysis, effects, held, robot, wire)
+        firmware = Replayed(before=replayed_pose(where, robot, wire), after=after)
     drive = _driven(analysis, effects, where, robot)
     clock_skew = 0.0
     if "clock_skew" in effects:
@@ -165,6 +166,21 @@ def _driven(
         if isinstance(one.value, int | float)
     }
     return Replayed(before=commanded, after=commanded_path(where, robot, values), noise=noise)
+
+
+def _reprogrammed(
+    analysis: Analysis, effects: Effects, held: Recording | None, robot: Robot, wire: Wire
+) -> Floats | None:
+    """Return the odometry that the explained program computes; None where the program is as
+    described, or nobody's."""
+    block = analysis.firmware
+    own = frozenset() if block is None else effects & block.effects
+    if block is None or not 1 <= len(own) <= 2:
+        return None
+    there = None if held is None else firmware_block(held, robot, wire)
+    if held is not None and there is None:
+        return None
+    return block.explained(own, there)
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:

@@ -17,11 +17,11 @@ from gap_diagnosis.firmware.inputs import ReplayInputs, recorded_odometry, repla
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
 from gap_diagnosis.firmware.pairs import Pairs
 from gap_diagnosis.firmware.replay import Program, Start, find_start, replay
-from gap_diagnosis.firmware.scored import estimates_of, log_sum
+from gap_diagnosis.firmware.scored import Scored, estimates_of, log_sum
 from gap_diagnosis.firmware.singles import Singles
 from gap_diagnosis.firmware.workbench import Workbench
 from gap_diagnosis.hypothesis import Fit
-from gap_diagnosis.recording import Ints, Recording
+from gap_diagnosis.recording import Floats, Ints, Recording
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
@@ -91,12 +91,36 @@ class FirmwareBlock:
         unlisted = max(self._singles.other, self._singles.changed(self.effects))
         return describe(bench.windows, off, bench.t_s, unlisted - none)
 
+    def explained(
+        self, effects: frozenset[str], there: FirmwareBlock | None = None
+    ) -> Floats | None:
+        """Return the odometry of the likeliest program with up to two effects, float64[n, 3].
+
+        *there* is the block of another log, on which what was found here then runs; None: this one.
+        None where no kernel has the effects, or for what happened at its own ticks in this log.
+        """
+        names = tuple(sorted(effects))
+        found = self._scored(names)
+        if not found:
+            return None
+        best = max(found, key=lambda one: one.total).candidate
+        if there is not None and best.timing:
+            return None
+        bench = self._bench if there is None else there._bench
+        program = bench.program(best.changes, **best.timing)
+        return None if program is None else bench.poses(program)
+
+    def _scored(self, names: tuple[str, ...]) -> list[Scored]:
+        if len(names) == 1:
+            return self._singles.single(names[0])
+        return self._pairs.pair(*names)
+
     def _fit(self, effects: frozenset[str]) -> Fit:
         singles = self._singles
         names = tuple(sorted(effects))
         if not names:
             return Fit((), 0.0, 0.0)
-        found = singles.single(names[0]) if len(names) == 1 else self._pairs.pair(*names)
+        found = self._scored(names)
         none = log_sum([*(one.total for one in singles.no_effect), singles.other])
         most = max(singles.other, *(one.log_likelihood for one in singles.no_effect))
         total = log_sum([*(one.total for one in found), singles.other])

@@ -361,3 +361,24 @@ def test_effects_of_other_blocks_are_refused() -> None:
     block = block_of(recording_of(runs, kernel_pose(runs)))
     with pytest.raises(ValueError, match="expected up to two"):
         block.fit(frozenset({"radius_scale"}))
+
+
+def test_the_explained_program_gives_the_record_and_that_of_another_log() -> None:
+    changes = {"constant": "wheel_radius", "constant_scale": 0.01, "euler": "after"}
+    effects = frozenset({"firmware_constant", "euler_integration"})
+    runs, others = plant_runs(TICKS), plant_runs(TICKS, seed=9)
+    recorded, elsewhere = kernel_pose(runs, **changes), kernel_pose(others, **changes)
+    block = block_of(recording_of(runs, recorded))
+    np.testing.assert_array_equal(block.explained(effects), recorded)
+    there = block_of(recording_of(others, elsewhere))
+    # A constant is known to as fine as this log's record tells: nanometres on another.
+    np.testing.assert_allclose(block.explained(effects, there), elsewhere, rtol=0, atol=1e-8)
+
+
+def test_what_happened_at_its_own_ticks_is_not_told_of_another_log() -> None:
+    runs = plant_runs(TICKS)
+    pose, _ = timed_pose(runs, missed_deadline=0.01)
+    block = block_of(recording_of(runs, pose))
+    missed = frozenset({"missed_deadline"})
+    assert block.explained(missed) is not None
+    assert block.explained(missed, block) is None
