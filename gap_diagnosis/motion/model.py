@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import (
-    MOVES_IN_TIME,
+    ACTS_OTHERWISE,
     Columns,
     Term,
     build_columns,
@@ -347,17 +347,18 @@ class MotionModel:
     ) -> list[Floats]:
         """Return what units of constants within their tolerances change beside these effects.
 
-        Where the reference speaks of another time, how late it may be is told by the way there.
+        What acts otherwise beside one of them is told about them.
         """
         columns = [np.asarray(self.columns.values[..., index + 1]) for index, _ in free]
-        if not any(term.variant.effect in MOVES_IN_TIME for term in terms):
+        told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
+        if not told:
             return columns
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
         for place, (index, sd) in enumerate(free):
             variant, own = self.columns.little.get(index, (None, 0))
-            if variant is not None and variant.effect in MOVES_IN_TIME:
+            if variant is not None and variant.effect in told:
                 sizes = [0.0] * len(variant.coefficients)
                 sizes[own] = sd
                 beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))

@@ -80,3 +80,17 @@ def test_the_bound_of_a_noise_knows_nothing_of_its_prior():
     model = model_of(world, world.recording("gyro_bias_walk", truth), "gyro_bias_walk")
     bound = noise_bounds(world, model, "gyro_bias_walk", truth)["density"]
     assert bound > math.log(2.0) * truth["density"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "number"), [("one_sided_slip", 39), ("reference_lever_arm", 42)]
+)
+def test_what_is_within_tolerance_beside_a_large_effect_acts_as_it_does_there(effect, number):
+    """Of five sixths of a wheel's way there is a sixth of its radius left, and an arm of half a
+    metre is swung on while a reference is late: about none, 16 and 5 standard deviations were left
+    here."""
+    case = run_case("prior", effect, number)
+    told = [one for name, one in case["found"].items() if name in {"ratio", "x", "y"}]
+    assert told
+    for one in told:
+        assert abs(one["error"]) < 3 * one["sd"]
