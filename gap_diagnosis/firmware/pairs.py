@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 from gap_diagnosis.firmware.candidates import Candidate, RealParameter, smooth
+from gap_diagnosis.firmware.comparison import LOG_NO_EXCUSE
 from gap_diagnosis.firmware.scored import Scored, log_sum
 from gap_diagnosis.firmware.singles import P_DESCRIBED, Singles
 
@@ -46,8 +48,19 @@ class Pairs:
                     for one in self._singles.single(name)
                 ]
         if self._leaders & {first, second}:
-            found += self._product(first, second)
+            found += [self._no_nearer(one) for one in self._product(first, second)]
         return found
+
+    def _no_nearer(self, one: Scored) -> Scored:
+        """Return a candidate that, unless it gives the record, explains no more than a listed
+        program with an unlisted change: beside it such a change would explain as much."""
+        as_near = self._changed + LOG_NO_EXCUSE
+        is_near = one.log_likelihood <= one.log_changed
+        return replace(one, log_likelihood=min(one.log_likelihood, as_near)) if is_near else one
+
+    @cached_property
+    def _changed(self) -> float:
+        return self._singles.changed(self._effects)
 
     @property
     def _leaders(self) -> frozenset[str]:

@@ -151,7 +151,8 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
 
 
 _GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, 1.7e-4, needs_gyro=True),)
-_DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, 1.5e-3, needs_gyro=True))
+# A scale may be off by more than it may drift by: of its own tolerance every explanation has some.
+_DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, 5e-4, needs_gyro=True))
 _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
         Way("wheel", _forward, 1e-3, 0.1, 1e-3),

@@ -1,12 +1,18 @@
 """Where a log has all that the ECU had, a program that ran gives the odometry to the bit."""
 
 import dataclasses
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from simulated import kernel_pose, plant_runs, recording_of, robot, wire
 
 from gap_diagnosis.firmware import firmware_block
+from gap_diagnosis.firmware.candidates import Candidate
+from gap_diagnosis.firmware.comparison import LOG_NO_EXCUSE
+from gap_diagnosis.firmware.pairs import Pairs
+from gap_diagnosis.firmware.scored import Scored
+from gap_diagnosis.firmware.singles import Singles
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -39,6 +45,22 @@ def test_a_program_without_a_name_is_not_told_by_one_that_comes_near(
     left = lacking.leftover().log_evidence
     assert own > left + PROOF_NATS
     assert left > max(named, 0.0) + CLEAR_NATS
+
+
+def scored(log_likelihood: float, log_changed: float) -> Scored:
+    return Scored(Candidate({}, {}, 0.0, {}), -8.0, log_likelihood, log_changed)
+
+
+def test_two_names_that_come_near_together_explain_no_more_than_an_unlisted_change() -> None:
+    """A withheld auto_zero (4,376 nats) was told as a blend weight and a tick period, certainly:
+    together they came 62 nats nearer, and no change was weighed beside both."""
+    changed, highest = -255.8, 4097.6
+    near = scored(-204.3 + LOG_NO_EXCUSE, -204.3)
+    equal = scored(highest, -150.0)
+    singles = cast(Singles, SimpleNamespace(changed=lambda effects: changed))
+    pairs = Pairs(singles, frozenset({"blend_weight", "firmware_constant"}))
+    assert pairs._no_nearer(near).total < changed + near.log_prior
+    assert pairs._no_nearer(equal) == equal
 
 
 @pytest.mark.parametrize(("seed", "rate_rad_s"), [(1, 0.03), (2, 0.004)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
@@ -9,7 +11,7 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.motion.bases import turns
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import alternatives, levels_beside
+from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, levels_beside
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -41,6 +43,21 @@ def test_what_drifts_with_the_supply_may_be_the_gyros_scale() -> None:
     assert best.stage == "gyro"
     assert best.variable in {"supply", "time"}
     assert best.log_evidence > 50
+
+
+def test_a_scale_that_drifts_by_several_tolerances_is_no_healthy_robots() -> None:
+    """A gyro's scale may be 0.3 % off; that it drifts by as much was taken for no gap as well, and
+    five tolerances of a supply's share won 3.6 nats: less than the odds against them."""
+    prior = default_prior()
+    share = 5 * prior.of("supply_ratio", "coefficient").tolerance
+    ratio = EffectSetting("supply_ratio", (("coefficient", -share),))
+    log = drive(EffectSetting("supply_change", (("offset", -0.1), ("rate", -0.004))), ratio)
+    model = MotionModel(log, ROBOT, prior, without=frozenset({"supply_ratio"}))
+    best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
+    assert best.stage == "gyro"
+    stages = 7
+    no_gap_over_stage = math.log(prior.effects[0] / (prior.unknown / stages))
+    assert best.log_evidence > no_gap_over_stage + math.log(4.0)
 
 
 def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
