@@ -151,23 +151,25 @@ class MotionBlock:
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if effects & NOISES.keys():
             return self._noisy(effects)
-        if self._put_right is not None and tuple(effects) == self._put_right.effects:
-            return self._put_right
+        if (right := self._put_right.get(effects)) is not None:
+            return right
         return Fit(tuple(sorted(effects)), *self.scan.gained(found))
 
     @cached_property
-    def _put_right(self) -> Fit | None:
-        """The likeliest mistake of the set-up, judged by what the log is like without it.
+    def _put_right(self) -> dict[frozenset[str], Fit]:
+        """The likely mistakes of the set-up, each judged by what the log is like without it.
 
-        About so gross an error nothing is linear. None: no mistake is likelier than no effect.
+        About so gross an error nothing is linear: which of them is likelier shows only then.
         """
-        wrong = [one for one in self._mistakes if not one.effects & self._mend_nothing]
-        if not wrong:
-            return None
-        best = max(wrong, key=lambda one: one.log_evidence)
-        if best.log_evidence < self._nothing.log_evidence + LEAST_GAIN:
-            return None
-        (term,) = best.terms
+        least = self._nothing.log_evidence + LEAST_GAIN
+        return {
+            one.effects: self._without_mistake(one)
+            for one in self._mistakes
+            if not one.effects & self._mend_nothing and one.log_evidence >= least
+        }
+
+    def _without_mistake(self, mistake: Found) -> Fit:
+        (term,) = mistake.terms
         effect = term.variant.effect
         right, log_scale = put_right(self.model.recording, effect, term.variant.report)
         model = MotionModel(
@@ -178,9 +180,9 @@ class MotionBlock:
         evidence = model.evidence_at((), levels) + density
         evidence += log_scale * float(np.isfinite(model.columns.values[3, :, 0]).sum())
         evidence -= math.log(len(self.scan.by_effect[effect]))
-        evidence = max(evidence, best.log_evidence)
+        evidence = max(evidence, mistake.log_evidence)
         gain = evidence - self._nothing.log_evidence
-        likelihood = max(gain, best.log_likelihood - self._nothing.log_likelihood)
+        likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
         return Fit((effect,), gain, likelihood)
 
     @property
