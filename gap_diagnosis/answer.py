@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, cast, get_args
 
 import numpy as np
@@ -25,7 +26,7 @@ from gap_diagnosis.result_parts import (
     Unknown,
     Variable,
 )
-from hil_harness.effects import catalogue
+from hil_harness.effects import Effect, catalogue
 
 _LISTED: Final = 12
 _DETAILED: Final = 4
@@ -35,12 +36,18 @@ _EXACT: Final = 1e-100
 """What is known to the last digit is as sure as this; its square is still a number."""
 
 
-def candidates(ranking: Ranking, analyses: Sequence[Analysis]) -> tuple[list[Candidate], float]:
-    """Return the entries of ``which`` and the probability of all that is not listed."""
+def candidates(
+    ranking: Ranking,
+    analyses: Sequence[Analysis],
+    library: Mapping[str, Effect] = MappingProxyType({}),
+) -> tuple[list[Candidate], float]:
+    """Return the entries of ``which`` and the probability of all that is not listed; *library* are
+    a user's own effects."""
+    known = {**catalogue(), **library}
     listed = [one for one in ranking.sets if one.effects and one.probability > 0][:_LISTED]
     nothing = ranking.of(frozenset())
     lost = sum(ranking.unknown.values())
-    entries = [_candidate(one, ranking, analyses, place) for place, one in enumerate(listed)]
+    entries = [_candidate(one, ranking, analyses, place, known) for place, one in enumerate(listed)]
     entries.append(
         Candidate(
             effects=(NO_GAP,), probability=nothing.probability,
@@ -53,14 +60,19 @@ def candidates(ranking: Ranking, analyses: Sequence[Analysis]) -> tuple[list[Can
 
 
 def _candidate(
-    one: Ranked, ranking: Ranking, analyses: Sequence[Analysis], place: int
+    one: Ranked,
+    ranking: Ranking,
+    analyses: Sequence[Analysis],
+    place: int,
+    known: Mapping[str, Effect],
 ) -> Candidate:
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
     twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
     ambiguous += [twin for twin in twins if twin not in ambiguous]
     fits = _details(one.effects, analyses) if place < _DETAILED else []
-    parameters = {key: _converted(key, estimates) for key, estimates in _by_parameter(fits).items()}
+    by_parameter = _by_parameter(fits)
+    parameters = {key: _converted(key, said, known) for key, said in by_parameter.items()}
     windows = tuple(window for fit in fits for window in fit.windows)
     return Candidate(
         effects=tuple(sorted(one.effects)),
@@ -97,7 +109,9 @@ def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:
     return found
 
 
-def _converted(key: str, estimates: Sequence[Estimate]) -> ParameterEstimate:
+def _converted(
+    key: str, estimates: Sequence[Estimate], known: Mapping[str, Effect]
+) -> ParameterEstimate:
     """Return one estimate of all: blocks and logs that speak of a parameter are weighed."""
     choices = [one for one in estimates if one.samples is None]
     if choices:
@@ -111,7 +125,7 @@ def _converted(key: str, estimates: Sequence[Estimate]) -> ParameterEstimate:
         samples = mean + (samples - samples.mean()) * sd / max(best.sd, _EXACT)
     effect, _, name = key.partition(".")
     try:
-        unit = catalogue()[effect].parameter(name).unit
+        unit = known[effect].parameter(name).unit
     except KeyError:
         unit = "1"
     low95, low80, low50, high50, high80, high95 = np.percentile(

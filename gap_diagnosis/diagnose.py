@@ -122,7 +122,7 @@ def diagnose_recordings(
         [some for one in analyses if one.motion is not None for some in one.motion.several],
     )
     progress("how far the gap shrinks", 0.8)
-    which, other = candidates(ranking, analyses)
+    which, other = candidates(ranking, analyses, library)
     ordered = sort_candidates(which)
     verdict = "+".join(ordered[0].effects)
     stages = stage_probabilities(ranking, stage_of)

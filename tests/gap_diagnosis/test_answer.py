@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.ranking import Ranking
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, NumberEstimate
+from hil_harness.effects import EffectParameter, catalogue
 
 AT_REST = np.zeros(2)
 LOG = Recording(
@@ -101,6 +103,17 @@ def test_a_choice_is_the_most_probable_one_with_all_probabilities() -> None:
     assert isinstance(chosen, ChoiceEstimate)
     assert chosen.estimate == "left"
     assert chosen.probabilities == pytest.approx({"left": 0.9, "right": 0.1})
+
+
+def test_a_parameter_of_a_users_own_effect_has_its_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STAGE, "deep_carpet", "wheel")
+    pile = EffectParameter("pile", "m", 0.0, "how deep the wheels sink in")
+    carpet = replace(catalogue()["radius_scale"], name="deep_carpet", parameters=(pile,))
+    block = FakeBlock({"deep_carpet": 50.0}, parameters={"deep_carpet.pile": normal(0.004, 1e-4)})
+    listed, _ = candidates(ranked(block), [analysis(LOG, block)], {"deep_carpet": carpet})
+    known = entry(listed, "deep_carpet").parameters["deep_carpet.pile"]
+    assert isinstance(known, NumberEstimate)
+    assert known.unit == "m"
 
 
 def test_logs_that_disagree_on_a_choice_are_weighed() -> None:
