@@ -205,3 +205,10 @@ def test_colours_follow_light_and_dark(page: str) -> None:
     used = set(re.findall(r"var\((--[a-z]+)", page))
     assert used <= set(re.findall(r"(--[a-z]+):", page))
     assert "prefers-color-scheme: dark" in page
+
+
+def test_names_joined_without_spaces_may_break_on_a_narrow_screen(page: str) -> None:
+    """`a+b+c` in an advice made a page of 320 px scroll sideways."""
+    rule = re.search(r"\.advice \{([^}]*)\}", page)
+    assert rule is not None
+    assert "overflow-wrap: anywhere" in rule[1]
