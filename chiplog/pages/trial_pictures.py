@@ -151,7 +151,7 @@ def calibration_picture(part: Mapping[str, Any]) -> Picture:
         ""
         if chance is None
         else f" A perfect forecaster of the same probabilities would show {chance[0]:.3f} on "
-        f"average by chance alone, and less than {chance[1]:.3f} 39 times in 40."
+        f"average by chance alone, and less than {chance[2]:.3f} 39 times in 40."
     )
     caption = (
         f"Each dot is a fifteenth of the cases ({part['cases']} in all); the line and its band are "

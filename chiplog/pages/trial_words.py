@@ -56,6 +56,7 @@ FIGURES: Final = (
     Figure("pairs_both_named", "pairs, both named", "least", 0.85),
     Figure("false_alarms", "false alarms", "most", 0.01),
     Figure("ece", "calibration error of the top group", "most", 0.03),
+    Figure("ece_by_chance", "calibration error that a perfect forecaster shows of so many"),
     Figure("brier", "Brier score"),
     Figure("log_score", "log score [nat]"),
     Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
@@ -98,6 +99,9 @@ def value_of(
     if key == "ece":
         low_high = part["ece_interval"]
         return part["ece"], None if low_high is None else tuple(low_high), part["cases"]
+    if key == "ece_by_chance":
+        chance = part["ece_by_chance"]
+        return (None, None, 0) if chance is None else (chance[0], tuple(chance[1:]), part["cases"])
     if key == "ranks":
         return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
     if key == "gap_closed":

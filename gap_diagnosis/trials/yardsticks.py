@@ -108,10 +108,10 @@ def calibration_interval(
 
 def perfect_calibration(
     probability: Sequence[float], bins: int = BINS
-) -> tuple[float, float] | None:
+) -> tuple[float, float, float] | None:
     """Return what error a perfect forecaster of these probabilities shows by chance alone.
 
-    Its mean, and what it stays below 39 times in 40.
+    Its mean, and between which ends it lies 19 times in 20.
     """
     if not probability:
         return None
@@ -121,7 +121,8 @@ def perfect_calibration(
         calibration(probability, (draw.random(len(said)) < said).tolist(), bins)[0] or 0.0
         for _ in range(_DRAWS)
     ]
-    return float(np.mean(errors)), float(np.quantile(errors, 0.975))
+    low, high = np.quantile(errors, [0.025, 0.975])
+    return float(np.mean(errors)), float(low), float(high)
 
 
 def best_miss(over_limit: float) -> float:

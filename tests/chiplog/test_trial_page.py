@@ -12,6 +12,7 @@ from chiplog.pages.trial import trial_page
 from chiplog.pages.trial_words import (
     FIGURES,
     MISSED,
+    NOT_MEASURED,
     REACHED,
     UNPROVED,
     figure,
@@ -60,6 +61,15 @@ def test_the_page_shows_every_figure_the_rival_and_the_wrong_cases() -> None:
     assert "The same 3 cases" in page
     assert "Told wrong" not in page
     assert "Told wrong" in trial_page("t", "rival", {"rival": WRONG})
+
+
+def test_beside_a_calibration_error_stands_what_chance_alone_makes_of_so_many_cases() -> None:
+    """Of 215 cases in fifteen bins a perfect forecaster shows 0.047: no goal of 0.03 is missed by
+    that, nor could it be reached."""
+    (by_chance,) = (one for one in FIGURES if one.key == "ece_by_chance")
+    part = {"ece_by_chance": (0.047, 0.029, 0.07), "cases": 215}
+    assert figure(part, by_chance) == "0.047 (0.029 to 0.070), 215"
+    assert figure({"ece_by_chance": None, "cases": 0}, by_chance) == NOT_MEASURED
 
 
 def test_the_page_is_whole_offline_and_without_scripts() -> None:
