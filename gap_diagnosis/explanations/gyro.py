@@ -54,11 +54,12 @@ def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the true rate by so little that only the mean delay shows.
 
     With those details of the rate that are no counting errors: what smoothing rounds off a turn's
-    beginning looks like wheels that slip as they speed up.
+    beginning looks like wheels that slip as they speed up. Not in a table, whose rows are means or
+    moments: what may be a whole row there would be told from a delay by its sharpness.
     """
     m = p.motion
-    slope = np.gradient(turn_rate_with_details(m), m.t_s)
-    p.gyro_rad_s = p.gyro_rad_s - time_constant * slope
+    rate = turn_rate_with_details(m) if m.has_counters else m.turn_rate_rad_s
+    p.gyro_rad_s = p.gyro_rad_s - time_constant * np.gradient(rate, m.t_s)
 
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
