@@ -58,6 +58,7 @@ class Refitted:
         log_evidence: with the density of the levels; comparable between sets.
         log_likelihood: at the best coefficients and levels, other tolerances marginalised.
         coefficients: per term, the best ones.
+        leans: whether what stands in the place of counts that were not there was trusted.
     """
 
     scored: Scored
@@ -65,6 +66,7 @@ class Refitted:
     log_evidence: float
     log_likelihood: float
     coefficients: tuple[tuple[float, ...], ...]
+    leans: bool = True
 
 
 class MotionModel:
@@ -259,7 +261,7 @@ class MotionModel:
             gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
             scored = score(gram, tangent, self.prior)
             best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
-            coefficients, climbed = self._no_worse(terms, coefficients, best, levels)
+            coefficients, climbed = self._no_worse(terms, coefficients, best, levels, leans)
         density = self.level_prior.log_density(np.log(levels))
         return Refitted(
             scored=replace(scored, terms=tuple(terms)),
@@ -267,6 +269,7 @@ class MotionModel:
             log_evidence=gram.log_nothing + scored.log_evidence + density,
             log_likelihood=gram.log_nothing + scored.log_likelihood + density,
             coefficients=coefficients,
+            leans=leans,
         )
 
     def at_fit(
@@ -275,7 +278,7 @@ class MotionModel:
         """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
         inverse variances float64[c] beforehand, and which of them are each effect's."""
         values, nuisances, tangent = self.linearised(terms, fit.coefficients)
-        course = self.scattered(terms, fit.coefficients)
+        course = self.scattered(terms, fit.coefficients, leans=fit.leans)
         white, _, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
         owners: dict[str, list[int]] = {}
@@ -293,12 +296,13 @@ class MotionModel:
         before: tuple[tuple[float, ...], ...],
         after: tuple[tuple[float, ...], ...],
         levels: Floats,
+        leans: bool,
     ) -> tuple[tuple[tuple[float, ...], ...], float]:
         """Shorten a step of Gauss and Newton until it does not lead downhill; return where it leads
         and what it gains [nat]."""
-        known = self._height(terms, before, levels)
+        known = self._height(terms, before, levels, leans)
         for _ in range(_SHORTENED):
-            climbed = self._height(terms, after, levels) - known
+            climbed = self._height(terms, after, levels, leans) - known
             if climbed >= -_DOWNHILL:
                 return after, climbed
             after = tuple(
@@ -308,7 +312,11 @@ class MotionModel:
         return before, 0.0
 
     def _height(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
+        self,
+        terms: Sequence[Term],
+        coefficients: Sequence[tuple[float, ...]],
+        levels: Floats,
+        leans: bool,
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
         change = self._exact_change(terms, coefficients)
@@ -318,7 +326,7 @@ class MotionModel:
         columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        course = self.scattered(terms, coefficients)
+        course = self.scattered(terms, coefficients, leans=leans)
         return self._evidence(values, nuisances, (), levels, course)
 
     def scattered(
