@@ -189,6 +189,7 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
             pairs = [(one.variable, one.share) for one in own]
             seen = analysis.traces.get(stage)
             windows += own[0].windows if own else () if seen is None else seen.windows
+            windows += analysis.lost.windows if stage == "reference" else ()
         for variable, share in pairs:
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)

@@ -120,6 +120,7 @@ def diagnose_recordings(
         stage_of,
         _unknown(analyses),
         [some for one in analyses if one.motion is not None for some in one.motion.several],
+        lost=any(one.lost.windows for one in analyses),
     )
     progress("how far the gap shrinks", 0.8)
     which, other = candidates(ranking, analyses, library)

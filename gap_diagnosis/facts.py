@@ -162,6 +162,11 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
             f"{name}: {lost.frozen} samples of the reference repeat an older pose while the wheels "
             "drive on, and were left out."
         )
+    for start_s, stop_s in lost.holes:
+        notes.append(
+            f"{name}: the reference has no samples from {start_s:.2f} s to {stop_s:.2f} s, while "
+            "the wheels drive on."
+        )
     for leap in lost.leaps:
         notes.append(
             f"{name}: the reference leaps by {1e3 * math.hypot(leap.x_m, leap.y_m):.0f} mm and "

@@ -1,8 +1,9 @@
-"""Where a reference lost the robot: poses that stand still while it drives, and leaps.
+"""Where a reference lost the robot: poses that stand still while it drives, holes, and leaps.
 
-A motion capture that loses its markers often repeats the last pose; one that finds other markers,
-or a receiver that fixes another integer, goes on somewhere else. Neither says anything of the
-robot: frozen poses are left out, what follows a leap is put back by its size.
+A motion capture that loses its markers says nothing for a while or repeats the last pose; one that
+finds other markers, or a receiver that fixes another integer, goes on somewhere else. None of it
+says anything of the robot: frozen poses are left out, what follows a leap is put back by its size.
+But a log in which nothing else is wrong is not without a gap: its reference has one.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from gap_diagnosis.motion.course import dead_reckoned
@@ -29,6 +29,10 @@ _DRIVEN_STEPS: Final = 3.0
 _AT_REST: Final = 0.5
 """and if fewer than this share of the poses at rest repeat: a reference without noise may show a
 robot whose wheels spin."""
+_HOLE_S: Final = 0.9
+"""Every motion capture blinks: no samples for about a second, while the robot drives on,"""
+_HOLE_STEPS: Final = 10.0
+"""and for so many of the usual steps, is a loss."""
 _AROUND: Final = 5
 """Samples on each side of a leap whose median says where it led."""
 _FAR: Final = 15.0
@@ -36,7 +40,10 @@ _FAR: Final = 15.0
 _FASTEST_M_S: Final = 3.0
 """No floor throws a robot so fast between two samples."""
 _MOST: Final = 20
-"""With more leaps than this, that is how the reference measures."""
+"""With more leaps than this, or more holes, that is how the reference measures."""
+
+Window = tuple[float, float]
+"""From and to [s]."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +58,24 @@ class Leap:
 
 @dataclass(frozen=True)
 class Lost:
-    """What was mended.
+    """What was mended, and when the reference knew nothing of the robot.
 
     Attributes:
         frozen: samples left out.
         leaps: put back.
+        stopped: windows of the frozen samples.
+        holes: windows without samples.
     """
 
     frozen: int = 0
     leaps: tuple[Leap, ...] = ()
+    stopped: tuple[Window, ...] = ()
+    holes: tuple[Window, ...] = ()
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """All of them in the order of time; a leap takes none."""
+        return tuple(sorted((*self.stopped, *self.holes, *((one.t_s,) * 2 for one in self.leaps))))
 
 
 def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
@@ -69,37 +85,63 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
         return recording, Lost()
     delay_s = coarse_delay_s(recording, robot)
     motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
-    frozen = _frozen(reference, motion, delay_s)
-    kept = reference.only(~frozen) if frozen.any() else reference
+    way_m = _way_m(reference, motion, delay_s)
+    stopped = _stopped(reference, way_m)
+    frozen = np.zeros(len(way_m), dtype=np.bool_)
+    for first, stop in stopped:
+        frozen[first:stop] = True
+    kept = reference.only(~frozen) if stopped else reference
     leaps = _leaps(kept, motion, delay_s)
-    if not frozen.any() and not leaps:
-        return recording, Lost()
+    t_s = reference.t_s
+    lost = Lost(
+        int(frozen.sum()),
+        tuple(leaps),
+        tuple((float(t_s[first]), float(t_s[stop - 1])) for first, stop in stopped),
+        _holes(t_s, way_m),
+    )
+    if not stopped and not leaps:
+        return recording, lost
     for leap in leaps:
         kept = _put_back(kept, leap)
-    return replace(recording, reference=kept), Lost(int(frozen.sum()), tuple(leaps))
+    return replace(recording, reference=kept), lost
 
 
-def _frozen(reference: Reference, motion: Motion, delay_s: float) -> NDArray[np.bool_]:
-    """Tell of each sample, bool[s], whether it repeats an older pose though the robot drove on."""
+def _way_m(reference: Reference, motion: Motion, delay_s: float) -> Floats:
+    """Return how far the robot has gone by its wheels at each sample, float64[s]."""
+    steady = 0.5 * motion.radius_m * (motion.left_steady_rad + motion.right_steady_rad)
+    way_m = np.cumsum(np.abs(steady))  # a counter that trembles at an edge goes no way
+    return np.asarray(np.interp(reference.t_s - delay_s, motion.t_s, way_m))
+
+
+def _holes(t_s: Floats, way_m: Floats) -> tuple[Window, ...]:
+    """Return the windows without samples in which the robot drove on."""
+    steps_s = np.diff(t_s)
+    long_s = max(_HOLE_S, _HOLE_STEPS * float(np.median(steps_s)))
+    places = np.flatnonzero((steps_s > long_s) & (np.diff(way_m) > _DRIVEN_M))
+    if len(places) > _MOST:
+        return ()
+    return tuple((float(t_s[k]), float(t_s[k + 1])) for k in places)
+
+
+def _stopped(reference: Reference, at: Floats) -> list[tuple[int, int]]:
+    """Return the first samples, and those after the last, of runs that repeat an older pose though
+    the robot drove on; *at* is how far it has gone."""
     same = (np.diff(reference.x_m) == 0) & (np.diff(reference.y_m) == 0)
     if reference.heading_rad is not None:
         same &= np.diff(reference.heading_rad) == 0
     repeats = np.concatenate(([False], same))
-    steady = 0.5 * motion.radius_m * (motion.left_steady_rad + motion.right_steady_rad)
-    way_m = np.cumsum(np.abs(steady))  # a counter that trembles at an edge goes no way
-    at = np.interp(reference.t_s - delay_s, motion.t_s, way_m)
     stands = np.concatenate(([False], np.diff(at) == 0))
     if stands.sum() > _FROZEN and repeats[stands].mean() > _AT_REST:
-        return np.zeros(len(repeats), dtype=np.bool_)
+        return []
     steps_m = np.abs(np.concatenate((np.diff(reference.x_m), np.diff(reference.y_m))))
     least_m = float(np.min(steps_m, where=steps_m > 0, initial=np.inf))
     far_m = max(_DRIVEN_M, _DRIVEN_STEPS * least_m)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], repeats.astype(np.int8), [0]))))
-    found = np.zeros(len(repeats), dtype=np.bool_)
-    for first, stop in edges.reshape(-1, 2):
-        if stop - first >= _FROZEN and at[stop - 1] - at[first - 1] > far_m:
-            found[first:stop] = True
-    return found
+    return [
+        (int(first), int(stop))
+        for first, stop in edges.reshape(-1, 2)
+        if stop - first >= _FROZEN and at[stop - 1] - at[first - 1] > far_m
+    ]
 
 
 def _leaps(reference: Reference, motion: Motion, delay_s: float) -> list[Leap]:

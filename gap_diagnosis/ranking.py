@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
+import numpy as np
+
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import Block
@@ -30,6 +32,8 @@ _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
 _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
+_NO_NEWS: Final = 0.02
+"""How likely it is that a reference which loses the robot is as it always is."""
 _LARGER: Final = 6
 _APART: Final = 2
 
@@ -103,12 +107,15 @@ def rank(
     stage_of: Mapping[str, str],
     unknown: Mapping[str, float],
     several: Sequence[Effects] = (),
+    *,
+    lost: bool = False,
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look.
+    effects and more of one block that are worth a look. *lost*: the reference lost the robot for a
+    while, of which no block says anything.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -155,6 +162,11 @@ def rank(
         + max(company.of(frozenset(), but=stage), _elsewhere(logs, logs_of, stage, stage_of))
         for stage, value in guesses.items()
     }
+    if lost:
+        # Beside any cause there is that too; by itself it is one that is not listed.
+        nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
+        guesses["reference"] = float(np.logaddexp(nothing + math.log1p(-_NO_NEWS), elsewhere))
+        logs_of[frozenset()] = nothing + math.log(_NO_NEWS)
     top = max([*logs_of.values(), *guesses.values()])
     total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
     sets = [

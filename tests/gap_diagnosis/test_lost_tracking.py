@@ -49,6 +49,43 @@ def test_poses_that_repeat_while_the_wheels_drive_are_left_out() -> None:
     np.testing.assert_array_equal(
         cleaned.reference.t_s, np.delete(reference().t_s, np.arange(FROZEN.start, FROZEN.stop))
     )
+    t_s = reference().t_s
+    assert lost.windows == ((t_s[FROZEN.start], t_s[FROZEN.stop - 1]),)
+
+
+def without_samples(hole: slice) -> Reference:
+    there = np.ones(len(reference().t_s), dtype=np.bool_)
+    there[hole] = False
+    return reference().only(there)
+
+
+def test_a_second_without_samples_while_the_wheels_drive_is_a_loss() -> None:
+    same, lost = with_tracking(with_reference(without_samples(slice(1000, 1100))), ROBOT)
+    assert lost.windows == ((reference().t_s[999], reference().t_s[1100]),)
+    assert same.reference is not None
+    assert len(same.reference.t_s) == len(reference().t_s) - 100, "the rest is as good as ever"
+
+
+def test_every_motion_capture_blinks() -> None:
+    log = with_reference(without_samples(slice(1000, 1080)))
+    assert with_tracking(log, ROBOT)[1] == Lost()
+
+
+def test_a_reference_that_says_a_pose_every_two_seconds_has_no_holes() -> None:
+    seldom = np.arange(len(reference().t_s)) % 200 == 0
+    log = with_reference(reference().only(seldom))
+    assert with_tracking(log, ROBOT)[1] == Lost()
+
+
+def test_while_a_robot_stands_its_reference_may_be_silent() -> None:
+    stands = slice(1000, 1300)
+    ticks = {}
+    for name in ("left_ticks", "right_ticks"):
+        ticks[name] = getattr(drive(), name).copy()
+        ticks[name][stands] = ticks[name][stands.start]
+        ticks[name][stands.stop :] -= ticks[name][stands.stop] - ticks[name][stands.start]
+    log = replace(with_reference(without_samples(slice(1020, 1280))), **ticks)
+    assert with_tracking(log, ROBOT)[1].holes == ()
 
 
 def test_a_reference_without_noise_may_show_wheels_that_spin() -> None:
@@ -88,6 +125,7 @@ def test_a_leap_is_put_back(leap_m: float) -> None:
     assert cleaned.reference is not None
     (leap,) = lost.leaps
     assert leap.t_s == reference().t_s[700]
+    assert lost.windows == ((leap.t_s, leap.t_s),)
     np.testing.assert_allclose(cleaned.reference.x_m, reference().x_m, atol=2e-3)
 
 

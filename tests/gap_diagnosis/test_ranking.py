@@ -64,6 +64,19 @@ def test_what_speaks_against_an_effect_does_so_beside_another_of_its_block(block
     assert pair == pytest.approx(beforehand * math.exp(-6))
 
 
+def test_a_reference_that_lost_the_robot_is_what_is_wrong_where_nothing_else_is() -> None:
+    """Beside whatever else there is, that is there too: it takes nothing from any other cause."""
+    block = FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0})
+    well = ranked(block, unknown={"reference": -5.0})
+    lost = rank([[block]], PRIOR, STAGE, {"reference": -5.0}, lost=True)
+    nothing = well.of(frozenset()).probability
+    assert lost.of(frozenset()).probability == pytest.approx(0.02 * nothing)
+    assert lost.unknown["reference"] == pytest.approx(0.98 * nothing + well.unknown["reference"])
+    for effects in ({"gyro_bias"}, {"gyro_bias", "missed_ticks"}):
+        told = lost.of(frozenset(effects)).probability
+        assert told == pytest.approx(well.of(frozenset(effects)).probability)
+
+
 def test_three_nats_are_odds_of_twenty() -> None:
     ranking = ranked(FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0}))
     assert odds(ranking, ["gyro_bias"], ["missed_ticks"]) == pytest.approx(math.exp(3))
