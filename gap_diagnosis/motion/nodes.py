@@ -86,8 +86,18 @@ class Nodes:
         # The noise of a count must not depend on where between two ticks a delay comes to lie.
         motion, tick = self.motion, self.sample_tick
         known = (motion.x_m, motion.y_m, motion.heading_rad)
-        moved = self._way(np.clip(true_t_s, *motion.t_s[[0, -1]])) - self._way_at_ticks
+        moved = self._way_beyond(true_t_s) - self._way_at_ticks
         return tuple(path[tick] + change for path, change in zip(known, moved, strict=True))
+
+    def _way_beyond(self, true_t_s: Floats) -> Floats:
+        """Return the described way, float64[3, s]; where a log begins or ends in motion, the robot
+        goes on as it did: one that stood still there would tell a delay by a leap."""
+        inside = np.clip(true_t_s, *self.motion.t_s[[0, -1]])
+        way = np.asarray(self._way(inside))
+        outside = inside != true_t_s
+        ahead_s = (true_t_s - inside)[outside]
+        way[:, outside] += ahead_s * self._way(inside[outside], 1)
+        return way
 
     @cached_property
     def sharp(self) -> Motion:

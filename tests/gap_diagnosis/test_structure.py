@@ -50,6 +50,13 @@ def test_a_heading_from_outside_tells_a_lever_arm_from_a_time_offset_positions_a
     assert explained[False] > 1.4 * explained[True]
 
 
+def test_positions_alone_do_not_tell_a_time_offset_from_a_lever_arm_or_slip_on_the_lessons_run():
+    """At constant speed v a point L ahead is where the robot will be in L/v, all along the run: at
+    its ends too, where the log sees no further."""
+    found = groups("lesson", heading=False)
+    assert together(found, "reference_lever_arm", "lateral_slip", "reference_time_offset")
+
+
 def test_arcs_at_several_speeds_tell_a_lever_arm_from_lateral_slip():
     assert not together(groups("calibration"), "reference_lever_arm", "lateral_slip")
 
