@@ -64,8 +64,8 @@ def gains_beside(
             about.setdefault(effect, []).append((term, line))
     whole = np.ascontiguousarray(np.concatenate(columns, axis=-1))
     course = model.scattered(terms, fit.coefficients)
-    white, log_determinant, rows = whiten(whole, course, fit.levels, model.nodes.ticks)
-    gram = gram_of(white.T @ white, log_determinant, rows, nuisances, fit.levels)
+    white = whiten(whole, course, fit.levels, model.nodes.ticks)
+    gram = gram_of(*white, nuisances, fit.levels)
     alone = score(gram, tangent, model.prior).log_evidence
     found = {}
     for effect, lines in about.items():

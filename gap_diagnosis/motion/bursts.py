@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
-from gap_diagnosis.motion.levels import best_levels
+from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
@@ -171,8 +171,12 @@ class _Log:
 
     def evidence(self, course: Course, levels: Floats) -> float:
         """Return the log evidence of no effect on this course."""
-        white, log_determinant, rows = whiten(self._values, course, levels, self._model.nodes.ticks)
-        return gram_of(white.T @ white, log_determinant, rows, self._nuisances, levels).log_nothing
+        return self._weigh(course, levels).log_evidence
+
+    def _weigh(self, course: Course, levels: Floats) -> Weighed:
+        white, log_variance = whiten(self._values, course, levels, self._model.nodes.ticks)
+        gram = gram_of(white, log_variance, self._nuisances, levels)
+        return Weighed(gram.log_nothing, white, log_variance)
 
     def best(self, inside: Mask, levels: Floats) -> tuple[str, float]:
         """Return the side and the factor that suit these cells best."""
@@ -200,10 +204,7 @@ class _Log:
     def levels(self, course: Course, start: Floats) -> Floats:
         """Return the noise levels that suit this course."""
         return best_levels(
-            lambda levels: self.evidence(course, levels),
-            self._model.level_prior,
-            start,
-            rounds=15,
+            lambda levels: self._weigh(course, levels), self._model.level_prior, start
         )
 
     def hot(self, terms: Sequence[Term], course: Course, levels: Floats) -> Mask:
@@ -225,7 +226,7 @@ class _Log:
         own = sorted({index for term in terms for weight in term.weights for index, _ in weight})
         free = [index for index, _ in self._model.columns.nuisances]
         values = self._chosen([*free, *own]) if own else self._values
-        white, _, _ = whiten(values, course, levels, self._model.nodes.ticks)
+        white, _ = whiten(values, course, levels, self._model.nodes.ticks)
         data, columns = white[:, 0], white[:, 1:]
         sizes = [1 / sd for _, sd in self._nuisances] + [1e-6] * len(own)
         damped = np.vstack([columns, np.diag(sizes)])

@@ -44,8 +44,8 @@ def dispersion(
     """
     values, _, _ = model.linearised(terms, coefficients)
     course = model.scattered(terms, coefficients)
-    about, _, _ = whiten(values, course, levels, model.nodes.ticks)
-    library, _, _ = whiten(model.columns.values, course, levels, model.nodes.ticks)
+    about, _ = whiten(values, course, levels, model.nodes.ticks)
+    library, _ = whiten(model.columns.values, course, levels, model.nodes.ticks)
     if not (np.isfinite(about).all() and np.isfinite(library).all()):
         return 1.0
     patterns = _directions(about[:, 1:], None)

@@ -57,19 +57,20 @@ class Gram:
 
 def make_gram(columns: Columns, course: Course, levels: Floats, ticks: Floats) -> Gram:
     """Whiten and multiply."""
-    white, log_determinant, rows = whiten(columns.values, course, levels, ticks)
-    whole = white.T @ white
-    return gram_of(whole, log_determinant, rows, columns.nuisances, levels)
+    return gram_of(*whiten(columns.values, course, levels, ticks), columns.nuisances, levels)
 
 
 def gram_of(
-    whole: Floats,
-    log_determinant: float,
-    rows: int,
+    white: Floats,
+    log_variance: Floats,
     nuisances: Sequence[tuple[int, float]],
     levels: Floats,
 ) -> Gram:
-    """Marginalise the nuisances out of inner products float64[1 + c, 1 + c] (data first)."""
+    """Multiply whitened rows float64[r, 1 + c] (data first) and marginalise the nuisances.
+
+    *log_variance*: of each row before it was whitened, float64[r].
+    """
+    whole = white.T @ white
     data, inner = whole[0, 1:], whole[1:, 1:]
     if not np.isfinite(whole).all():
         # Levels too far apart for the filter's digits: whatever they are, the log's they are not.
@@ -77,7 +78,7 @@ def gram_of(
         return Gram(levels, _NEVER, none, nothing, none, nothing)
     index = np.array([column for column, _ in nuisances], dtype=np.int64)
     precision = np.array([sd**-2 for _, sd in nuisances])
-    log_nothing = -0.5 * (whole[0, 0] + log_determinant + rows * math.log(math.tau))
+    log_nothing = -0.5 * (whole[0, 0] + float(log_variance.sum()) + len(white) * math.log(math.tau))
     if len(index) == 0:
         return Gram(levels, log_nothing, inner, data, inner, data)
     # Scaled by the prior, so that the Cholesky factor stays well conditioned.

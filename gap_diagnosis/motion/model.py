@@ -23,7 +23,7 @@ from gap_diagnosis.motion.columns import (
 )
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_frozen
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
-from gap_diagnosis.motion.levels import LevelPrior, best_levels, level_prior
+from gap_diagnosis.motion.levels import LevelPrior, Weighed, best_levels, level_prior
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
@@ -37,8 +37,6 @@ from hil_harness.robot import Robot
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
-_ROUNDS: Final = 6
-_FAR_ROUNDS: Final = 15
 """Where chance has been taken for contact noise so far, the levels are far from the best."""
 _MORE_STEPS: Final = 9
 _STILL: Final = 5.0
@@ -156,7 +154,6 @@ class MotionModel:
         self,
         terms: Sequence[Term],
         start: Floats,
-        rounds: int = 15,
         free: Sequence[int] = (),
         course: Course | None = None,
     ) -> Floats:
@@ -164,27 +161,25 @@ class MotionModel:
 
         *course*: with what is left to chance, if these effects leave anything to it.
         """
-        return best_levels(
-            self._of_levels(terms, course), self.level_prior, start, rounds=rounds, free=free
-        )
+        return best_levels(self._of_levels(terms, course), self.level_prior, start, free=free)
 
     def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
         """Return levels that suit these effects better than *found*, which a search ended at.
 
         None where a coarse look at the reference shows none.
         """
-        evidence = self._of_levels(terms)
+        weigh = self._of_levels(terms)
 
         def height(levels: Floats) -> float:
-            return evidence(levels) + self.level_prior.log_density(np.log(levels))
+            return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
         best = max(starts(self.nodes, self.level_prior), key=height, default=found)
         return best if height(best) > height(found) else None
 
     def _of_levels(
         self, terms: Sequence[Term], course: Course | None = None
-    ) -> Callable[[Floats], float]:
-        """Return the log evidence of terms as a function of the levels, without their density."""
+    ) -> Callable[[Floats], Weighed]:
+        """Return the evidence of terms as a function of the levels, without their density."""
         used = {index for term in terms for weight in term.weights for index, _ in weight}
         used |= {index for index, _ in self.columns.nuisances}
         order = sorted(used)
@@ -202,27 +197,26 @@ class MotionModel:
             for term in terms
         ]
         way = self.course if course is None else course
-        return lambda levels: self._evidence(values, nuisances, moved, levels, way)
+        return lambda levels: self._weigh(values, nuisances, moved, levels, way)
 
     def evidence_at(
         self, terms: Sequence[Term], levels: Floats, course: Course | None = None
     ) -> float:
         """Return the log evidence of terms at these levels, without the levels' density."""
-        return self._of_levels(terms, course)(levels)
+        return self._of_levels(terms, course)(levels).log_evidence
 
-    def _evidence(
+    def _weigh(
         self,
         values: Floats,
         nuisances: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         levels: Floats,
         course: Course,
-    ) -> float:
-        white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
-        gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
-        if not terms:
-            return gram.log_nothing
-        return gram.log_nothing + score(gram, terms, self.prior).log_evidence
+    ) -> Weighed:
+        white, log_variance = whiten(values, course, levels, self.nodes.ticks)
+        gram = gram_of(white, log_variance, nuisances, levels)
+        gained = score(gram, terms, self.prior).log_evidence if terms else 0.0
+        return Weighed(gram.log_nothing + gained, white, log_variance)
 
     def refit(
         self,
@@ -257,8 +251,8 @@ class MotionModel:
             course = self.scattered(terms, coefficients, leans=leans)
             if step > 0 and gained >= _STILL:
                 levels, gained = self._better_levels(values, nuisances, tangent, levels, course)
-            white, log_determinant, rows = whiten(values, course, levels, self.nodes.ticks)
-            gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
+            white = whiten(values, course, levels, self.nodes.ticks)
+            gram = gram_of(*white, nuisances, levels)
             scored = score(gram, tangent, self.prior)
             best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
             coefficients, climbed = self._no_worse(terms, coefficients, best, levels, leans)
@@ -279,7 +273,7 @@ class MotionModel:
         inverse variances float64[c] beforehand, and which of them are each effect's."""
         values, nuisances, tangent = self.linearised(terms, fit.coefficients)
         course = self.scattered(terms, fit.coefficients, leans=fit.leans)
-        white, _, _ = whiten(values, course, fit.levels, self.nodes.ticks)
+        white, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
         owners: dict[str, list[int]] = {}
         for term in tangent:
@@ -327,7 +321,7 @@ class MotionModel:
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
         course = self.scattered(terms, coefficients, leans=leans)
-        return self._evidence(values, nuisances, (), levels, course)
+        return self._weigh(values, nuisances, (), levels, course).log_evidence
 
     def scattered(
         self,
@@ -396,14 +390,13 @@ class MotionModel:
     ) -> tuple[Floats, float]:
         """Return better levels than *start*, and what they gain [nat]."""
 
-        def evidence(levels: Floats) -> float:
-            return self._evidence(values, nuisances, terms, levels, course)
+        def weigh(levels: Floats) -> Weighed:
+            return self._weigh(values, nuisances, terms, levels, course)
 
         def height(levels: Floats) -> float:
-            return evidence(levels) + self.level_prior.log_density(np.log(levels))
+            return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
-        rounds = _ROUNDS if course is self.course else _FAR_ROUNDS
-        found = best_levels(evidence, self.level_prior, start, rounds=rounds)
+        found = best_levels(weigh, self.level_prior, start)
         return found, height(found) - height(start)
 
     def linearised(

@@ -74,7 +74,7 @@ def fit_noise(
 
     levels = _start(quiet.levels, described, places, value)
     if any(levels[place] > _SUSPECT * described[place] for place in places):
-        levels = model.levels_for(quiet.terms, levels, rounds=10, free=places, course=course)
+        levels = model.levels_for(quiet.terms, levels, free=places, course=course)
     is_larger = any(levels[place] > 2 * described[place] for place in places)
     if not is_larger or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
         alone = quiet.log_evidence - nothing.log_evidence
@@ -134,7 +134,7 @@ def _is_bursty(
     used = {index + 1 for term in terms for weight in term.weights for index, _ in weight}
     used |= {index + 1 for index, _ in model.columns.nuisances}
     chosen = np.ascontiguousarray(values[..., [0, *sorted(used)]])
-    white, _, _ = whiten(chosen, course, levels, model.nodes.ticks)
+    white, _ = whiten(chosen, course, levels, model.nodes.ticks)
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0])[0]
     _, channel = np.nonzero(~np.isnan(values[..., 0]).T)
     seen = left[np.isin(channel, channels)]

@@ -102,9 +102,9 @@ def _scores(
         moved = residuals(nodes, predict(nodes.smooth, [(variant, (step,))]))
         columns.append((nominal - moved) / step)
     values = np.ascontiguousarray(np.stack(columns, axis=-1))
-    white, log_determinant, rows = whiten(values, model.course, levels, nodes.ticks)
+    white = whiten(values, model.course, levels, nodes.ticks)
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
-    gram = gram_of(white.T @ white, log_determinant, rows, nuisances, levels)
+    gram = gram_of(*white, nuisances, levels)
     until = len(free) - 1
     found = {}
     for first, last in combinations(range(len(edges)), 2):

@@ -88,7 +88,7 @@ class Scan(Accounts):
             if not candidates or candidates[0].log_evidence < self._ranked()[0].log_evidence - 5:
                 break
             tried.add(candidates[0].effects)
-            self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels, rounds=6))
+            self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels))
             progress(0.3 + 0.05 * len(tried))
         self._seek_more()
         for done, one in enumerate(self._to_refit()):
@@ -248,7 +248,7 @@ class Scan(Accounts):
                 if len(best.effects) <= size:
                     self._exchange(best)
                     return
-                self._add_levels(self.model.levels_for(best.terms, best.levels, rounds=6))
+                self._add_levels(self.model.levels_for(best.terms, best.levels))
 
     def _exchange(self, best: Found) -> None:
         """Put another effect in the place of each of a large set: one may have come too early."""

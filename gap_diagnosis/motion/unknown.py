@@ -21,7 +21,7 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.bases import Basis, basis, turns
 from gap_diagnosis.motion.evidence import Gram, gram_of
-from gap_diagnosis.motion.levels import best_levels
+from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.whitening import whiten
@@ -33,7 +33,6 @@ _WORTH_LEVELS: Final = 6.0
 """What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
 _LIKELY: Final = 1.0
 """So does what is likelier than no effect by more than this [nat], however few its columns."""
-_ROUNDS: Final = 30
 _CODE: Final = ("adc_code", "turn_rate")
 """Which code there should be, the wheels' turn rate says: a function of the codes that there are
 would explain their noise with itself."""
@@ -258,9 +257,9 @@ def alternatives(
 ) -> list[Alternative]:
     """Return every stage and variable with its evidence beside *settings*, best first."""
     laid, smooth = _lay_out(model, settings), model.nodes.smooth
-    white, log_determinant, rows = whiten(laid.values, model.course, levels, model.nodes.ticks)
-    gram = gram_of(white.T @ white, log_determinant, rows, laid.nuisances, levels)
-    above_noise = max(float(white[:, 0] @ white[:, 0]) - rows, 1.0)
+    white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
+    gram = gram_of(white, log_variance, laid.nuisances, levels)
+    above_noise = max(float(white[:, 0] @ white[:, 0]) - len(white), 1.0)
     found = []
     plans = [*laid.plans]
     if smooth.gyro_code is not None:
@@ -307,12 +306,12 @@ def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats
     if not gains:
         return None
 
-    def evidence(levels: Floats) -> float:
-        white, log_determinant, rows = whiten(laid.values, model.course, levels, model.nodes.ticks)
-        gram = gram_of(white.T @ white, log_determinant, rows, laid.nuisances, levels)
-        return gram.log_nothing + _gain(gram, laid.plans[0])[0]
+    def weigh(levels: Floats) -> Weighed:
+        white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
+        gram = gram_of(white, log_variance, laid.nuisances, levels)
+        return Weighed(gram.log_nothing + _gain(gram, laid.plans[0])[0], white, log_variance)
 
-    return best_levels(evidence, model.level_prior, start, rounds=_ROUNDS)
+    return best_levels(weigh, model.level_prior, start)
 
 
 def _lay_out(

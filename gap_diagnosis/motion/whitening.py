@@ -211,11 +211,10 @@ def _gyro_floor(nodes: Nodes) -> Floats:
     return np.asarray(floor + row_s * np.abs(nodes.mean(nodes.smooth.turn_rate_rad_s)))
 
 
-def whiten(
-    columns: Floats, course: Course, levels: Floats, ticks: Floats
-) -> tuple[Floats, float, int]:
-    """Whiten residual columns float64[4, m, c]; return float64[rows, c], log determinant, rows."""
-    return _whiten(
+def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
+    """Whiten residual columns float64[4, m, c]; return float64[rows, c] and the logarithm of each
+    row's variance before, float64[rows] (their sum is that of the covariance's determinant)."""
+    result: tuple[Floats, Floats] = _whiten(
         columns,
         course.dt_s,
         course.step_x_m,
@@ -240,6 +239,7 @@ def whiten(
         levels,
         ticks,
     )
+    return result
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
@@ -267,7 +267,7 @@ def _whiten(
     quantum_s: float,
     levels: Floats,
     ticks: Floats,
-) -> tuple[Floats, float, int]:
+) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading. The
     # covariance is one flat row of 10 × 10 numbers: with sizes known, its loops are vectorised.
@@ -284,8 +284,8 @@ def _whiten(
     covariance[99] = slow_heading**2
     quantum_variance = quantum_m**2
     out = np.empty((4 * nodes, width))
+    log_variance = np.empty(4 * nodes)
     rows = 0
-    log_determinant = 0.0
     gain = np.zeros(10)
     fresh_angle = 0.0
     # What the contact adds to the heading from a block's mean to its end: its covariance with the
@@ -404,7 +404,7 @@ def _whiten(
             if channel == 3:
                 variance += fresh_angle * (spread - 2.0 * together)
                 gain[3] -= fresh_angle * together
-            log_determinant += np.log(variance)
+            log_variance[rows] = np.log(variance)
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
             for i in range(10):
@@ -426,7 +426,7 @@ def _whiten(
                 for j in range(10):
                     covariance[10 * i + j] -= amount * gain[j]
             rows += 1
-    return out[:rows], log_determinant, rows
+    return out[:rows], log_variance[:rows]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

@@ -122,7 +122,7 @@ def test_at_the_limit_the_separation_is_29(effect):
     stack = [nominal - moved, *(model.columns.values[..., index + 1] for index, _ in free)]
     columns = np.ascontiguousarray(np.stack(stack, axis=-1))
     columns[..., 0] = np.where(np.isnan(nominal), np.nan, columns[..., 0])
-    white, _, _ = whiten(columns, model.course, levels, model.nodes.ticks)
+    white, _ = whiten(columns, model.course, levels, model.nodes.ticks)
     others = np.vstack([white[:, 1:], np.diag([1 / sd for _, sd in free])])
     target = np.concatenate([white[:, 0], np.zeros(len(free))])
     left = target - others @ np.linalg.lstsq(others, target, rcond=None)[0]

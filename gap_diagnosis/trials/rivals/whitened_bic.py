@@ -76,7 +76,7 @@ class _Likelihoods:
         for _ in range(_LEVELS_TRIED):
             self._try(self._model.gram(levels))
             leader = max(self._best.values(), key=lambda one: one[0])[1]
-            levels = self._model.levels_for(leader.terms, levels, rounds=6)
+            levels = self._model.levels_for(leader.terms, levels)
 
     def _try(self, gram: Gram) -> None:
         """Score every variant of every effect, and the best in pairs, at these levels."""

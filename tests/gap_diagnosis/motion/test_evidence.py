@@ -107,7 +107,7 @@ def test_tolerances_are_marginalised_as_a_dense_normal_has_it():
     data = random.standard_normal(30) + columns[:, 1]
     whole = np.column_stack([data, columns])
     nuisances = [(1, 0.7), (3, 0.2)]
-    found = gram_of(whole.T @ whole, 0.0, 30, nuisances, np.ones(8))
+    found = gram_of(whole, np.zeros(30), nuisances, np.ones(8))
     spread = np.eye(30)
     for index, sd in nuisances:
         spread += sd**2 * np.outer(columns[:, index], columns[:, index])
@@ -126,16 +126,13 @@ def test_an_effect_is_the_whole_deviation_no_tolerance_of_its_own_is_free_beside
     bend = random.standard_normal(30)
     chord = tangent + 0.1 * bend
     data = noise + 0.5 * bend
-    whole = np.column_stack([data, chord, tangent, other])
-    whole = whole.T @ whole
     sizes = term_of("radius_scale").tolerances
-    scale = np.diag([1.0, *np.full(3, 1.0 / sizes[0])])
-    whole = scale @ whole @ scale
+    white = np.column_stack([data, *(one / sizes[0] for one in (chord, tangent, other))])
     term = Term(term_of("radius_scale").variant, (((0, 1.0), (1, 0.0)),), sizes)
 
-    gram = gram_of(whole, 0.0, 30, [(1, sizes[0]), (2, sizes[0])], np.ones(8))
+    gram = gram_of(white, np.zeros(30), [(1, sizes[0]), (2, sizes[0])], np.ones(8))
     found = score(gram, [term], PRIOR)
-    alone = gram_of(whole, 0.0, 30, [(2, sizes[0])], np.ones(8))
+    alone = gram_of(white, np.zeros(30), [(2, sizes[0])], np.ones(8))
     expected = score(alone, [term_of("radius_scale")], PRIOR)
     cost = alone.log_nothing - gram.log_nothing
     assert found.log_evidence == pytest.approx(cost + expected.log_evidence)
@@ -157,7 +154,7 @@ def test_a_load_cannot_make_one_wheel_larger() -> None:
 
 
 def test_levels_at_which_the_filter_runs_out_of_digits_explain_nothing() -> None:
-    whole = np.full((3, 3), np.nan)
-    found = gram_of(whole, np.nan, 30, [(0, 1.0)], np.ones(9))
+    white, log_variance = np.full((30, 3), np.nan), np.full(30, np.nan)
+    found = gram_of(white, log_variance, [(0, 1.0)], np.ones(9))
     assert found.log_nothing < -1e9
     assert np.isfinite(found.inner).all()

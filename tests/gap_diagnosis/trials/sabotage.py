@@ -114,20 +114,16 @@ def white_noise() -> Iterator[None]:
         yield
 
 
-def _white(
-    columns: Floats, course: Course, levels: Floats, ticks: Floats
-) -> tuple[Floats, float, int]:
+def _white(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
     """Weigh each channel by what its residual scatters from one block to the next."""
-    rows = []
-    log_determinant = 0.0
+    rows, log_variance = [], []
     for channel in columns:
         seen = channel[np.isfinite(channel[:, 0])]
         if len(seen) > 1:
             sd = max(float(np.diff(seen[:, 0]).std()) / math.sqrt(2.0), _LEAST)
             rows.append(seen / sd)
-            log_determinant += 2 * len(seen) * math.log(sd)
-    white = np.ascontiguousarray(np.concatenate(rows))
-    return white, log_determinant, len(white)
+            log_variance.append(np.full(len(seen), 2 * math.log(sd)))
+    return np.ascontiguousarray(np.concatenate(rows)), np.concatenate(log_variance)
 
 
 def shuffled(cases: Sequence[Case]) -> list[Case]:
