@@ -11,11 +11,13 @@ import numpy as np
 
 from accuracy.worlds import CONSTANTS, TIME_MAP, Draw, World, tolerances
 from gap_diagnosis.explanations import EXPLAINED
+from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
@@ -278,12 +280,23 @@ def _choices(model: MotionModel, effect: str, draw: Draw) -> Truth:
         fastest = float(max(np.abs(one).max() for one in rates))
         found["threshold"] = float(draw.uniform(0.0, 0.9) * fastest)
     if "stop_s" in names:
-        first, last = sorted(draw.choice(_WINDOWS + 1, size=2, replace=False))
-        part = float(motion.t_s[-1] - motion.t_s[0]) / _WINDOWS
-        start, stop = (one + draw.uniform(-0.25, 0.25) for one in (float(first), float(last)))
-        found["start_s"] = max(start, 0.0) * part
-        found["stop_s"] = min(stop, _WINDOWS) * part
+        window = _window(motion, draw)
+        while not leaves_out(motion, Variant(effect, _unused, (), window, found)):
+            window = _window(motion, draw)
+        found.update(window)
     return found
+
+
+def _window(motion: Motion, draw: Draw) -> dict[str, float]:
+    """Return a window of the log; an end is nowhere likelier than about it."""
+    first, last = sorted(draw.choice(_WINDOWS + 1, size=2, replace=False))
+    part = float(motion.t_s[-1] - motion.t_s[0]) / _WINDOWS
+    start, stop = (one + draw.uniform(-0.25, 0.25) for one in (float(first), float(last)))
+    return {"start_s": abs(start) * part, "stop_s": (_WINDOWS - abs(_WINDOWS - stop)) * part}
+
+
+def _unused(prediction: Prediction, **values: float) -> None:
+    """Act not at all: only the window is asked for."""
 
 
 def _stepped(model: MotionModel, effect: str, draw: Draw) -> Truth | None:

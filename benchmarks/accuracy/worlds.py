@@ -58,6 +58,8 @@ class World:
         reference: how well the truth is measured.
         constants: errors of the description within tolerance, by effect.
         surroundings: warm-up and sagging supply.
+        off_centre: sine and cosine of an encoder's eccentricity within tolerance. Only beside a
+            wheel's on the same side, which it passes for: elsewhere it hardly shows.
         seed: of the plant's noise.
     """
 
@@ -68,6 +70,7 @@ class World:
     reference: ReferenceNoise
     constants: Mapping[str, Values]
     surroundings: tuple[EffectSetting, ...]
+    off_centre: tuple[float, float]
     seed: int
 
     @property
@@ -97,6 +100,10 @@ class World:
         ]
         if effect is not None:
             settings.append(EffectSetting(effect, tuple(values.items())))
+        if effect == "wheel_eccentricity":
+            off = {"amplitude": math.hypot(*self.off_centre), "phase": math.atan2(*self.off_centre)}
+            both = (("side", values["side"]), *off.items())
+            settings.append(EffectSetting("encoder_eccentricity", both))
         return synthetic_recording(
             self.real, self.wire, self.scenario, settings, self.seed, reference=self.reference
         )
@@ -107,12 +114,14 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     "frame_latency": ("reference_time_offset",),
 }
 """Effects told by another's name take the place of that one's constant too."""
+_OFF_CENTRE: Final = 1
+"""With a world's seed: its encoder's draw leaves all others as they are."""
 
 
 def draw_world(effect: str | None, draw: Draw, *, exact: bool = False) -> World:
     """Return a world for an effect; *exact*: only the time map is off from the description."""
     robot, wire = load_robot(), load_wire()
-    return World(
+    world = World(
         described=robot,
         real=_with_noise(robot, draw),
         wire=wire,
@@ -126,8 +135,14 @@ def draw_world(effect: str | None, draw: Draw, *, exact: bool = False) -> World:
         ),
         constants=_constants(robot, draw, TIME_MAP if exact else frozenset(CONSTANTS)),
         surroundings=_surroundings(effect, draw),
+        off_centre=(0.0, 0.0),
         seed=int(draw.integers(1 << 62)),
     )
+    if exact:
+        return world
+    sd = 0.5 * tolerances(robot, "encoder_eccentricity", "all")
+    sine, cosine = sd * np.random.default_rng([world.seed, _OFF_CENTRE]).standard_normal(2)
+    return replace(world, off_centre=(float(sine), float(cosine)))
 
 
 def tolerances(robot: Robot, effect: str, coefficient: str) -> float:
