@@ -73,7 +73,7 @@ class DriveBlock:
         self._data = data
         self._doubted = doubted
         self._robot = robot
-        shapes = Shapes(data, robot)
+        shapes = self._shapes = Shapes(data, robot)
         # What scales with the counts is what a gain adds: a column that bent otherwise would let
         # counting errors explain the drive's dynamics.
         self._nominal = np.sum(shapes.gain_columns({}, shapes.angle({})), axis=0)
@@ -133,6 +133,12 @@ class DriveBlock:
         return Fit((), max(found, self._nameless), max(likelihood, self._nameless))
 
     def _fit(self, effects: frozenset[str]) -> Fit:
+        silent = {one: self._shapes.log_silent(one) for one in effects & set(BENT)}
+        idle = {one for one, share in silent.items() if share == 0.0}
+        if idle:
+            alone = 0.0 if len(effects) == 1 else -math.inf
+            rest = self.fit(effects - idle)
+            return replace(rest, effects=tuple(sorted(effects)), log_silent=alone)
         settings = [setting_of(one, self._robot, effects) for one in self._variants(effects)]
         # The variant is chosen at the noise levels of no effect, then they are estimated anew.
         best, others, point = 0, 0.0, np.zeros(0)
@@ -154,13 +160,21 @@ class DriveBlock:
         estimates = parameters(settings[best], levels, grid, scale_weights)
         if self._doubted >= COMMANDS:
             estimates |= _choices(effects, [one.variant for one in settings], weights)
+        gained = self._beside_manner(total + others - self._null.evidence, effects)
+        likelihood = max(free - self._null.likelihood, 0.0)
+        for one, share in silent.items():
+            # A threshold that does nothing says what is said without it.
+            if share > -math.inf:
+                less = self.fit(effects - {one})
+                gained = float(np.logaddexp(gained, less.log_evidence + share))
+                likelihood = max(likelihood, less.log_likelihood)
         found = Fit(
             effects=tuple(sorted(effects)),
-            log_evidence=self._beside_manner(total + others - self._null.evidence, effects),
-            log_likelihood=max(free - self._null.likelihood, 0.0),
+            log_evidence=gained,
+            log_likelihood=likelihood,
             parameters=estimates,
             pareto_k=grid.pareto_k,
-            log_silent=self._log_silent(effects),
+            log_silent=max(silent.values(), default=-math.inf) if len(effects) == 1 else -math.inf,
         )
         doubted = bool(effects & set(SETUP)) and not self._doubted & COUNTS
         if doubted and not mends(settings[best].variant.data, self._robot):
@@ -176,11 +190,6 @@ class DriveBlock:
         if self._data.manner is None or gained <= 0.0:
             return gained
         return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
-
-    def _log_silent(self, effects: frozenset[str]) -> float:
-        shapes = Shapes(self._data, self._robot)
-        silent = [shapes.log_silent(one) for one in effects & set(BENT) if len(effects) == 1]
-        return silent[0] if silent else -math.inf
 
     @property
     def data(self) -> DriveData:

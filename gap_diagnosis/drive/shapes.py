@@ -23,6 +23,8 @@ BENT: Final = (
 )  # fmt: skip
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
+_THRESHOLDS: Final = frozenset(("drive_acceleration_limit", "drive_deadband", "drive_saturation"))
+
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 _FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
 _HATS: Final = 5
@@ -33,6 +35,10 @@ _TOLD: Final = (0.0, *(0.0025 * 1.6**step for step in range(9)))
 """Shares of the largest rate that is commanded, up to a tenth of it: whether a drive moves at all
 is decided far below."""
 _HALVINGS: Final = 12
+_WITHIN: Final = 0.5
+"""Share of the tolerance of time by which a wheel at its fastest is off in any drive: a threshold
+that moves no wheel by more does nothing. Another engine's motor, a contact that gives, a count that
+slips do as much, and surely so in a log of a minute."""
 
 PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
@@ -47,8 +53,9 @@ PARAMETERS: Final = {
 class Coordinate:
     """The parameter of a bending effect, in the coordinate in which its grid is even.
 
-    Thresholds are even in their logarithm, with a log-uniform prior; lag and delay in the square
-    root of their size, so that small ones are as finely resolved as they are told apart.
+    Thresholds are even in their logarithm, with a log-uniform prior over *span*, of which those
+    from *low* to *high* do something; lag and delay in the square root of their size, so that small
+    ones are as finely resolved as they are told apart.
     """
 
     effect: str
@@ -56,6 +63,7 @@ class Coordinate:
     high: float
     is_logarithm: bool
     size: prior.Size | None = None
+    span: float = 1.0
 
     @property
     def key(self) -> str:
@@ -70,7 +78,7 @@ class Coordinate:
     def log_prior(self, coordinate: Floats) -> Floats:
         """Return the log prior density in the coordinate."""
         if self.size is None:
-            return np.full(coordinate.shape, -math.log(self.high - self.low))
+            return np.full(coordinate.shape, -math.log(self.span))
         jacobian = np.log(2 * np.maximum(coordinate, 1e-12))
         return np.asarray(self.size.log_density(coordinate**2) + jacobian, dtype=np.float64)
 
@@ -84,45 +92,53 @@ class Shapes:
         self._lag_s, self._delay_s = drive.time_constant_s, drive.delay_s
         self._limit_rate = drive.max_wheel_rate_rad_s
         self._limit_acceleration = drive.max_wheel_acceleration_rad_s2
+        fastest = float(np.abs(data.commanded).max())
+        self._moves_rad = _WITHIN * robot.tolerance.time_offset_s * fastest
 
     def coordinate(self, effect: str) -> Coordinate:
-        """Return the coordinate of a bending effect."""
+        """Return the coordinate of a bending effect; of a threshold that does nothing in this log
+        whatever its size, an empty one."""
         if effect == "drive_lag":
             return Coordinate(effect, 0.0, math.sqrt(2 * prior.LAG_S.high), False, prior.LAG_S)
         if effect == "drive_delay":
             return Coordinate(effect, 0.0, math.sqrt(2 * prior.DELAY_S.high), False, prior.DELAY_S)
+        low, high = self._span(effect)
+        nominal = self.angle({})
+
+        def acts(at: float) -> bool:
+            moved = np.abs(self.angle({effect: math.exp(at)}) - nominal)
+            return bool(moved.max() > self._moves_rad)
+
+        span = high - low
+        ends = {acts(low): low, acts(high): high}
+        if len(ends) == 1:
+            return Coordinate(effect, low, high if True in ends else low, True, span=span)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (ends[True] + ends[False])
+            ends[acts(middle)] = middle
+        if ends[True] < ends[False]:
+            return Coordinate(effect, low, ends[True], True, span=span)
+        return Coordinate(effect, ends[True], high, True, span=span)
+
+    def log_silent(self, effect: str) -> float:
+        """Return the log share of a threshold's prior that does nothing in this log.
+
+        A lag or a delay has none: whatever moves is late.
+        """
+        if effect not in _THRESHOLDS:
+            return -math.inf
+        one = self.coordinate(effect)
+        share = 1.0 - (one.high - one.low) / one.span
+        return math.log(share) if share > 0 else -math.inf
+
+    def _span(self, effect: str) -> tuple[float, float]:
+        """Return the logarithms of the ends of a threshold's prior."""
         share, scale = {
             "drive_deadband": (prior.DEADBAND_SHARE, self._limit_rate),
             "drive_saturation": (prior.SATURATION_SHARE, self._limit_rate),
             "drive_acceleration_limit": (prior.ACCELERATION_SHARE, self._limit_acceleration),
         }[effect]
-        low, high = (math.log(part * scale) for part in share)
-        return Coordinate(effect, low, high, True)
-
-    def log_silent(self, effect: str) -> float:
-        """Return the log share of a threshold's prior that no command of this log ever crosses.
-
-        A lag or a delay has none: whatever moves is late.
-        """
-        span = self.coordinate(effect)
-        if not span.is_logarithm:
-            return -math.inf
-        nominal = self.angle({})
-
-        def acts(at: float) -> bool:
-            return not np.array_equal(self.angle({effect: math.exp(at)}), nominal)
-
-        ends = {True: span.low, False: span.high}
-        if acts(span.low) == acts(span.high):
-            return -math.inf if acts(span.low) else 0.0
-        if acts(span.high):
-            ends = {True: span.high, False: span.low}
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (ends[True] + ends[False])
-            ends[acts(middle)] = middle
-        still = span.high if ends[False] > ends[True] else span.low
-        share = abs(still - ends[False]) / (span.high - span.low)
-        return math.log(share) if share > 0 else -math.inf
+        return math.log(share[0] * scale), math.log(share[1] * scale)
 
     def angle(self, values: Mapping[str, float], gain: float = 1.0) -> Floats:
         """Return block means of the wheel angles: float64[2, m]; *values* by effect."""

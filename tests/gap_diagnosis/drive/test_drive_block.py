@@ -14,7 +14,9 @@ from foreign_drives import (
 )
 
 from gap_diagnosis.drive import DriveBlock, drive_block
+from gap_diagnosis.drive.limits import limits_of_bounds
 from gap_diagnosis.drive.mistakes import COMMANDS
+from gap_diagnosis.drive.shapes import Shapes
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -67,6 +69,31 @@ def test_of_a_limit_that_no_command_reaches_there_is_no_trace() -> None:
     limited = block_of(simulated({"drive_saturation": {"limit": 0.7 * fastest}}, seed=1))
     fit = limited.fit(frozenset({"drive_saturation"}))
     assert fit.log_silent < 0 < fit.log_evidence - 10
+
+
+LIMIT = "drive_acceleration_limit"
+
+
+def test_a_limit_by_which_wheels_are_off_by_less_than_any_drive_is_no_cause() -> None:
+    """Under a millisecond of the fastest shows in a log of a minute, and another engine's drive is
+    off by as much; a limit that holds the wheels back for longer is told."""
+    steepest = limits_of_bounds([simulated(seed=1)], ROBOT)[LIMIT]
+
+    def told(share: float) -> tuple[float, float]:
+        """Return by how much that limit moves a wheel [s of the fastest], and its evidence."""
+        log = simulated({LIMIT: {"limit": share * steepest}}, seed=1)
+        block = block_of(log)
+        shapes = Shapes(block.data, ROBOT)
+        moved = np.abs(shapes.angle({LIMIT: share * steepest}) - shapes.angle({})).max()
+        return moved / np.abs(block.data.commanded).max(), evidence(block, LIMIT)
+
+    within_s = 0.5 * ROBOT.tolerance.time_offset_s
+    moved_s, gained = told(0.98)
+    assert 0.3 * within_s < moved_s < within_s
+    assert gained < 0.5
+    moved_s, gained = told(0.8)
+    assert moved_s > within_s
+    assert gained > 10
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
