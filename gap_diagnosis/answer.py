@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, cast, get_args
 
@@ -40,14 +40,17 @@ def candidates(
     ranking: Ranking,
     analyses: Sequence[Analysis],
     library: Mapping[str, Effect] = MappingProxyType({}),
+    split: Collection[str] = (),
 ) -> tuple[list[Candidate], float]:
     """Return the entries of ``which`` and the probability of all that is not listed; *library* are
-    a user's own effects."""
+    a user's own effects, *split* the parameters in which logs contradict each other."""
     known = {**catalogue(), **library}
     listed = [one for one in ranking.sets if one.effects and one.probability > 0][:_LISTED]
     nothing = ranking.of(frozenset())
     lost = sum(ranking.unknown.values())
-    entries = [_candidate(one, ranking, analyses, place, known) for place, one in enumerate(listed)]
+    entries = [
+        _candidate(one, ranking, analyses, place, known, split) for place, one in enumerate(listed)
+    ]
     entries.append(
         Candidate(
             effects=(NO_GAP,), probability=nothing.probability,
@@ -65,14 +68,18 @@ def _candidate(
     analyses: Sequence[Analysis],
     place: int,
     known: Mapping[str, Effect],
+    split: Collection[str],
 ) -> Candidate:
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
     twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
     ambiguous += [twin for twin in twins if twin not in ambiguous]
-    fits = _details(one.effects, analyses) if place < _DETAILED else []
-    by_parameter = _by_parameter(fits)
-    parameters = {key: _converted(key, said, known) for key, said in by_parameter.items()}
+    detailed = analyses if place < _DETAILED else []
+    fits = [fit for analysis in detailed for fit in _details(one.effects, analysis)]
+    parameters = {
+        key: _converted(key, said, known, is_split=key in split)
+        for key, said in _by_parameter(fits).items()
+    }
     windows = tuple(window for fit in fits for window in fit.windows)
     return Candidate(
         effects=tuple(sorted(one.effects)),
@@ -86,18 +93,24 @@ def _candidate(
     )
 
 
-def _details(effects: Effects, analyses: Sequence[Analysis]) -> list[Fit]:
+def estimates_by_log(
+    effects: Effects, analyses: Sequence[Analysis]
+) -> dict[str, dict[int, Estimate]]:
+    """Return, by parameter, what each log says by itself: of its blocks, the surest."""
+    found: dict[str, dict[int, Estimate]] = {}
+    for place, analysis in enumerate(analyses):
+        for key, said in _by_parameter(_details(effects, analysis)).items():
+            found.setdefault(key, {})[place] = min(said, key=lambda one: one.sd)
+    return found
+
+
+def _details(effects: Effects, analysis: Analysis) -> list[Fit]:
     fits = []
-    for analysis in analyses:
-        for block in analysis.blocks:
-            own = effects & block.effects
-            if own:
-                fit = (
-                    analysis.motion.detail(own)
-                    if analysis.motion is not None and block is analysis.motion
-                    else block.fit(own)
-                )
-                fits.append(fit)
+    for block in analysis.blocks:
+        own = effects & block.effects
+        if own:
+            motion = analysis.motion if block is analysis.motion else None
+            fits.append(block.fit(own) if motion is None else motion.detail(own))
     return fits
 
 
@@ -110,9 +123,12 @@ def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:
 
 
 def _converted(
-    key: str, estimates: Sequence[Estimate], known: Mapping[str, Effect]
+    key: str, estimates: Sequence[Estimate], known: Mapping[str, Effect], *, is_split: bool
 ) -> ParameterEstimate:
-    """Return one estimate of all: blocks and logs that speak of a parameter are weighed."""
+    """Return one estimate of all: blocks and logs that speak of a parameter are weighed.
+
+    Where it *is_split*, the interval spans what the logs say.
+    """
     choices = [one for one in estimates if one.samples is None]
     if choices:
         return _choice(choices)
@@ -120,8 +136,11 @@ def _converted(
     samples = np.asarray(best.samples, dtype=np.float64)
     if len(estimates) > 1:
         weights = np.array([max(one.sd, _EXACT) ** -2 for one in estimates])
-        mean = float(np.average([float(one.value) for one in estimates], weights=weights))
+        values = np.array([float(one.value) for one in estimates])
+        mean = float(np.average(values, weights=weights))
         sd = float(weights.sum() ** -0.5)
+        if is_split:
+            sd = float(np.hypot(sd, np.sqrt(np.mean((values - mean) ** 2))))
         samples = mean + (samples - samples.mean()) * sd / max(best.sd, _EXACT)
     effect, _, name = key.partition(".")
     try:

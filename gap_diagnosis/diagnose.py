@@ -9,8 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from gap_diagnosis.advising import advice_for
+from gap_diagnosis.agreement import contradiction, disagreements
 from gap_diagnosis.analysis import Analysis, Progress, analyse
-from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
+from gap_diagnosis.answer import candidates, estimates_by_log, stage_probabilities, unknown_part
 from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
@@ -28,6 +29,7 @@ from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, so
 from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
 from gap_diagnosis.structure import structure_of
 from hil_harness.assembly import Wire, load_wire
+from hil_harness.effects import catalogue
 from hil_harness.effects.model import Effect
 from hil_harness.effects.user_effects import load_effect_library
 from hil_harness.robot import Robot, load_robot
@@ -123,7 +125,13 @@ def diagnose_recordings(
         lost=any(one.lost.windows for one in analyses),
     )
     progress("how far the gap shrinks", 0.8)
-    which, other = candidates(ranking, analyses, library)
+    effects = {**catalogue(), **library}
+    split = disagreements(
+        estimates_by_log(ranking.sets[0].effects if len(analyses) > 1 else frozenset(), analyses),
+        prior,
+        effects,
+    )
+    which, other = candidates(ranking, analyses, library, {one.parameter for one in split})
     ordered = sort_candidates(which)
     verdict = "+".join(ordered[0].effects)
     stages = stage_probabilities(ranking, stage_of)
@@ -143,11 +151,19 @@ def diagnose_recordings(
         structure=structure_of(analyses),
         advice=advice_for(ordered[0], robot, wire, analyses),
         assumptions=ASSUMPTIONS,
-        notes=notes_on(
-            analyses,
-            found.notes,
-            is_unknown=verdict == UNKNOWN and stage == "wheel",
-            beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
+        notes=(
+            *contradiction(
+                split,
+                [one.recording.name for one in analyses],
+                effects,
+                is_unknown=verdict == UNKNOWN,
+            ),
+            *notes_on(
+                analyses,
+                found.notes,
+                is_unknown=verdict == UNKNOWN and stage == "wheel",
+                beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
+            ),
         ),
         logs=tuple(log_facts(one.recording, robot) for one in analyses),
         inputs=tuple(inputs),

@@ -1,0 +1,91 @@
+"""Logs given together: of one robot they agree, of two they are told to contradict each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from fake_blocks import FakeBlock, analysis, ranked
+from test_answer import LOG, entry, normal
+
+from gap_diagnosis.agreement import contradiction, disagreements
+from gap_diagnosis.answer import candidates, estimates_by_log
+from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.result_parts import NumberEstimate
+from hil_harness.effects import catalogue
+
+PRIOR = default_prior()
+KEY = "radius_mismatch.mismatch"
+SIDES = {
+    side: Estimate(side, probabilities={"left": odds, "right": 1 - odds})
+    for side, odds in (("left", 0.99999), ("right", 0.00001))
+}
+
+
+def split(key: str, *estimates: Estimate) -> list[str]:
+    by_log = {key: dict(enumerate(estimates))}
+    return [one.parameter for one in disagreements(by_log, PRIOR, catalogue())]
+
+
+def test_two_robots_contradict_each_other() -> None:
+    assert split(KEY, normal(0.012, 1e-4), normal(0.002, 1e-4)) == [KEY]
+
+
+def test_one_robot_within_its_uncertainty_and_tolerance_does_not() -> None:
+    """Two that differ by 2 sd do one time in 22; half a per mille is no news of a mismatch."""
+    assert split(KEY, normal(0.012, 1e-3), normal(0.0148, 1e-3)) == []
+    tolerance = PRIOR.of("radius_mismatch", "mismatch").tolerance
+    assert split(KEY, normal(0.012, 1e-6), normal(0.012 + tolerance, 1e-6)) == []
+
+
+def test_logs_of_one_robot_hardly_ever_contradict_each_other() -> None:
+    """At a chance of one in a thousand, 4 of 1,000 pairs are too many (Poisson, 98 %)."""
+    noise = np.random.default_rng(5).standard_normal((1000, 3)) * 0.01
+    wrong = [one for one in noise if split(KEY, *(normal(value, 0.01) for value in one))]
+    assert len(wrong) <= 4
+
+
+def test_when_and_where_something_happened_may_differ() -> None:
+    for key in ("one_sided_slip.start_s", "wheel_eccentricity.phase", "reference_lever_arm.x"):
+        assert split(key, normal(10.0, 0.01), normal(1.0, 0.01)) == []
+
+
+def test_another_side_is_a_contradiction_unless_a_log_is_unsure() -> None:
+    key = "missed_ticks.side"
+    assert split(key, SIDES["left"], SIDES["right"]) == [key]
+    assert split(key, SIDES["left"], SIDES["left"]) == []
+    unsure = Estimate("right", probabilities={"left": 0.4, "right": 0.6})
+    assert split(key, SIDES["left"], unsure) == []
+
+
+def test_the_answer_says_what_differs_between_which_logs_and_spans_both() -> None:
+    blocks = [
+        FakeBlock({"gyro_bias": 500.0}, parameters={"gyro_bias.bias": normal(value, sd)})
+        for value, sd in ((0.010, 1e-4), (0.030, 2e-5))
+    ]
+    logs = [
+        analysis(replace(LOG, name=f"{name}.log"), one)
+        for name, one in zip("ab", blocks, strict=True)
+    ]
+    told = estimates_by_log(frozenset({"gyro_bias"}), logs)
+    found = disagreements(told, PRIOR, catalogue())
+    (sentence,) = contradiction(found, ["a.log", "b.log"], catalogue())
+    assert "gyro_bias.bias is 0.01 rad/s in log 1 (a.log) and 0.03 rad/s in log 2" in sentence
+    listed, _ = candidates(ranked(blocks[0], logs=2), logs, split={one.parameter for one in found})
+    value = entry(listed, "gyro_bias").parameters["gyro_bias.bias"]
+    assert isinstance(value, NumberEstimate)
+    assert value.ci95[0] < 0.010
+    assert value.ci95[1] > 0.030
+
+
+def test_logs_that_agree_say_nothing() -> None:
+    assert contradiction([], ["a.log", "b.log"], catalogue()) == ()
+
+
+def test_where_the_cause_is_not_listed_that_may_be_why() -> None:
+    found = disagreements(
+        {KEY: {0: normal(0.012, 1e-4), 1: normal(0.002, 1e-4)}}, PRIOR, catalogue()
+    )
+    (sentence,) = contradiction(found, ["a.log", "b.log"], catalogue(), is_unknown=True)
+    assert "a cause that is not listed" in sentence
