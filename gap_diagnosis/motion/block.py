@@ -14,7 +14,7 @@ from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
-from gap_diagnosis.motion.columns import GROSS
+from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
@@ -75,6 +75,30 @@ class MotionBlock:
         self._nothing = self.scan.found[frozenset()]
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
         self.tolerated = 0.0
+        for effect in sorted(GROSS & self.scan.effects):
+            self._choose_what_mends(effect)
+
+    def _choose_what_mends(self, effect: str) -> None:
+        """Take that of a mistake's variants which, put right, leaves a log in order and likeliest.
+
+        A straight line about so gross an error does not tell them apart.
+        """
+        alone = frozenset({effect})
+        first = self.scan.found[alone].terms[0]
+        mending = [term for term in self.scan.by_effect[effect] if self._mends(term)]
+        if not mending or mending == [first]:
+            return
+        best = max((self._put_right_by(term) for term in mending), key=lambda one: one.log_evidence)
+        if best.terms[0] is not first:
+            self.scan.found = {
+                effects: one for effects, one in self.scan.found.items() if effect not in effects
+            } | {alone: best}
+
+    def _mends(self, term: Term) -> bool:
+        """Tell whether a mistake of the set-up, put right, leaves nothing gross."""
+        variant = term.variant
+        right, _ = put_right(self.model.recording, variant.effect, variant.report)
+        return not looks_gross(right, self.model.robot)
 
     @cached_property
     def effects(self) -> frozenset[str]:
@@ -170,6 +194,13 @@ class MotionBlock:
 
     def _without_mistake(self, mistake: Found) -> Fit:
         (term,) = mistake.terms
+        evidence = max(self._put_right_by(term).log_evidence, mistake.log_evidence)
+        gain = evidence - self._nothing.log_evidence
+        likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
+        return Fit((term.variant.effect,), gain, likelihood)
+
+    def _put_right_by(self, term: Term) -> Found:
+        """Return what a mistake accounts for: the log as it is without it."""
         effect = term.variant.effect
         right, log_scale = put_right(self.model.recording, effect, term.variant.report)
         model = MotionModel(
@@ -180,10 +211,7 @@ class MotionBlock:
         evidence = model.evidence_at((), levels) + density
         evidence += log_scale * float(np.isfinite(model.columns.values[3, :, 0]).sum())
         evidence -= math.log(len(self.scan.by_effect[effect]))
-        evidence = max(evidence, mistake.log_evidence)
-        gain = evidence - self._nothing.log_evidence
-        likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
-        return Fit((effect,), gain, likelihood)
+        return Found(frozenset({effect}), (term,), evidence, evidence, levels)
 
     @property
     def _mistakes(self) -> list[Found]:
@@ -225,14 +253,12 @@ class MotionBlock:
     @cached_property
     def _mend_nothing(self) -> frozenset[str]:
         """Mistakes of the set-up that, put right, leave the log as gross as it was."""
-        found = set()
-        for one in self._mistakes:
-            (term,) = one.terms
-            effect, values = term.variant.effect, term.variant.report
-            right, _ = put_right(self.model.recording, effect, values)
-            if looks_gross(right, self.model.robot):
-                found.add(effect)
-        return frozenset(found)
+        return frozenset(
+            effect
+            for one in self._mistakes
+            for effect in one.effects
+            if not self._mends(one.terms[0])
+        )
 
     def _late(self, effects: frozenset[str]) -> Fit:
         """Fit a latency: of all sensors it is a reference that is early; of one, unseen here."""

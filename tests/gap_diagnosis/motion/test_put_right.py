@@ -87,3 +87,16 @@ def test_an_effect_that_leaves_a_contact_of_no_floor_accounts_for_nothing():
     assert best.effects
     assert block.fit(best.effects).log_evidence < 0
     assert found.unknown["setup"] == block.nameless == block.explained > LEAST_GAIN
+
+
+def test_both_wheels_in_millimetres_are_told_against_the_gyro_alone():
+    """What a straight line about so gross an error likes best is another signal or factor; which
+    one leaves wheels and gyro that agree shows only when it is put right. It was no mistake at all
+    (an unlisted one), 986 rad of turn between wheels and gyro in 90 s."""
+    log = replace(wrong("ticks", 1000.0), reference=None)
+    block = MotionBlock(MotionModel(log, ROBOT, default_prior(), gross=True))
+    mistake = frozenset({"setup_unit"})
+    assert block.fit(mistake).log_evidence > LEAST_GAIN
+    told = block.detail(mistake).parameters
+    assert told["setup_unit.signal"].value == "ticks"
+    assert told["setup_unit.factor"].value == pytest.approx(1000)
