@@ -63,12 +63,14 @@ def _rests(
     first_row = np.concatenate([[0], at[turned], at[-1:]])
     next_row = np.concatenate([at[:1], at[turned + 1], [last]])
     low = np.concatenate([[-np.inf], np.minimum(passed, passed + sign)[turned], [-np.inf]])
+    from_edge = np.append(False, np.ones(len(turned) + 1, dtype=np.bool_))
+    to_edge = from_edge[::-1]
     is_rest = next_row > first_row
     first_row, next_row, low = first_row[is_rest], next_row[is_rest], low[is_rest]
     sums = np.concatenate([[0.0], np.cumsum(counts)])
     mean = (sums[next_row] - sums[first_row]) / (next_row - first_row)
     mean = np.where(np.isfinite(low), np.clip(mean, low, low + 1.0), mean)
     settled = np.minimum((next_row - first_row) / 3.0, settles)
-    begins = first_row + np.where(first_row > 0, settled, 0.0)
-    ends = next_row - np.where(next_row < last, settled, 0.0)
+    begins = first_row + np.where(from_edge[is_rest], settled, 0.0)
+    ends = next_row - np.where(to_edge[is_rest], settled, 0.0)
     return np.concatenate([begins, ends]), np.concatenate([mean, mean])

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from gap_diagnosis.play import followed, motor_steps
 
@@ -21,6 +23,8 @@ from gap_diagnosis.motion.block import MotionBlock
 COUNT_RAD = math.tau / 2048
 NOISE_COUNTS = 0.2
 TICK_S = 0.01
+NEAR_COUNTS = 3 + 1.2
+"""A tick's most counts, and as much as a count may come later one way than the other."""
 
 
 def turned_back(rests_s: float, stops_counts: float) -> np.ndarray:
@@ -55,6 +59,16 @@ def test_a_count_that_trembles_at_rest_takes_no_play_from_a_motor(rests_s: float
         counted.append(float((lost(counts) - truth)[slow].mean()))
     assert abs(np.mean(told)) < 0.15
     assert np.sqrt(np.mean(np.square(told))) < np.sqrt(np.mean(np.square(counted)))
+
+
+@example([0, 1, 1, 1, 0, 0, 0, 0, -2])
+@given(st.lists(st.integers(-3, 3), min_size=2, max_size=60))
+def test_wherever_a_motor_turns_back_it_goes_on_near_its_counts(steps: list[int]) -> None:
+    """A log that ended with a count back in its very last row could not be diagnosed at all."""
+    counts = np.cumsum(steps).astype(np.float64)
+    steps_rad = np.diff(counts, prepend=counts[0]) * COUNT_RAD
+    angle = counts[0] + np.cumsum(motor_steps(steps_rad, COUNT_RAD, TICK_S)) / COUNT_RAD
+    assert np.abs(angle - counts).max() <= NEAR_COUNTS
 
 
 def test_a_motor_without_edges_is_left_as_it_was_counted() -> None:
