@@ -79,7 +79,7 @@ def _of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
 
 SLIP_WINDOWS: Final = 12
 """One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
-_LEFT_OUT: Final = 0.05
+LEFT_OUT: Final = 0.05
 """Of a wheel's way, what a window of its slip leaves out."""
 
 
@@ -105,7 +105,7 @@ def leaves_out(motion: Motion, variant: Variant) -> bool:
     is_left = variant.report["side"] == "left"
     way = np.abs(motion.left_step_rad if is_left else motion.right_step_rad)
     inside = (motion.t_s > variant.fixed["start_s"]) & (motion.t_s <= variant.fixed["stop_s"])
-    return bool(way[~inside].sum() > _LEFT_OUT * way.sum())
+    return bool(way[~inside].sum() > LEFT_OUT * way.sum())
 
 
 def gyro_saturation(motion: Motion) -> Iterable[Variant]:

@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.reference import (
     USUAL_S,
@@ -133,14 +134,20 @@ def _lag_behind(
 
 def slip_left(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:
     """Let the left wheel slip in a window."""
-    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    inside = _inside(p.motion, start_s, stop_s)
     p.left_m = np.where(inside, p.left_m * (1 - ratio), p.left_m)
 
 
 def slip_right(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:
     """Let the right wheel slip in a window."""
-    inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
+    inside = _inside(p.motion, start_s, stop_s)
     p.right_m = np.where(inside, p.right_m * (1 - ratio), p.right_m)
+
+
+def _inside(motion: Motion, start_s: float, stop_s: float) -> NDArray[np.bool_]:
+    """Tell which ticks' steps lie in a window for their greater part, bool[n]."""
+    middle_s = motion.t_s - 0.5 * motion.dt_s
+    return np.asarray((middle_s >= start_s) & (middle_s < stop_s))
 
 
 def lateral_slip(p: Prediction, *, compliance: float) -> None:

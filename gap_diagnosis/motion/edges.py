@@ -1,31 +1,30 @@
-"""Windows, thresholds and limits: real numbers that no column is linear in, sought one by one."""
+"""Windows, thresholds and limits: real numbers that no column is linear in."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
 EDGES: Final = ("start_s", "stop_s", "threshold", "limit")
+_SOUGHT: Final = ("threshold", "limit")
 _HALVINGS: Final = 5
 _SHARP: Final = 4
-"""So often more, where that still brings more than _GAIN nats: a hard slip tells its ends well."""
+"""So often more, where that still brings more than _GAIN nats."""
 _GAIN: Final = 3.0
 _HALF_A_NAT: Final = 0.5
 _GROWN: Final = 14
-_GRID_PARTS: Final = 24
-_SHORTEST_S: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Edged:
-    """A term at its best edges, with how far each can move: half a nat of evidence."""
+    """A term at its best edges, with how far each can move: half a nat of evidence, or the standard
+    deviation of a window's end."""
 
     term: Term
     spans: dict[str, float]
@@ -43,20 +42,16 @@ def best_edges(
     coefficients: Sequence[tuple[float, ...]],
     levels: Floats,
 ) -> Edged:
-    """Move the edges of ``terms[place]`` to where the evidence is best, by halving steps."""
+    """Move the edges of ``terms[place]`` to where the evidence is best: both ends of a window at
+    once, a threshold or a limit by halving steps."""
     term = terms[place]
-    names = [name for name in EDGES if name in term.variant.fixed]
-    t_s = model.nodes.motion.t_s
-    log_s = float(t_s[0]), float(t_s[-1])
-    width_s = (log_s[1] - log_s[0]) / _GRID_PARTS
-    steps = {
-        name: width_s if name.endswith("_s") else 0.05 * max(term.variant.fixed[name], 0.5)
-        for name in names
-    }
+    if has_window(term):
+        windows = windows_of(model, terms, place, coefficients, levels)
+        return Edged(at_window(term, *windows.best_s), windows.spans_s)
+    names = [name for name in _SOUGHT if name in term.variant.fixed]
+    steps = {name: 0.05 * max(term.variant.fixed[name], 0.5) for name in names}
 
     def value(candidate: Term) -> float:
-        if not leaves_out(model.nodes.smooth, candidate.variant):
-            return -math.inf
         trial = [*terms[:place], candidate, *terms[place + 1 :]]
         return model.evidence_about(trial, coefficients, levels).log_evidence
 
@@ -65,31 +60,23 @@ def best_edges(
         before = best
         for name in names:
             for sign in (-1, 1):
-                moved = _moved(term, name, sign * steps[name], log_s)
+                moved = _moved(term, name, sign * steps[name])
                 found = value(moved)
                 if found > best:
                     best, term = found, moved
             steps[name] *= 0.5
         if halving >= _HALVINGS and best < before + _GAIN:
             break
-    spans = {name: _span(value, term, name, steps[name], best, log_s) for name in names}
-    return Edged(term, spans)
+    return Edged(term, {name: _span(value, term, name, steps[name], best) for name in names})
 
 
-def _span(
-    value: Callable[[Term], float],
-    term: Term,
-    name: str,
-    step: float,
-    best: float,
-    log_s: tuple[float, float],
-) -> float:
+def _span(value: Callable[[Term], float], term: Term, name: str, step: float, best: float) -> float:
     """Return how far an edge moves, on the side where it moves farther, for half a nat."""
     farthest = 0.0
     for sign in (-1, 1):
         reach = step
         for _ in range(_GROWN):
-            moved = _moved(term, name, sign * reach, log_s)
+            moved = _moved(term, name, sign * reach)
             if moved is term:
                 break
             farthest = max(farthest, reach)
@@ -99,14 +86,10 @@ def _span(
     return farthest or step
 
 
-def _moved(term: Term, name: str, by: float, log_s: tuple[float, float]) -> Term:
-    """Return the term with one edge moved; a window keeps half a second and ends in the log."""
+def _moved(term: Term, name: str, by: float) -> Term:
+    """Return the term with one edge moved."""
     fixed = dict(term.variant.fixed)
     fixed[name] = float(fixed[name]) + by
-    if name in ("start_s", "stop_s") and not log_s[0] <= fixed[name] <= log_s[1]:
-        return term
-    if "start_s" in fixed and fixed["stop_s"] - fixed["start_s"] < _SHORTEST_S:
-        return term
     if fixed.get("threshold", 0.0) < 0 or fixed.get("limit", 1.0) <= 0:
         return term
     report = {key: fixed.get(key, value) for key, value in term.variant.report.items()}

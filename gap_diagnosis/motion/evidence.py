@@ -175,7 +175,7 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
     ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
     best: Floats = np.linalg.solve(ridge, data).astype(np.float64)
-    ladders = [_scales(prior, term) for term in free]
+    ladders = [scales_of(prior, term) for term in free]
     steps = _combinations(len(free)) if len(free) <= _ALL_SCALES else _nearest(ladders, best)
     means, covariances, log_parts = update(
         inner,
@@ -213,7 +213,7 @@ def _nearest(ladders: Sequence[Floats], sizes: Floats) -> NDArray[np.int64]:
     return np.array(list(product(*near)), dtype=np.int64)
 
 
-def _scales(prior: Prior, term: Term) -> Floats:
+def scales_of(prior: Prior, term: Term) -> Floats:
     """Return the orders of magnitude of a term's coefficients: float64[_SCALES, k]."""
     names = term.variant.coefficients
     high = np.array([prior.of(term.variant.effect, name).high for name in names])

@@ -17,6 +17,7 @@ from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.windows import has_window, windows_of
 from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
@@ -39,6 +40,7 @@ class Posterior:
         """Return the parameters of a set under their full names, and its windows [s]."""
         rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
         draws = self._drawn(found, again, rng)
+        ends = self._windows(found, again, draws, rng)
         parameters: dict[str, Estimate] = {}
         windows: list[tuple[float, float]] = []
         column = 0
@@ -51,11 +53,10 @@ class Posterior:
                 parameters[f"{effect}.{name}"] = estimate(name, samples)
             for name in term.variant.report:
                 key = f"{effect}.{name}"
-                if name in EDGES:
-                    samples = self._edge(term, name, found, rng)
-                    if name.endswith("_s"):
-                        samples = np.clip(samples, *self.model.nodes.motion.t_s[[0, -1]])
-                    parameters[key] = estimate(name, samples)
+                if key in ends:
+                    parameters[key] = estimate(name, ends[key])
+                elif name in EDGES:
+                    parameters[key] = estimate(name, self._edge(term, name, found, rng))
                 else:
                     parameters[key] = self._choice(term, name, found)
             if "start_s" in term.variant.fixed:
@@ -89,6 +90,30 @@ class Posterior:
             return drawn[0]
         picked = rng.choice(len(drawn), size=_DRAWS, p=weights / weights.sum())
         return np.stack(drawn)[picked, np.arange(_DRAWS)]
+
+    def _windows(
+        self, found: Found, again: Refitted, draws: Floats, rng: np.random.Generator
+    ) -> dict[str, Floats]:
+        """Return draws float64[4000] of the ends of windows that the log does not tell by itself;
+        in *draws* the size goes with the window."""
+        ends: dict[str, Floats] = {}
+        column = 0
+        for place, term in enumerate(found.terms):
+            if has_window(term):
+                windows = windows_of(
+                    self.model,
+                    found.terms,
+                    place,
+                    again.coefficients,
+                    again.levels,
+                    leans=again.leans,
+                )
+                start_s, stop_s, size = windows.draw(_DRAWS, self.scan.dispersion, rng)
+                effect = term.variant.effect
+                ends[f"{effect}.start_s"], ends[f"{effect}.stop_s"] = start_s, stop_s
+                draws[:, column] = np.abs(size) if term.variant.is_positive else size
+            column += len(term.variant.coefficients)
+        return ends
 
     def _widened(self, scored: Scored) -> Scored:
         """Return the posterior with as much more variance as the log's likelihood is too sure."""

@@ -1,0 +1,277 @@
+"""When a window began and ended: what a log says of every pair of ends, summed over a grid.
+
+The likelihood of an end has plateaus (while a wheel stands, nothing tells when it began to slip)
+and peaks as narrow as a tick beside peaks of other manoeuvres: neither a walk uphill nor a
+curvature tells where an end may be. But an effect in a window is what it does up to the window's
+end less what it does up to its start, so that one whitened column per end gives every window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.choices import LEFT_OUT
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.evidence import scales_of
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.recording import Floats
+
+SHORTEST_S: Final = 0.5
+"""A window is no shorter."""
+_PARTS: Final = 48
+_ROUNDS: Final = 6
+_QUARTERS: Final = np.array([0.25, 0.5, 0.75])
+_PEAKS: Final = 3
+_COARSE: Final = 3
+"""In so many rounds ends are sought about the highest peaks, however little they stand out."""
+_IN_REACH: Final = 8.0
+"""Ends that lack more [nat] are not sought more closely, nor those between two that are as likely
+to within"""
+_ALIKE: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What a log says of when one effect began and ended.
+
+    Attributes:
+        ends_s: float64[e], ascending, the ends that were compared.
+        log_evidence: float64[e, e], of a window from the first end to the second one.
+        means, variances, log_weights: float64[s, e, e], of the effect's size in each window, by
+            component of its prior.
+    """
+
+    ends_s: Floats
+    log_evidence: Floats
+    means: Floats
+    variances: Floats
+    log_weights: Floats
+
+    @property
+    def best_s(self) -> tuple[float, float]:
+        """The likeliest window."""
+        first, last = np.unravel_index(np.argmax(self.log_evidence), self.log_evidence.shape)
+        return float(self.ends_s[first]), float(self.ends_s[last])
+
+    @property
+    def spans_s(self) -> dict[str, float]:
+        """The standard deviation of either end."""
+        share = self._shares(1.0)
+        found = {}
+        for name, axis in (("start_s", 1), ("stop_s", 0)):
+            weight = share.sum(axis=axis)
+            away_s = self.ends_s - weight @ self.ends_s
+            found[name] = float(np.sqrt(weight @ away_s**2))
+        return found
+
+    @property
+    def _cells(self) -> tuple[Floats, Floats]:
+        """From where to where each end stands for those about it, float64[e] each."""
+        middles = 0.5 * (self.ends_s[1:] + self.ends_s[:-1])
+        return np.append(self.ends_s[0], middles), np.append(middles, self.ends_s[-1])
+
+    def _shares(self, dispersion: float) -> Floats:
+        """Return the probability of each window, float64[e, e]: before, all ends are alike."""
+        low, high = self._cells
+        share = np.exp((self.log_evidence - self.log_evidence.max()) / dispersion)
+        share = share * np.outer(high - low, high - low)
+        return np.asarray(share / share.sum())
+
+    def draw(
+        self, count: int, dispersion: float, rng: np.random.Generator
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return draws float64[count] of start, stop [s] and size, where the log's likelihood is
+        *dispersion* times too sure."""
+        low, high = self._cells
+        share = self._shares(dispersion)
+        picked = rng.choice(share.size, size=count, p=share.ravel())
+        first, last = np.unravel_index(picked, share.shape)
+        start, stop = (
+            low[one] + (high - low)[one] * rng.uniform(size=count) for one in (first, last)
+        )
+        weights = np.exp(self.log_weights[:, first, last])
+        below = np.cumsum(weights, axis=0) / weights.sum(axis=0)
+        part = (rng.uniform(size=count) > below).sum(axis=0)
+        sd = np.sqrt(dispersion * self.variances[part, first, last])
+        return start, stop, self.means[part, first, last] + sd * rng.standard_normal(count)
+
+
+def has_window(term: Term) -> bool:
+    """Tell whether a term has a window, which is to be sought, and one size."""
+    variant = term.variant
+    is_window = {"start_s", "stop_s"} <= variant.fixed.keys()
+    return is_window and not variant.is_held and len(variant.coefficients) == 1
+
+
+def at_window(term: Term, start_s: float, stop_s: float) -> Term:
+    """Return the term in another window [s, log time]."""
+    window = {"start_s": start_s, "stop_s": stop_s}
+    variant = term.variant
+    report = {**variant.report, **window}
+    return replace(term, variant=replace(variant, fixed=window, report=report))
+
+
+def windows_of(
+    model: MotionModel,
+    terms: Sequence[Term],
+    place: int,
+    coefficients: Sequence[tuple[float, ...]],
+    levels: Floats,
+    *,
+    leans: bool = True,
+) -> Windows:
+    """Return what the log says of the window of ``terms[place]``, about a fit of all terms."""
+    grid = _Grid(model, terms, place, coefficients, levels, leans=leans)
+    windows = grid.compared()
+    for done in range(_ROUNDS):
+        peaks = _PEAKS if done < _COARSE else 0
+        between = _between(windows, model.nodes.motion.tick_s, peaks)
+        if len(between) == 0:
+            break
+        grid.add(between)
+        windows = grid.compared()
+    return windows
+
+
+def _between(windows: Windows, tick_s: float, most: int) -> Floats:
+    """Return ends to be compared as well: about so many peaks at most, and wherever it matters."""
+    ends_s = windows.ends_s
+    wanted = np.zeros(len(ends_s) - 1, dtype=np.bool_)
+    for profile in (windows.log_evidence.max(axis=1), windows.log_evidence.max(axis=0)):
+        higher = np.maximum(profile[1:], profile[:-1])
+        with np.errstate(invalid="ignore"):
+            differ = np.abs(np.diff(profile)) > _ALIKE
+        wanted |= (higher > profile.max() - _IN_REACH) & differ
+        inner = np.concatenate([[-np.inf], profile, [-np.inf]])
+        is_peak = (profile >= inner[:-2]) & (profile >= inner[2:]) & np.isfinite(profile)
+        peaks = np.flatnonzero(is_peak)
+        for peak in peaks[np.argsort(-profile[peaks])][:most]:
+            wanted[max(peak - 1, 0) : peak + 1] = True
+    at = np.flatnonzero(wanted & (np.diff(ends_s) > tick_s))
+    return np.asarray((ends_s[at, None] + np.diff(ends_s)[at, None] * _QUARTERS).ravel())
+
+
+class _Grid:
+    """Whitened columns of one effect up to each of some ends, beside those of a fit."""
+
+    def __init__(
+        self,
+        model: MotionModel,
+        terms: Sequence[Term],
+        place: int,
+        coefficients: Sequence[tuple[float, ...]],
+        levels: Floats,
+        *,
+        leans: bool,
+    ) -> None:
+        self._model, self._levels = model, levels
+        self._variant = terms[place].variant
+        least = 1e-3 * terms[place].tolerances[0]
+        size = coefficients[place][0]
+        self._size = size if abs(size) > least else least
+        self._scales = scales_of(model.prior, terms[place])[:, 0]
+        self._others = [
+            (term.variant, sizes)
+            for term, sizes in zip(terms, coefficients, strict=True)
+            if term is not terms[place]
+        ]
+        self._course = model.scattered(terms, coefficients, leans=leans)
+        values, nuisances, tangent = model.linearised(terms, coefficients)
+        free = list(nuisances)
+        for term in tangent:
+            if term.variant is not self._variant:
+                sds = scales_of(model.prior, term)[-1]
+                free += [(one[0][0], float(sd)) for one, sd in zip(term.weights, sds, strict=True)]
+        white = self._whitened(values)
+        self._data = white[:, 0]
+        self._free = white[:, [1 + index for index, _ in free]] * np.array([sd for _, sd in free])
+        self._columns = np.zeros((len(white), 0, 2))
+        self.ends_s = np.zeros(0)
+        t_s = model.nodes.motion.t_s
+        now = np.clip([self._variant.fixed[one] for one in ("start_s", "stop_s")], *t_s[[0, -1]])
+        self.add(np.union1d(np.linspace(t_s[0], t_s[-1], _PARTS + 1), now))
+        first, last = np.searchsorted(self.ends_s, now)
+        inside = self._columns[:, last] - self._columns[:, first]
+        self._data = self._data - self._size * inside.sum(axis=1)
+
+    def _whitened(self, values: Floats) -> Floats:
+        nodes = self._model.nodes
+        return whiten(np.ascontiguousarray(values), self._course, self._levels, nodes.ticks)[0]
+
+    def add(self, ends_s: Floats) -> None:
+        """Compare these ends [s] as well.
+
+        Beside the smooth column of a size stands what the effect does in every detail: the data are
+        compared exactly, along columns that are free of their noise (as in a fit).
+        """
+        nodes = self._model.nodes
+        columns = []
+        exactly = [(variant.in_detail, sizes) for variant, sizes in self._others]
+        for motion, others, own in (
+            (nodes.smooth, self._others, self._variant),
+            (nodes.sharp, exactly, self._variant.in_detail),
+        ):
+            without = residuals(nodes, predict(motion, others))
+            for end_s in ends_s:
+                window = {"start_s": float(nodes.motion.t_s[0]), "stop_s": float(end_s)}
+                acting = [*others, (replace(own, fixed=window), (self._size,))]
+                columns.append((without - residuals(nodes, predict(motion, acting))) / self._size)
+        white = self._whitened(np.stack(columns, axis=-1)).reshape(len(self._data), 2, -1)
+        both = np.concatenate([self._columns, white.transpose(0, 2, 1) * [1.0, -1.0]], axis=1)
+        ends = np.concatenate([self.ends_s, ends_s])
+        order = np.argsort(ends)
+        self.ends_s, self._columns = ends[order], both[:, order]
+
+    def compared(self) -> Windows:
+        """Return what the log says of every window between two of the ends."""
+        smooth = self._columns[..., 0]
+        details = self._columns.sum(axis=2)
+        loaded = np.eye(self._free.shape[1]) + self._free.T @ self._free
+        lower = np.linalg.cholesky(loaded)
+
+        def inner(one: Floats, other: Floats) -> Floats:
+            held = (np.linalg.solve(lower, self._free.T @ each) for each in (one, other))
+            first, second = held
+            return np.asarray(one.T @ other - first.T @ second)
+
+        def between(products: Floats) -> Floats:
+            own = np.diag(products)
+            return np.asarray(own[:, None] + own - products - products.T)
+
+        def along(products: Floats) -> Floats:
+            return np.asarray(products - products[:, None])
+
+        power = np.maximum(between(inner(smooth, smooth)), 0.0)
+        data = along(inner(smooth, self._data))
+        data = data + self._size * between(inner(smooth, details))
+        misfit = 2.0 * self._size * along(inner(details, self._data))
+        misfit = misfit + self._size**2 * between(inner(details, details))
+        scales = self._scales[:, None, None] ** 2
+        variances = scales / (1.0 + scales * power)
+        means = variances * data
+        log_parts = 0.5 * (means * data - np.log1p(scales * power))
+        top = log_parts.max(axis=0)
+        log_evidence = top + np.log(np.exp(log_parts - top).sum(axis=0)) - 0.5 * misfit
+        log_evidence = np.where(self._admitted(), log_evidence, -np.inf)
+        return Windows(self.ends_s, log_evidence, means, variances, log_parts - top)
+
+    def _admitted(self) -> NDArray[np.bool_]:
+        """Tell which windows there may be, bool[e, e]."""
+        motion = self._model.nodes.smooth
+        long = np.subtract.outer(self.ends_s, self.ends_s).T >= SHORTEST_S
+        if self._variant.effect != "one_sided_slip":
+            return np.asarray(long)
+        is_left = self._variant.report["side"] == "left"
+        steps = np.abs(motion.left_step_rad if is_left else motion.right_step_rad)
+        way = np.append(0.0, np.cumsum(steps))
+        until = way[np.searchsorted(motion.t_s, self.ends_s, side="right")]
+        inside = np.subtract.outer(until, until).T
+        return np.asarray(long & (way[-1] - inside > LEFT_OUT * way[-1]))

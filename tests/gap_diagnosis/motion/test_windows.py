@@ -1,0 +1,60 @@
+"""When a window began and ended is told as the log tells it: plateaus, peaks and all."""
+
+from __future__ import annotations
+
+import math
+
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.edges import best_edges
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+RATIO = 0.02
+
+
+def slipping(start_s: float, stop_s: float) -> MotionModel:
+    """Return the log of a drive on which the left wheel slips in a window."""
+    window = (("start_s", start_s), ("stop_s", stop_s))
+    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", RATIO), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
+    )
+    return MotionModel(recording, ROBOT, default_prior())
+
+
+def nearest(model: MotionModel, start_s: float, stop_s: float) -> Term:
+    """Return the slip of the left wheel whose window on the grid is the nearest."""
+    return min(
+        (
+            one
+            for one in model.columns.terms
+            if one.variant.effect == "one_sided_slip" and one.variant.report["side"] == "left"
+        ),
+        key=lambda one: (
+            abs(one.variant.fixed["start_s"] - start_s) + abs(one.variant.fixed["stop_s"] - stop_s)
+        ),
+    )
+
+
+def test_a_window_is_found_wherever_the_search_begins() -> None:
+    """A walk uphill from a window far off ended between two manoeuvres."""
+    model = slipping(20.3, 27.7)
+    for begin_s in ((20.3, 27.7), (10.0, 20.0), (30.0, 40.0)):
+        term = nearest(model, *begin_s)
+        edged = best_edges(model, (term,), 0, ((0.5 * RATIO,),), model.level_prior.median)
+        for name, true_s in (("start_s", 20.3), ("stop_s", 27.7)):
+            assert edged.spans[name] < 0.5
+            assert abs(edged.term.variant.fixed[name] - true_s) < 4 * edged.spans[name]
+
+
+def test_where_a_wheel_stands_each_moment_of_it_may_be_the_end() -> None:
+    """For its first eight seconds this robot stands."""
+    model = slipping(4.0, 24.0)
+    term = nearest(model, 4.0, 24.0)
+    span_s = best_edges(model, (term,), 0, ((RATIO,),), model.level_prior.median).spans["start_s"]
+    assert abs(span_s / (8.0 / math.sqrt(12.0)) - 1.0) < 0.1
