@@ -1,4 +1,8 @@
-"""Detection limits of what commands, frames, codes and odometry show: simple bounds."""
+"""Detection limits of what commands, frames, codes and odometry show, before any fit.
+
+What comes by chance is told by how often it could have happened, what a drive does by how much it
+moves the wheels; a replay is exact to the last digit.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+from scipy.optimize import brentq
+
 from gap_diagnosis.bus import prior as bus
-from gap_diagnosis.drive import prior as drive
+from gap_diagnosis.bus.stamps import MOST_INDEPENDENT
+from gap_diagnosis.drive.block import DriveBlock
+from gap_diagnosis.drive.limits import limits_of_answers
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
-Limit = Callable[[Sequence[Recording]], float]
-
-_FEW: Final = 2.0
-"""So many frames amiss are no chance."""
+Limit = Callable[[Sequence[Recording]], float | None]
 
 
 def limits_elsewhere(
@@ -28,9 +33,12 @@ def limits_elsewhere(
     last digit, or because the effect is there or not.
     """
     owned = {effect for block in blocks for effect in block.effects}
-    return {
+    found = {
         effect: limit(recordings) if effect in owned else None for effect, limit in _LIMITS.items()
     }
+    # What is wrong by a sign or a factor shows wherever anything does.
+    found |= dict.fromkeys(_SETUP, 0.0 if owned else None)
+    return found | limits_of_answers([one for one in blocks if isinstance(one, DriveBlock)])
 
 
 def limits_of_twins(limits: Mapping[str, float | None], robot: Robot) -> dict[str, float | None]:
@@ -47,12 +55,52 @@ def _at(value: float) -> Limit:
     return lambda recordings: value
 
 
-def _of_frames(least: float) -> Limit:
-    def limit(recordings: Sequence[Recording]) -> float:
-        frames = max((len(f.t_s) for one in recordings for f in one.frames.values()), default=0)
-        return max(least, _FEW / max(frames, 1))
+def _of_rate(effect: str) -> Limit:
+    """Return how often something must happen to a frame to be separated by 29 from as often as it
+    may anyway, at the most: expected counts of the message with the most frames."""
+    usual = bus.usual(effect)[1]
+    low, high = bus.present(effect)
+
+    def surprise(rate: float, frames: int) -> float:
+        once = rate * math.log(rate / usual) + (1 - rate) * math.log((1 - rate) / (1 - usual))
+        return 2 * frames * once if rate > usual else 0.0
+
+    def limit(recordings: Sequence[Recording]) -> float | None:
+        frames = sum(_frames(recordings))
+        if surprise(high, frames) < THRESHOLD:
+            return None
+        if surprise(low, frames) >= THRESHOLD:
+            return low
+        return float(brentq(lambda rate: surprise(rate, frames) - THRESHOLD, low, high))
 
     return limit
+
+
+def _frames(recordings: Sequence[Recording]) -> list[int]:
+    """Return how many frames each log has of the message with the most."""
+    return [max((len(f.t_s) for f in one.frames.values()), default=0) for one in recordings]
+
+
+def _jitter(recordings: Sequence[Recording]) -> float | None:
+    """Return the spread that separates by 29 from the largest that is usual: of n independent
+    normal values 2 n (log(u / s) + ((s / u)² - 1) / 2)."""
+    usual = bus.JITTER_USUAL_S[1]
+    stamps = sum(min(frames, MOST_INDEPENDENT) for frames in _frames(recordings))
+    share = bus.JITTER_PRESENT_S[1] / usual
+
+    def separation(times: float) -> float:
+        return stamps * (times**2 - 1 - 2 * math.log(times))
+
+    if separation(share) < THRESHOLD:
+        return None
+    return usual * float(brentq(lambda times: separation(times) - THRESHOLD, 1.0, share))
+
+
+def _latency(recordings: Sequence[Recording]) -> float:
+    """Return the delay of one sensor's frames against the others' that separates by 29: how long
+    they queue is the same for all frames of a log."""
+    sd = bus.LATENCY_USUAL_S / math.sqrt(max(len(recordings), 1))
+    return max(bus.LATENCY.tolerance, math.sqrt(THRESHOLD) * sd)
 
 
 def _clock_skew(recordings: Sequence[Recording]) -> float:
@@ -65,12 +113,11 @@ def _clock_skew(recordings: Sequence[Recording]) -> float:
     return max(bus.SKEW.tolerance, math.sqrt(THRESHOLD) * sd)
 
 
+_SETUP: Final = ("setup_sign", "setup_unit", "setup_wheels_swapped")
+
 _ANY: Final = _at(0.0)
 
 _LIMITS: Final[Mapping[str, Limit]] = {
-    "drive_gain": _at(drive.GAIN.tolerance),
-    "drive_lag": _at(drive.LAG_S.tolerance),
-    "drive_delay": _at(drive.DELAY_S.tolerance),
     "drive_deadband": _ANY,
     "drive_saturation": _ANY,
     "drive_acceleration_limit": _ANY,
@@ -78,12 +125,12 @@ _LIMITS: Final[Mapping[str, Limit]] = {
     "gyro_frozen": _ANY,
     "adc_missing_code": _ANY,
     "adc_stuck_bit": _ANY,
-    "frame_loss": _of_frames(bus.present("frame_loss")[0]),
-    "frame_duplication": _of_frames(bus.present("frame_duplication")[0]),
-    "frame_reordering": _of_frames(bus.present("frame_reordering")[0]),
-    "stale_producer": _of_frames(bus.present("stale_producer")[0]),
-    "frame_jitter": _at(bus.JITTER_PRESENT_S[0]),
-    "frame_latency": _at(bus.LATENCY.tolerance),
+    "frame_loss": _of_rate("frame_loss"),
+    "frame_duplication": _of_rate("frame_duplication"),
+    "frame_reordering": _of_rate("frame_reordering"),
+    "stale_producer": _of_rate("stale_producer"),
+    "frame_jitter": _jitter,
+    "frame_latency": _latency,
     "reception_stamp": _at(bus.POLL_PERIOD_S[0]),
     "bus_gap": _ANY,
     "clock_skew": _clock_skew,

@@ -95,6 +95,11 @@ class DriveBlock:
         return frozenset({*BENT, *LINEAR, *dead, *possible(self._doubted)})
 
     @property
+    def undisturbed(self) -> Setting:
+        """The drive without any effect, with all that is free beside every one."""
+        return self._null.setting
+
+    @property
     def levels(self) -> Levels:
         """The noise levels without any effect."""
         return Levels.of(self._null.levels, self._data.tick_rad)
@@ -190,6 +195,11 @@ class DriveBlock:
         if self._data.manner is None or gained <= 0.0:
             return gained
         return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
+
+    def only(self, kept: NDArray[np.bool_]) -> DriveBlock:
+        """Return the block that sees no more of the same drive than some of its blocks, bool[m]."""
+        data = replace(self._data, seen=self._data.seen & kept)
+        return DriveBlock(data, self._robot, self._doubted)
 
     @property
     def data(self) -> DriveData:

@@ -13,9 +13,11 @@ from structure_cases import PRIOR, ROBOT, analysis_of, drive, groups, model_of, 
 from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.imitation import merged
+from gap_diagnosis.limits_elsewhere import limits_elsewhere
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.ranking import THRESHOLD
+from gap_diagnosis.recording import FrameTimes
 from gap_diagnosis.structure import structure_of, twins_on
 from hil_harness.effects import EffectSetting, catalogue
 
@@ -158,6 +160,40 @@ def test_bounds_of_the_drive_are_seen_as_far_as_commands_reach():
     assert structure_of([motion]).detectable["drive_saturation"] is None
     found = structure_of([commanded]).detectable
     assert {name: found[name] for name in BOUNDS} == limits_of_bounds([motion.recording], ROBOT)
+
+
+def frames(count):
+    """Return so many frames, a hundred per second."""
+    counter = np.arange(count)
+    return FrameTimes(counter * 0.01, counter, 256, 0.01, counter.astype(np.uint64))
+
+
+def test_what_happens_by_chance_shows_the_sooner_the_more_frames_there_are():
+    """Twice the expected log of (so often) to (as often as it may anyway) is 29."""
+    drives = [drive("straight"), drive("square")]
+    logs = [
+        replace(one, frames={"ENCODER": frames(count)})
+        for one, count in zip(drives, (1000, 12000), strict=True)
+    ]
+    block = FakeBlock(
+        dict.fromkeys(("frame_loss", "frame_jitter", "frame_latency"), 0.0), name="bus"
+    )
+    few, many = (limits_elsewhere([one], [block]) for one in logs)
+    usual = PRIOR.ranges["frame_loss"]["usual"][1]
+    for found, count in ((few, 1000), (many, 12000)):
+        rate = found["frame_loss"]
+        lost, kept = rate * count, (1 - rate) * count
+        told = lost * np.log(rate / usual) + kept * np.log((1 - rate) / (1 - usual))
+        assert 2 * told == pytest.approx(THRESHOLD)
+    assert many["frame_loss"] < few["frame_loss"] / 4
+    assert many["frame_jitter"] > PRIOR.ranges["frame_jitter"]["usual"][1]
+    assert limits_elsewhere(logs, [block])["frame_latency"] < many["frame_latency"]
+    assert few["stale_producer"] is None
+
+
+def test_a_mistake_of_the_setup_shows_wherever_anything_does():
+    assert limits_elsewhere([drive("straight")], [FakeBlock({"gyro_bias": 0.0})])["setup_sign"] == 0
+    assert limits_elsewhere([drive("straight")], [])["setup_sign"] is None
 
 
 def test_temperature_and_supply_that_stay_are_twins_of_bias_and_scale():

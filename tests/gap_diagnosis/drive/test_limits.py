@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from drive_recordings import ROBOT, recording_of, simulated
 
-from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.block import DriveBlock, drive_block
+from gap_diagnosis.drive.limits import BOUNDS, limits_of_answers, limits_of_bounds
+from gap_diagnosis.drive.noise import whitened
+from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Recording
 
 RADIUS_M = ROBOT.plant.wheels.radius_m
@@ -51,3 +56,42 @@ def test_a_bound_that_no_command_meets_leaves_the_same_counts() -> None:
 
 def test_without_commands_nothing_is_said() -> None:
     assert limits_of_bounds([replace(stairs(), v_command_m_s=None)], ROBOT) == {}
+
+
+def coarse(duration_s: float) -> DriveBlock:
+    """Return the block of a drive that is seen by few counts."""
+    encoder = ROBOT.plant.encoder.model_copy(update={"ticks_per_rev": 8})
+    plant = ROBOT.plant.model_copy(update={"encoder": encoder})
+    robot = replace(ROBOT, plant=plant)
+    found = drive_block(simulated(duration_s=duration_s, robot=robot), robot)
+    assert found is not None
+    return found
+
+
+def test_a_gain_at_its_limit_separates_by_29() -> None:
+    """By least squares on whitened angles that the gain alone has bent."""
+    block = coarse(6.0)
+    limit = limits_of_answers([block])["drive_gain"]
+    assert limit is not None
+    assert limit > prior.GAIN.tolerance
+    setting, data = block.undisturbed, block.data
+    separations = []
+    for wheel in (0, 1):
+        bent = (setting.shapes.gain_columns({}, setting.shapes.angle({}))[wheel] * limit)[None]
+        columns = np.concatenate((bent, setting.fixed[2:]))
+        white, _ = whitened(data, columns, block.levels)
+        others = np.hstack([white[1:], np.diag(1 / setting.nuisance_sd[2:])]).T
+        target = np.append(white[0], np.zeros(len(others) - len(white[0])))
+        left = target - others @ np.linalg.lstsq(others, target, rcond=None)[0]
+        separations.append(float(left @ left))
+    assert max(separations) == pytest.approx(THRESHOLD, rel=1e-6)
+
+
+def test_the_longer_a_drive_the_smaller_what_it_shows_down_to_the_tolerance() -> None:
+    short, long = coarse(6.0), coarse(20.0)
+    one, two, more = (limits_of_answers(some) for some in ([short], [short, short], [long]))
+    assert one["drive_gain"] is not None
+    assert two["drive_gain"] == pytest.approx(one["drive_gain"] / 2**0.5)
+    for effect, limit in one.items():
+        assert limit is None or limit >= (more[effect] or math.inf)
+    assert limits_of_answers([]) == dict.fromkeys(one, None)
