@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations
@@ -12,28 +13,28 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
-from gap_diagnosis.drive.block import DriveBlock
-from gap_diagnosis.drive.data import drive_data
+from gap_diagnosis.downstream import driven, reprogrammed
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.firmware import firmware_block, replayed_pose
-from gap_diagnosis.gap.drive_floor import DriveNoise
-from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
 from gap_diagnosis.gap.metrics import clock_skew_of
-from gap_diagnosis.gap.on_recording import Replayed, levels_of, measure, odometry_rms, windows_on
+from gap_diagnosis.gap.on_recording import (
+    levels_of,
+    measure,
+    odometry_rms,
+    replayed_rms,
+    windows_on,
+)
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
-from gap_diagnosis.gap.windows import Window
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.posterior import draw
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
-from gap_diagnosis.prediction import Motion
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
@@ -49,7 +50,7 @@ class Shrink:
 
     Attributes:
         gap: None where nothing could be held out or measured.
-        waterfall: None where the winning effects are not those of the motion.
+        waterfall: None where the winning effects do not act in the gap's metric.
         stages: share of each stage in the gap.
         segments: the same, manoeuvre by manoeuvre.
         pictures: to draw from.
@@ -99,11 +100,8 @@ def shrink(
         kept = np.ones(len(analysis.recording.t_s), dtype=np.bool_)
     settings, drawn = _settings(fitted)
     windows = windows_on(motion, mask)
-    firmware = None
-    if where.odometry_x_m is not None:
-        after = _reprogrammed(analysis, effects, held, robot, wire)
-        firmware = Replayed(before=replayed_pose(where, robot, wire), after=after)
-    drive = _driven(analysis, effects, where, robot)
+    firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=held is not None)
+    drive = driven(analysis, effects, where, robot, kept if held is None else None)
     clock_skew = 0.0
     if "clock_skew" in effects:
         fitted_on = analysis.recording
@@ -116,15 +114,32 @@ def shrink(
         effects=settings,
         draws=drawn,
         levels=levels_of(analysis.motion.levels, robot, motion),
-        drive=drive,
-        firmware=firmware,
+        drive=None if drive is None else drive.replayed,
+        firmware=None if firmware is None else firmware.replayed,
         clock_skew=clock_skew,
     )
     gap = gap_of(metrics, _acting(stage, own), "stretches" if held is None else "log")
     named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None
     waterfall = None
-    if gap is not None and named is not None and own and gap.after is not None:
-        waterfall = _waterfall(gap, named, where, robot, motion, windows, settings)
+    behind = {"drive_position_m": drive, "firmware_position_m": firmware}
+    if gap is not None and gap.after is not None:
+        downstream, steps = behind.get(gap.metric), gap.metric
+        if named is not None:
+
+            def rms(some: Effects) -> float:
+                chosen = [one for one in settings if one[0].effect in some]
+                return odometry_rms(steps, where, robot, motion, windows, chosen)
+
+            waterfall = _waterfall(gap, frozenset(one.effect for one, _ in settings), rms)
+        elif downstream is not None:
+
+            def rms_behind(some: Effects) -> float:
+                path = downstream.path(some)
+                return (
+                    math.nan if path is None else replayed_rms(steps, where, motion, path, windows)
+                )
+
+            waterfall = _waterfall(gap, downstream.effects, rms_behind)
     metric = named or ("odometry_position_m" if where.reference else "turn_difference_rad")
     return Shrink(
         gap=gap,
@@ -143,44 +158,6 @@ def _acting(stage: StageOrNone, own: Effects) -> StageOrNone:
     known = catalogue()
     behind = any(one in known and known[one].stage == "actuation" for one in own)
     return "wheel" if stage == "actuation" and behind else stage
-
-
-def _driven(
-    analysis: Analysis, effects: Effects, where: Recording, robot: Robot
-) -> Replayed | None:
-    """Return the paths that the commands lead to through the described and the explained drive."""
-    commanded, data = commanded_path(where, robot), drive_data(where, robot)
-    block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
-    if commanded is None or data is None or block is None:
-        return None
-    stages = catalogue()
-    own = frozenset(
-        e for e in effects & block.effects if e in stages and stages[e].stage == "actuation"
-    )
-    noise = DriveNoise.of(data, block.levels_with(own))
-    if not own:
-        return Replayed(before=commanded, noise=noise)
-    values = {
-        key: float(one.value)
-        for key, one in block.fit(own).parameters.items()
-        if isinstance(one.value, int | float)
-    }
-    return Replayed(before=commanded, after=commanded_path(where, robot, values), noise=noise)
-
-
-def _reprogrammed(
-    analysis: Analysis, effects: Effects, held: Recording | None, robot: Robot, wire: Wire
-) -> Floats | None:
-    """Return the odometry that the explained program computes; None where the program is as
-    described, or nobody's."""
-    block = analysis.firmware
-    own = frozenset() if block is None else effects & block.effects
-    if block is None or not 1 <= len(own) <= 2:
-        return None
-    there = None if held is None else firmware_block(held, robot, wire)
-    if held is not None and there is None:
-        return None
-    return block.explained(own, there)
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:
@@ -215,37 +192,25 @@ def _settings(fitted: Refitted | None) -> tuple[list[Setting], list[list[Setting
     return best, drawn if draws.shape[1] else []
 
 
-def _waterfall(
-    gap: Gap,
-    metric: str,
-    recording: Recording,
-    robot: Robot,
-    motion: Motion,
-    windows: Sequence[Window],
-    settings: Sequence[Setting],
-) -> Waterfall | None:
-    @cache
-    def rms(subset: frozenset[str]) -> float:
-        chosen = [one for one in settings if one[0].effect in subset]
-        return odometry_rms(metric, recording, robot, motion, windows, chosen)
-
-    names = frozenset(variant.effect for variant, _ in settings)
+def _waterfall(gap: Gap, names: Effects, rms: Callable[[Effects], float]) -> Waterfall | None:
+    """Return what switching each effect on takes away; *rms* is the gap with some of them on."""
+    known = cache(rms)
     subsets = (
         frozenset(some)
         for size in range(len(names) + 1)
         for some in combinations(sorted(names), size)
     )
-    if not all(np.isfinite(rms(some)) for some in subsets):
+    if not names or not all(np.isfinite(known(some)) for some in subsets):
         return None  # one of them alone leaves no window that moves far enough to be compared
-    reductions = shapley_reductions(names, rms)
+    reductions = shapley_reductions(names, known)
     return Waterfall(
-        metric=metric,
+        metric=gap.metric,
         unit=gap.unit,
-        before=rms(frozenset()),
+        before=known(frozenset()),
         steps=tuple(
             WaterfallStep(effect=name, reduction=value)
             for name, value in sorted(reductions.items(), key=lambda item: -item[1])
         ),
-        after=rms(names),
+        after=known(names),
         floor=gap.floor,
     )

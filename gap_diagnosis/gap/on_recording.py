@@ -164,6 +164,17 @@ def odometry_rms(
     return float("nan") if rms is None else rms
 
 
+def replayed_rms(
+    name: str, recording: Recording, motion: Motion, simulated: Floats, windows: Sequence[Window]
+) -> float:
+    """Return the drive's or the firmware's metric of a simulated path, float64[n, 3]."""
+    measured = Path(motion.t_s, *predict(motion).path())
+    if name == "firmware_position_m":
+        measured = recorded_odometry(recording) or measured
+    rms = path_errors(_path_of(motion, simulated), measured, windows).position.rms
+    return float("nan") if rms is None else rms
+
+
 def floor_on(
     recording: Recording,
     robot: Robot,
@@ -238,25 +249,27 @@ def _replayed(
 ) -> Compared:
     """Compare simulations with a measured path, whose wheels are read with this noise."""
 
-    def path(columns: Floats) -> Path:
-        good = np.isfinite(columns).all(1)
-        return Path(motion.t_s[good], *columns[good].T)
-
-    before = path_errors(path(replayed.before), measured, windows).position
+    before = path_errors(_path_of(motion, replayed.before), measured, windows).position
     after = best = None
     if replayed.after is not None:
-        best = path(replayed.after)
+        best = _path_of(motion, replayed.after)
         after = path_errors(best, measured, windows).position
     floor = np.full((1, len(before.mean_square)), quantum_m**2)
     if replayed.noise is not None:
         floor = drive_floor(
-            best or path(replayed.before),
+            best or _path_of(motion, replayed.before),
             replayed.noise,
             [windows[place] for place in before.window],
             radius_m=motion.radius_m,
             wheelbase_m=motion.wheelbase_m,
         )
     return Compared(before, after, floor)
+
+
+def _path_of(motion: Motion, columns: Floats) -> Path:
+    """Return x, y and heading at the ticks, float64[n, 3], without the rows that have none."""
+    good = np.isfinite(columns).all(1)
+    return Path(motion.t_s[good], *columns[good].T)
 
 
 def _timing(

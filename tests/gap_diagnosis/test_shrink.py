@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
 from structure_cases import ROBOT, WIRE, analysis_of
 
+from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.how_far import shrink
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -22,7 +25,8 @@ def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     motion, firmware = analysis_of(log), firmware_block(log, ROBOT, WIRE)
     assert firmware is not None
     analysis = replace(motion, blocks=(*motion.blocks, firmware))
-    found = shrink(analysis, frozenset({"firmware_constant"}), "firmware", ROBOT, WIRE, None).gap
+    shrunk = shrink(analysis, frozenset({"firmware_constant"}), "firmware", ROBOT, WIRE, None)
+    found, fall = shrunk.gap, shrunk.waterfall
     assert found is not None
     assert found.metric == "firmware_position_m"
     assert found.before > 0.01
@@ -30,3 +34,49 @@ def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     assert found.after < 1e-6
     assert found.closed is not None
     assert found.closed > 0.999
+    assert fall is not None
+    assert [step.effect for step in fall.steps] == ["firmware_constant"]
+    assert fall.steps[0].reduction == pytest.approx(found.before - found.after)
+
+
+def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None:
+    wrong = (
+        EffectSetting("drive_lag", (("time_constant", 0.3),)),
+        EffectSetting("drive_gain", (("left", 0.0), ("right", 0.08))),
+    )
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("calibration"), effects=()), wrong, 3,
+        reference=ReferenceNoise(), duration_s=30.0,
+    )  # fmt: skip
+    motion, drive = analysis_of(log), drive_block(log, ROBOT)
+    assert drive is not None
+    analysis = replace(motion, blocks=(*motion.blocks, drive))
+    both = frozenset({"drive_lag", "drive_gain"})
+    shrunk = shrink(analysis, both, "actuation", ROBOT, WIRE, None)
+    gap, fall = shrunk.gap, shrunk.waterfall
+    assert gap is not None
+    assert gap.metric == "drive_position_m"
+    assert gap.closed is not None
+    assert gap.closed > 0.9
+    assert fall is not None
+    assert {step.effect for step in fall.steps} == both
+    assert min(step.reduction for step in fall.steps) > 0
+    assert fall.after == pytest.approx(gap.after)
+
+
+def test_what_is_held_out_of_a_drive_leaves_no_trace_in_its_values() -> None:
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("calibration"), effects=()),
+        (EffectSetting("drive_lag", (("time_constant", 0.3),)),), 3, duration_s=30.0,
+    )  # fmt: skip
+    late = log.t_s > 20.0
+    other = replace(log, left_ticks=np.where(late, 2.0 * log.left_ticks, log.left_ticks))
+    found = []
+    for one in (log, other):
+        block = drive_block(one, ROBOT)
+        assert block is not None
+        early = block.only(block.data.time_s < 19.5)
+        found.append(early.fit(frozenset({"drive_lag"})).parameters["drive_lag.time_constant"])
+    # How roughly the unseen part was driven is taken from its counts.
+    assert found[0].value == pytest.approx(found[1].value, rel=1e-9)
+    assert float(found[0].value) == pytest.approx(0.3, abs=0.02)

@@ -1,0 +1,106 @@
+"""What lies behind the sensors, simulated with and without effects: the drive and the program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.drive.block import DriveBlock
+from gap_diagnosis.drive.data import drive_data
+from gap_diagnosis.firmware import firmware_block, replayed_pose
+from gap_diagnosis.gap.drive_floor import DriveNoise
+from gap_diagnosis.gap.drive_path import commanded_path
+from gap_diagnosis.gap.on_recording import Replayed
+from gap_diagnosis.recording import Floats, Recording
+from hil_harness.assembly import Wire
+from hil_harness.effects import catalogue
+from hil_harness.robot import Robot
+
+
+@dataclass(frozen=True)
+class Downstream:
+    """One downstream signal.
+
+    Attributes:
+        replayed: as described, and with all effects on.
+        effects: the winning ones that bend it.
+        path: x_m, y_m, heading_rad at the ticks with some of them on, float64[n, 3]; None where
+            that cannot be simulated.
+    """
+
+    replayed: Replayed
+    effects: Effects
+    path: Callable[[Effects], Floats | None]
+
+
+def driven(
+    analysis: Analysis,
+    effects: Effects,
+    where: Recording,
+    robot: Robot,
+    kept: NDArray[np.bool_] | None,
+) -> Downstream | None:
+    """Return where commands lead through the described and the explained drive.
+
+    Its values are fitted on the ticks *kept* (bool[n]) of the diagnosed log; None: on all of them.
+    """
+    commanded, data = commanded_path(where, robot), drive_data(where, robot)
+    block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
+    if commanded is None or data is None or block is None:
+        return None
+    stages = catalogue()
+    own = frozenset(
+        e for e in effects & block.effects if e in stages and stages[e].stage == "actuation"
+    )
+    if own and kept is not None:
+        place = np.searchsorted(analysis.recording.t_s, block.data.time_s)
+        block = block.only(kept[np.minimum(place, len(kept) - 1)])
+    noise = DriveNoise.of(data, block.levels_with(own))
+    values = {
+        key: float(one.value)
+        for key, one in block.fit(own).parameters.items()
+        if isinstance(one.value, int | float)
+    }
+
+    def path(some: Effects) -> Floats | None:
+        chosen = {key: value for key, value in values.items() if key.partition(".")[0] in some}
+        return commanded_path(where, robot, chosen)
+
+    after = path(own) if own else None
+    return Downstream(Replayed(before=commanded, after=after, noise=noise), own, path)
+
+
+def reprogrammed(
+    analysis: Analysis,
+    effects: Effects,
+    where: Recording,
+    robot: Robot,
+    wire: Wire,
+    *,
+    is_other_log: bool,
+) -> Downstream | None:
+    """Return the odometry that the described and the explained program compute; None where the log
+    has no odometry frames. The program that was found in the diagnosed log runs on *where*.
+
+    It is the same to the last digit in every part of a log: nothing is held out of it.
+    """
+    if where.odometry_x_m is None:
+        return None
+    before = replayed_pose(where, robot, wire)
+    block = analysis.firmware
+    own = frozenset() if block is None else effects & block.effects
+    there = firmware_block(where, robot, wire) if is_other_log and len(own) in (1, 2) else None
+
+    def path(some: Effects) -> Floats | None:
+        if not some:
+            return before
+        if block is None or len(some) > 2 or (is_other_log and there is None):
+            return None
+        return block.explained(some, there)
+
+    return Downstream(Replayed(before=before, after=path(own) if own else None), own, path)
