@@ -355,6 +355,8 @@ def _planned(stage: str, variable: str, first: int, ways: Sequence[Way], base: B
         shapes += [own] if len(ways) > 1 else []
         shapes += [own @ one for one in base.simple]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
+    if base.within:
+        scales[:, 2] = np.maximum(scales[:, 2], np.tile(base.within, len(ways)))
     return _Plan(stage, variable, np.arange(first, first + len(whole)), scales, shapes)
 
 
