@@ -213,6 +213,9 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)
                 depends[known] = max(depends.get(known, 0.0), float(share))
+    if not windows:  # it acts all along
+        first, last = analyses[0].recording.t_s[[0, -1]]
+        windows = ((float(first), float(last)),)
     ordered = sorted(depends.items(), key=lambda item: -item[1])
     # What lies within the floor cannot be closed, whatever the residual goes with.
     open_gap = gap is not None and gap.floor is not None and gap.before >= CLOSABLE * gap.floor

@@ -145,7 +145,10 @@ def _logs(diagnosis: Diagnosis) -> str:
 
 
 def _changed(line: str, correction: Correction, words: str, name: str) -> str:
-    """Return `line` with the new value, its old comment kept and the change told after it."""
+    """Return `line` with the new value, its old comment kept and the change told after it.
+
+    What the comment says of the old value in another unit ("this is 131 LSB per °/s") was so.
+    """
     pattern = rf"(?P<key>[\"']?\b{correction.key}[\"']?\s*=\s*){_VALUE}"
     changed, found = re.subn(pattern, lambda m: m["key"] + _number(correction.after), line, count=1)
     if not found:
@@ -154,7 +157,8 @@ def _changed(line: str, correction: Correction, words: str, name: str) -> str:
             "value: expected `key = value`"
         )
     return_mark = "\r" if changed.endswith("\r") else ""
-    changed = changed.rstrip()
+    value, mark, comment = changed.rstrip().partition("#")
+    changed = value + mark + re.sub(r"\bthis is\b", "this was", comment)
     separator = "; " if "#" in changed else "  # "
     return f"{changed}{separator}{words}{return_mark}"
 

@@ -28,6 +28,21 @@ _US = 1e-6
 _LEAST_FRAMES = 20
 _LARGEST_SKEW = 0.1
 _FASTER = 0.75
+_BACK_S = 1.0
+"""Frames of several buses in one log may be out of order, but not by this much."""
+
+
+def _refuse_backwards(path: Path, stamp_us: Ints) -> None:
+    """Raise DiagnosisError for a log that goes back in time: two in one, or its clock was set."""
+    back_us = np.maximum.accumulate(stamp_us) - stamp_us
+    back = np.flatnonzero(back_us > _BACK_S / _US)
+    if len(back):
+        frame, first_s = int(back[0]), float(back_us[back[0]]) * _US
+        raise DiagnosisError(
+            f"{path}: frame {frame + 1:,} is stamped {first_s:.3f} s before an earlier one: "
+            "expected one recording in the order of its stamps, by a clock that was not set "
+            "meanwhile"
+        )
 
 
 class LogByTicks:
@@ -37,6 +52,7 @@ class LogByTicks:
         self.path, self.plant, self.wire = path, robot.plant, wire
         self.period_s = wire.tick_period_us * _US
         columns = load_columns(path)
+        _refuse_backwards(path, columns.timestamp_us)
         self.frames, self.rejected = checked_frames(columns, wire.database)
         del columns
         anchor = self._anchor()

@@ -58,6 +58,8 @@ _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
 _WHOLE_WORDS: Final = frozenset({"lin", "ang"})
 """Short for linear and angular; as parts of words they mean nothing."""
 _WHEEL_WORDS: Final = ("wheel", "encoder", "enc", "tick", "count", "pulse", "odo", "wheels")
+_WAY_WORDS: Final = frozenset({"dist", "distance", "travel", "way"})
+"""With a side, these are a wheel's; without, a range finder may say them."""
 _REAR_AND_FRONT: Final[Mapping[Role, tuple[str, ...]]] = {
     "left_count": ("rl", "fl", "lr", "lf", "hl", "vl", "links"),
     "right_count": ("rr", "fr", "rf", "hr", "vr", "rechts"),
@@ -338,7 +340,10 @@ def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]
     score, said = _unit_score(signal, "left_count", search.is_table)
     reasons = [] if said is None else [said]
     words = _words_of(signal)
-    if any(hint in word for word in words for hint in _WHEEL_WORDS):
+    sides = {word for role in _REAR_AND_FRONT for word in (*_WORDS[role], *_REAR_AND_FRONT[role])}
+    if any(hint in word for word in words for hint in _WHEEL_WORDS) or (
+        _WAY_WORDS & set(words) and sides & set(words)
+    ):
         score += 2.0
         reasons.append("name of a wheel")
     elif {"left", "right", *_REAR_AND_FRONT["left_count"], *_REAR_AND_FRONT["right_count"]} & set(

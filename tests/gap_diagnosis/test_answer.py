@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fake_blocks import STAGE, FakeBlock, analysis, ranked
 
-from gap_diagnosis.answer import candidates, stage_probabilities
+from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.ranking import Ranking
 from gap_diagnosis.recording import Recording
@@ -151,6 +151,11 @@ def test_stages_share_the_probability_of_a_pair() -> None:
     stages = stage_probabilities(ranked(block), STAGE)
     assert stages["gyro"] == pytest.approx(0.5)
     assert stages["wheel"] == pytest.approx(0.5)
+
+
+def test_an_unlisted_cause_without_windows_of_its_own_acts_all_along() -> None:
+    found = unknown_part([analysis(LOG, FakeBlock({"gyro_bias": 0.0}))], "wheel", None)
+    assert found.windows == ((0.0, 0.01),)
 
 
 def test_stages_count_an_unlisted_cause_and_no_gap() -> None:

@@ -146,6 +146,14 @@ def test_only_the_corrected_line_changes_and_it_says_from_to_and_whence(tmp_path
     assert written(tmp_path, text).plant.wheels.wheelbase_m == 0.404
 
 
+def test_what_a_comment_says_of_the_old_value_in_another_unit_was_so() -> None:
+    robot = load_robot()
+    text = robot_text(samples.single("gyro_scale", scale=number(0.012, 1e-4)), robot)
+    line = next(one for one in text.split("\n") if one.startswith("sensitivity_lsb_per_rad_s"))
+    assert "codes per rad/s; this was 131 LSB per °/s; from 7505.7" in line
+    assert "this is 250 °/s" in text  # of a line that stays
+
+
 def test_line_ends_of_another_system_are_kept(tmp_path: Path) -> None:
     robot = own_robot(tmp_path, OWN.replace("\n", "\r\n"))
     text = robot_text(samples.single("wheelbase_scale", scale=number(0.01, 0.001)), robot)

@@ -54,6 +54,13 @@ DRIVES: tuple[Row, ...] = (
         {"a.log": "(0.000000) can0 123#0011\n"},
     ),
     Row(
+        "a log that goes back in time",
+        "chiplog diagnose a.log",
+        "a.log: frame 2 is stamped 8.000 s before an earlier one: expected one recording in the "
+        "order of its stamps, by a clock that was not set meanwhile",
+        {"a.log": "(9.000000) can0 123#0011\n(1.000000) can0 123#0011\n"},
+    ),
+    Row(
         "a log without the other wheel",
         "chiplog diagnose a.log --dbc a.dbc --signals map.toml",
         "a.log: no frames of RIGHT: expected them, as right_count lies in it",

@@ -46,6 +46,20 @@ def test_names_units_and_wraps_find_the_roles_and_every_guess_is_marked(tmp_path
     assert text.count("# GUESS:") == 6  # these and the clock
 
 
+def test_a_way_with_a_side_is_a_wheels_and_one_without_is_none(tmp_path: Path) -> None:
+    columns = dict(TURNING.columns)
+    for side in ("left", "right"):
+        columns[f"{side}_ticks"] = np.round(columns[f"{side}_ticks"] * 0.153, 1)
+    columns["dist_front_mm"] = 800.0 + 100.0 * np.sin(0.01 * np.arange(900))
+    names = {"t_s": "stamp", "left_ticks": "dist_l_mm", "right_ticks": "dist_r_mm"}
+    path = Drive(columns).write(tmp_path / "own.csv", names)
+    guesses = propose_map(path, None)[1]
+    found = {role: guess.signal.path for role, guess in guesses.items()}
+    assert (found["left_count"], found["right_count"]) == ("dist_l_mm", "dist_r_mm")
+    assert guesses["left_count"].unit == "mm"
+    assert "dist_front_mm" not in found.values()
+
+
 def test_what_says_no_unit_is_proposed_as_a_comment_that_asks_for_it(tmp_path: Path) -> None:
     """A map that is not read would be no help; a role that is not named would be missed."""
     columns = dict(TURNING.columns)
