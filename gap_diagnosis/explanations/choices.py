@@ -232,6 +232,9 @@ _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 
+_USUAL_ROWS: Final = 5
+_ROUNDED: Final = 1.5
+"""Counts that a row may have more or less than its wheel turned: a half at each end, and noise."""
 _GUESSED_RAD: Final = 1.0
 """Standard deviation of a wheel's turn in a tick of which nothing is known."""
 
@@ -280,6 +283,28 @@ def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
     return dead
 
 
+def _died_s(motion: Motion, side: str, first: int, by: int) -> tuple[float, float]:
+    """Return from when to when an encoder may have died that counts nothing from row *first* on.
+
+    The row before tells by what it lacks of the usual: counts are rounded, at both of its ends. If
+    it lacks nothing and the wheel stood just then, it may be at any time until that went on.
+    """
+    step = motion.left_step_rad if side == "left" else motion.right_step_rad
+    latest_s = float(motion.t_s[by])
+    usual = 0.0
+    if first > _USUAL_ROWS:
+        around = np.abs(step[first - 1 - _USUAL_ROWS : first - 1])
+        usual = float(np.median(around)) / motion.rad_per_count
+    if usual < _ROUNDED:
+        return float(motion.t_s[max(first - 2, 0)]), latest_s
+    lacks = usual - abs(float(step[first - 1])) / motion.rad_per_count
+    row_s, ended_s = float(motion.dt_s[first - 1]), float(motion.t_s[first - 1])
+    earliest_s = ended_s - row_s * min(max((lacks + _ROUNDED) / usual, 0.0), 1.0)
+    if lacks > _ROUNDED:
+        latest_s = ended_s - row_s * (lacks - _ROUNDED) / usual
+    return earliest_s, latest_s
+
+
 def encoder_dead(motion: Motion) -> Iterable[Variant]:
     """Return the sides that stand while the robot moves, from where they do.
 
@@ -302,9 +327,7 @@ def encoder_dead(motion: Motion) -> Iterable[Variant]:
         if not to_the_end:
             # It may have come back at any time, too, and seldom does.
             share = 2.0 * share + math.log(_REVIVED)
-        # Its last row may have been counted in part. Where its wheel stood just then, it may have
-        # died at any time until that went on.
-        told = {"start_s": (float(motion.t_s[max(first - 2, 0)]), float(motion.t_s[by]))}
+        told = {"start_s": _died_s(motion, side, first, by)}
         yield Variant(
             "encoder_dead",
             acts[side],

@@ -55,9 +55,19 @@ def test_the_last_row_before_it_died_may_have_been_counted_in_part() -> None:
     ticks[at : np.flatnonzero(WHOLE.t_s > 0.8 * LASTS_S)[0]] -= 0.5 * (ticks[at] - ticks[at - 1])
     (dead,) = found(replace(half, left_ticks=ticks))
     first_s, last_s = dead.told["start_s"]
-    assert first_s <= float(WHOLE.t_s[at - 1])
-    # Two rows, and as many as a wheel at this speed needs for what the gyro surely tells.
-    assert last_s - first_s < 6.0 * WHOLE.tick_period_s
+    assert first_s <= float(WHOLE.t_s[at]) - 0.5 * WHOLE.tick_period_s <= last_s
+    assert last_s - first_s < 1.01 * WHOLE.tick_period_s
+
+
+def test_a_whole_row_before_it_died_says_that_it_lived_to_its_end() -> None:
+    """The row before the last counts was open too: of 72 true times all lay in the later half."""
+    start_s = 0.3 * LASTS_S
+    at = int(np.flatnonzero(start_s < WHOLE.t_s)[0])
+    (dead,) = found(standing(start_s, 0.8 * LASTS_S))
+    first_s, last_s = dead.told["start_s"]
+    counts = WHOLE.left_ticks[at - 1] - WHOLE.left_ticks[at - 2]
+    rounded_s = 3.0 / counts * WHOLE.tick_period_s
+    assert float(WHOLE.t_s[at - 1]) - rounded_s < first_s <= start_s <= last_s
 
 
 def test_the_row_in_which_it_counts_again_may_have_been_counted_in_part() -> None:
