@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations.variant import Setting
-from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
@@ -75,6 +75,7 @@ class MotionBlock:
         self._nothing = self.scan.found[frozenset()]
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
         self.tolerated = 0.0
+        self._mending: dict[str, list[Found]] = {}
         for effect in sorted(GROSS & self.scan.effects):
             self._choose_what_mends(effect)
 
@@ -88,7 +89,9 @@ class MotionBlock:
         mending = [term for term in self.scan.by_effect[effect] if self._mends(term)]
         if not mending or mending == [first]:
             return
-        best = max((self._put_right_by(term) for term in mending), key=lambda one: one.log_evidence)
+        found = [self._put_right_by(term) for term in mending]
+        best = max(found, key=lambda one: one.log_evidence)
+        self._mending[effect] = found
         if best.terms[0] is not first:
             self.scan.found = {
                 effects: one for effects, one in self.scan.found.items() if effect not in effects
@@ -366,6 +369,8 @@ class MotionBlock:
         found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
         parameters, windows = Posterior(self.model, self.scan).estimates(found, again)
+        for effect in effects & self._mending.keys():
+            parameters |= _told_by(self._mending[effect])
         for alias in effects & ALIASES.keys():
             own = {name.split(".")[1]: name for name in parameters if _is_of(name, ALIASES[alias])}
             for name, known in own.items():
@@ -392,3 +397,19 @@ class MotionBlock:
 
 def _is_of(parameter: str, effect: str) -> bool:
     return parameter.partition(".")[0] == effect
+
+
+def _told_by(mending: Sequence[Found]) -> dict[str, Estimate]:
+    """Return the parameters of a mistake, by the log as each of its variants would put it right."""
+    logs = np.array([one.log_evidence for one in mending])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    best = mending[int(np.argmax(logs))].terms[0].variant
+    told: dict[str, Estimate] = {}
+    for name, value in best.report.items():
+        shares: dict[str, float] = {}
+        for one, weight in zip(mending, weights, strict=True):
+            said = str(one.terms[0].variant.report[name])
+            shares[said] = shares.get(said, 0.0) + float(weight)
+        told[f"{best.effect}.{name}"] = Estimate(value, probabilities=shares)
+    return told

@@ -98,5 +98,8 @@ def test_both_wheels_in_millimetres_are_told_against_the_gyro_alone():
     mistake = frozenset({"setup_unit"})
     assert block.fit(mistake).log_evidence > LEAST_GAIN
     told = block.detail(mistake).parameters
-    assert told["setup_unit.signal"].value == "ticks"
-    assert told["setup_unit.factor"].value == pytest.approx(1000)
+    for name, value in (("signal", "ticks"), ("factor", 1000)):
+        one = told[f"setup_unit.{name}"]
+        assert one.value == value
+        assert one.probabilities is not None
+        assert one.probabilities[str(value)] > 0.999
