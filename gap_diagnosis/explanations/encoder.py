@@ -23,14 +23,26 @@ def _true_steps(angle: Floats, step: Floats, sine: float, cosine: float) -> Floa
     Angles are counted from where the log begins, at phi = 0; there the encoder shows *cosine*.
     """
 
-    def error(counted: Floats) -> Floats:
-        phi = measured = counted + cosine
-        for _ in range(_TURNS):
-            off = sine * np.sin(phi) + cosine * np.cos(phi)
-            phi = measured - off
-        return np.asarray(off)
+    return np.asarray(step - _error_at(angle, sine, cosine) + _error_at(angle - step, sine, cosine))
 
-    return np.asarray(step - error(angle) + error(angle - step))
+
+def _error_at(counted: Floats, sine: float, cosine: float) -> Floats:
+    """Return the error that the encoder shows where it has counted so far."""
+    phi = measured = counted + cosine
+    for _ in range(_TURNS):
+        off = sine * np.sin(phi) + cosine * np.cos(phi)
+        phi = measured - off
+    return np.asarray(off)
+
+
+def _without_errors(angle: Floats, step: Floats, sine: float, cosine: float) -> Floats:
+    """Undo the same in steps that are not those of the angles, which are as counted.
+
+    The error is that of the angle counted: of a smooth one what wobbles is less by what smoothing
+    takes of a turn, and a large eccentricity is told off by its square.
+    """
+    error = _error_at(angle, sine, cosine)
+    return np.asarray(step - np.diff(error, prepend=error[0]))
 
 
 def encoder_eccentricity_left(p: Prediction, *, sine: float, cosine: float) -> None:
@@ -41,6 +53,16 @@ def encoder_eccentricity_left(p: Prediction, *, sine: float, cosine: float) -> N
 def encoder_eccentricity_right(p: Prediction, *, sine: float, cosine: float) -> None:
     """Read the right angle with an error once per turn: sine*sin(phi) + cosine*cos(phi)."""
     p.right_rad = _true_steps(p.motion.right_angle_rad, p.right_rad, sine, cosine)
+
+
+def exact_encoder_eccentricity_left(p: Prediction, *, sine: float, cosine: float) -> None:
+    """Read the left angle with an error once per turn as counted."""
+    p.left_rad = _without_errors(p.motion.left_angle_rad, p.left_rad, sine, cosine)
+
+
+def exact_encoder_eccentricity_right(p: Prediction, *, sine: float, cosine: float) -> None:
+    """Read the right angle with an error once per turn as counted."""
+    p.right_rad = _without_errors(p.motion.right_angle_rad, p.right_rad, sine, cosine)
 
 
 def missed_ticks_left(p: Prediction, *, probability: float, threshold: float) -> None:

@@ -59,6 +59,9 @@ def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """
     m = p.motion
     rate = turn_rate_with_details(m) if m.has_counters else m.turn_rate_rad_s
+    if np.any(p.turned_rad_s != m.turn_rate_rad_s):
+        # What an encoder makes up no body turns, nor a gyro trails: it is the turn explained.
+        rate = p.turn_rad / m.tick_s
     p.gyro_rad_s = p.gyro_rad_s - time_constant * np.gradient(rate, m.t_s)
 
 

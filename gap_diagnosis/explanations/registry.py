@@ -26,11 +26,17 @@ def _plain(
 
 
 def _sided(
-    effect: str, stage: str, left: Action, right: Action, *coefficients: str, **more: Any
+    effect: str,
+    stage: str,
+    left: Action,
+    right: Action,
+    *coefficients: str,
+    exact: tuple[Action | None, Action | None] = (None, None),
+    **more: Any,
 ) -> Explanation:
     variants = tuple(
-        Variant(effect, act, coefficients, report={"side": side}, **more)
-        for side, act in (("left", left), ("right", right))
+        Variant(effect, act, coefficients, report={"side": side}, exact=in_detail, **more)
+        for side, act, in_detail in zip(("left", "right"), (left, right), exact, strict=True)
     )
     return Explanation(effect, _RANK[stage], lambda motion: variants)
 
@@ -67,6 +73,10 @@ _ALL: Final = (
         encoder.encoder_eccentricity_right,
         "sine",
         "cosine",
+        exact=(
+            encoder.exact_encoder_eccentricity_left,
+            encoder.exact_encoder_eccentricity_right,
+        ),
         polar=_AMPLITUDE,
     ),
     Explanation("missed_ticks", 0, choices.missed_ticks),

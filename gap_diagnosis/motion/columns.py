@@ -275,11 +275,13 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
     **dict.fromkeys(MOVES_IN_TIME, MOVES_IN_TIME),
     "reference_lever_arm": MOVES_IN_TIME | {"reference_scale"},
     "lateral_slip": MOVES_IN_TIME | _OF_WHEELS,
+    "encoder_eccentricity": _OF_WHEELS | {"gyro_lag", "gyro_scale"},
     **dict.fromkeys(("grade_slip", "one_sided_slip", "turn_scrub"), _OF_WHEELS),
 }
 """Beside a large effect these constants do something else within their tolerances than about none:
 of half a slipping wheel's way a radius is half as much, a scrub of -0.5 makes a wheelbase four
-times as much, and a late reference sees a long arm swung on."""
+times as much, a late reference sees a long arm swung on, and a late gyro none of the turns that an
+encoder makes up."""
 _DELAY_S: Final = 0.02
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""

@@ -101,8 +101,10 @@ class Nodes:
 
     @cached_property
     def sharp(self) -> Motion:
-        """The smooth motion with those details of the wheels' turns that are no counting errors."""
-        return sharpened(self.smooth)
+        """The smooth motion with those details of the wheels' turns that are no counting errors,
+        and where the wheels are in their turns as counted."""
+        left, right = self.motion.left_angle_rad, self.motion.right_angle_rad
+        return replace(sharpened(self.smooth), left_angle_rad=left, right_angle_rad=right)
 
     @cached_property
     def _way(self) -> CubicSpline:
