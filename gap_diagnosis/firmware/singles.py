@@ -237,11 +237,26 @@ class Singles:
         return begin + _SCREENED_TICKS
 
     def around(self, parameter: RealParameter, beside: Candidate | None = None) -> list[Candidate]:
-        """Return the best value of a real parameter, and its neighbours to the last bit."""
+        """Return the best value of a real parameter, and its neighbours to the last bit.
+
+        With the offset that seems to have been learnt, unless without it a value gives the record's
+        bits: what a parameter bends may have looked like an offset.
+        """
+        if self.is_equal:
+            # One value speaks for all: either the log shows each of them, or none.
+            return [parameter.at(_ANY_SIZE, parameter.large)]
+        found, is_whole = self._around(parameter, beside, {})
+        if self._offset is not None and not is_whole:
+            found, _ = self._around(parameter, beside, {"offset_lsb": self._offset})
+        return found
+
+    def _around(
+        self, parameter: RealParameter, beside: Candidate | None, offset: Mapping[str, Any]
+    ) -> tuple[list[Candidate], bool]:
+        """Return them with this offset, and whether they give the record's bits."""
         bench = self.bench
         changes: Mapping[str, Any] = {} if beside is None else beside.changes
-        timing = {} if self._offset is None else {"offset_lsb": self._offset}
-        timing |= {} if beside is None else beside.timing
+        timing = {**offset, **({} if beside is None else beside.timing)}
 
         def pose_at(value: float) -> Floats | None:
             program = bench.program(
@@ -249,9 +264,6 @@ class Singles:
             )
             return None if program is None else bench.poses(program)
 
-        if self.is_equal:
-            # One value speaks for all: either the log shows each of them, or none.
-            return [parameter.at(_ANY_SIZE, parameter.large)]
         best = bench.solve(pose_at, parameter.low, parameter.high)
         if (there := pose_at(best)) is None or not bench.is_near(there):
             again = bench.solve(
@@ -263,7 +275,7 @@ class Singles:
             if bench.distance(pose_at, again) < bench.distance(pose_at, best):
                 best = again
         if abs(best) < parameter.small:
-            return [parameter.unseen()]
+            return [parameter.unseen()], False
         values = [best]
         if (pose := pose_at(best)) is not None and bench.is_near(pose):
             best = bench.polish(pose_at, best, self._width(pose_at, best))
@@ -284,10 +296,10 @@ class Singles:
         for value in values:
             if is_equal(value):
                 low, high = cell_about(value, is_equal, parameter.low, parameter.high)
-                return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
+                return [parameter.at(0.5 * (low + high), 0.5 * (high - low))], True
         # Where no value gives the record's bits, it is known as well as the misfit lets it be.
         width = self._width(pose_at, best)
-        return [parameter.at(value, width) for value in sorted(set(values))]
+        return [parameter.at(value, width) for value in sorted(set(values))], False
 
     def _width(self, pose_at: Callable[[float], Floats | None], best: float) -> float:
         """Return how far a constant may be from the best value that the misfit alone finds."""
