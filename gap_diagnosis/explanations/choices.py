@@ -48,8 +48,8 @@ def _scatter_of_missed(side: str, threshold: float) -> Scatter:
     def scatter(motion: Motion, probability: float) -> tuple[Floats, Floats]:
         share = min(max(probability, 0.0), 0.99)
         step = motion.left_step_rad if side == "left" else motion.right_step_rad
-        rate = motion.left_rate_rad_s if side == "left" else motion.right_rate_rad_s
-        lost = np.where(np.abs(rate) > threshold, np.abs(step), 0.0) * share / (1.0 - share) ** 2
+        fast = encoder.is_too_fast(motion, side, share, threshold)
+        lost = np.where(fast, np.abs(step), 0.0) * share / (1.0 - share) ** 2
         # Each is of the size of a rounding.
         return _of_side(side, lost * motion.rounding_rad / motion.rad_per_count**2)
 

@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
@@ -67,14 +68,33 @@ def exact_encoder_eccentricity_right(p: Prediction, *, sine: float, cosine: floa
 
 def missed_ticks_left(p: Prediction, *, probability: float, threshold: float) -> None:
     """Lose left counts above a wheel speed: the wheel turned farther."""
-    fast = np.abs(p.motion.left_rate_rad_s) > threshold
+    fast = is_too_fast(p.motion, "left", probability, threshold)
     p.left_rad = np.where(fast, p.left_rad / (1 - probability), p.left_rad)
 
 
 def missed_ticks_right(p: Prediction, *, probability: float, threshold: float) -> None:
     """Lose right counts above a wheel speed: the wheel turned farther."""
-    fast = np.abs(p.motion.right_rate_rad_s) > threshold
+    fast = is_too_fast(p.motion, "right", probability, threshold)
     p.right_rad = np.where(fast, p.right_rad / (1 - probability), p.right_rad)
+
+
+def is_too_fast(
+    motion: Motion, side: str, probability: float, threshold_rad_s: float
+) -> NDArray[np.bool_]:
+    """Tell, bool[n], where a wheel loses counts above a threshold.
+
+    It is the wheel's own speed that loses them, and a wheel that loses counts is faster than it
+    counts. At counted rates that may be either, how the body moves tells which.
+    """
+    counted, sign = (
+        (motion.left_rate_rad_s, -1.0) if side == "left" else (motion.right_rate_rad_s, 1.0)
+    )
+    counted = np.abs(counted)
+    losing = counted / (1 - probability)
+    around_m_s = 0.5 * motion.wheelbase_m * motion.turn_rate_rad_s
+    seen = np.abs(motion.speed_m_s + sign * around_m_s) / motion.radius_m
+    is_nearer = np.abs(seen - losing) < np.abs(seen - counted)
+    return (counted > threshold_rad_s) | ((losing > threshold_rad_s) & is_nearer)
 
 
 def extra_ticks_left(p: Prediction, *, rate: float) -> None:
