@@ -23,7 +23,7 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import STARTS, Levels
-from gap_diagnosis.drive.shapes import BENT, Shapes
+from gap_diagnosis.drive.shapes import BENT, THRESHOLDS, Shapes
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -34,6 +34,8 @@ Floats = NDArray[np.float64]
 
 _LOOKED_AT_AGAIN: Final = 3
 _HOPELESS: Final = 50.0
+_BENDS: Final = 3
+"""So often a gain's line is laid anew beside a threshold."""
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -159,10 +161,21 @@ class DriveBlock:
             weights = np.exp(logs - logs[best])
             others = float(np.log(weights.sum())) - np.log(len(settings))
             point = quick[best][1].best
-        levels, free = self._levels_of(settings[best], settings[best].values(point))
+        setting = settings[best]
+        levels, free = self._levels_of(setting, setting.values(point))
+        total, grid, scale_weights = evidence(setting, levels, start=point)
+        estimates = parameters(setting, levels, grid, scale_weights)
+        for _ in range(_BENDS if setting.has_gain and effects & THRESHOLDS else 0):
+            # A larger step takes longer to the limit: what a gain adds there is no straight line.
+            left, right = (
+                1.0 + float(estimates[f"drive_gain.{side}"].value) for side in ("left", "right")
+            )
+            setting = replace(setting, gains=(left, right))
+            point = likeliest(setting, levels)
+            levels, free = self._levels_of(setting, setting.values(point))
+            total, grid, scale_weights = evidence(setting, levels, start=point)
+            estimates = parameters(setting, levels, grid, scale_weights)
         self._levels_with[effects] = levels
-        total, grid, scale_weights = evidence(settings[best], levels, start=point)
-        estimates = parameters(settings[best], levels, grid, scale_weights)
         if self._doubted >= COMMANDS:
             estimates |= _choices(effects, [one.variant for one in settings], weights)
         gained = self._beside_manner(total + others - self._null.evidence, effects)
@@ -182,7 +195,7 @@ class DriveBlock:
             log_silent=max(silent.values(), default=-math.inf) if len(effects) == 1 else -math.inf,
         )
         doubted = bool(effects & set(SETUP)) and not self._doubted & COUNTS
-        if doubted and not mends(settings[best].variant.data, self._robot):
+        if doubted and not mends(setting.variant.data, self._robot):
             self._nameless = max(self._nameless, found.log_evidence)
             return replace(found, log_evidence=_IMPOSSIBLE, log_likelihood=0.0)
         return found

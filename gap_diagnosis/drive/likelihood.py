@@ -33,7 +33,10 @@ _MANNER_SD: Final = 1.0
 
 @dataclass(frozen=True)
 class Setting:
-    """A variant with everything that does not change from grid point to grid point."""
+    """A variant with everything that does not change from grid point to grid point.
+
+    *gains* are those about which what a gain adds is a straight line.
+    """
 
     variant: Variant
     shapes: Shapes
@@ -41,6 +44,7 @@ class Setting:
     has_gain: bool
     nuisances: Floats
     nuisance_sd: Floats
+    gains: tuple[float, float] = (1.0, 1.0)
 
     @property
     def linear_sizes(self) -> tuple[prior.Size, ...]:
@@ -67,12 +71,13 @@ class Setting:
 
     def columns(self, values: Mapping[str, float]) -> Floats:
         """Return residual, gain columns: float64[1 + 2 or 1, 2, m]."""
-        angle = self.shapes.angle(values)
-        measured = self.variant.data.angle
-        residual = (measured - angle)[np.newaxis]
+        angle = self.shapes.angle_with(values, self.gains)
+        residual = self.variant.data.angle - angle
         if not self.has_gain:
-            return residual
-        return np.concatenate((residual, self.shapes.gain_columns(values, angle)))
+            return residual[np.newaxis]
+        columns = self.shapes.gain_columns(values, angle, self.gains)
+        residual = residual + np.tensordot(np.array(self.gains) - 1.0, columns, axes=1)
+        return np.concatenate((residual[np.newaxis], columns))
 
 
 def setting_of(variant: Variant, robot: Robot, effects: frozenset[str]) -> Setting:

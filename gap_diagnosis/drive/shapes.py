@@ -23,7 +23,7 @@ BENT: Final = (
 )  # fmt: skip
 """Effects with one parameter that bends the prediction; integrated over a grid."""
 
-_THRESHOLDS: Final = frozenset(("drive_acceleration_limit", "drive_deadband", "drive_saturation"))
+THRESHOLDS: Final = frozenset(("drive_acceleration_limit", "drive_deadband", "drive_saturation"))
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 _FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
@@ -125,7 +125,7 @@ class Shapes:
 
         A lag or a delay has none: whatever moves is late.
         """
-        if effect not in _THRESHOLDS:
+        if effect not in THRESHOLDS:
             return -math.inf
         one = self.coordinate(effect)
         share = 1.0 - (one.high - one.low) / one.span
@@ -155,13 +155,22 @@ class Shapes:
         )
         return self._data.blocks(angles)
 
-    def gain_columns(self, values: Mapping[str, float], angle: Floats) -> Floats:
-        """Return what a relative gain of each wheel adds to the angles: float64[2, 2, m]."""
+    def gain_columns(
+        self, values: Mapping[str, float], angle: Floats, gains: tuple[float, float] = (1.0, 1.0)
+    ) -> Floats:
+        """Return what a relative gain of each wheel adds to the angles at *gains*:
+        float64[2, 2, m]."""
         step = 0.02
-        change = (self.angle(values, 1.0 + step) - angle) / step
+        change = (self.angle_with(values, (gains[0] + step, gains[1] + step)) - angle) / step
         columns = np.zeros((2, *change.shape))
         columns[0, 0], columns[1, 1] = change
         return columns
+
+    def angle_with(self, values: Mapping[str, float], gains: tuple[float, float]) -> Floats:
+        """Return block means of the wheel angles with a gain of each wheel: float64[2, m]."""
+        if gains[0] == gains[1]:
+            return self.angle(values, gains[0])
+        return np.stack([self.angle(values, gain)[wheel] for wheel, gain in enumerate(gains)])
 
     def foreign(self) -> list[Floats]:
         """Return what a drive other than the described one would add, in several ways:

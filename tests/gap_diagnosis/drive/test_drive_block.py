@@ -96,6 +96,18 @@ def test_a_limit_by_which_wheels_are_off_by_less_than_any_drive_is_no_cause() ->
     assert gained > 10
 
 
+def test_beside_a_limit_a_gain_is_no_straight_line() -> None:
+    """A step that is a twelfth larger takes longer to it: a sealed pair was 20 and 30 deviations
+    off."""
+    steepest = limits_of_bounds([simulated(seed=1)], ROBOT)[LIMIT]
+    true = {LIMIT: {"limit": 0.15 * steepest}, "drive_gain": {"left": 0.085, "right": 0.075}}
+    told = block_of(simulated(true, seed=1)).fit(frozenset(true)).parameters
+    for effect, values in true.items():
+        for name, value in values.items():
+            found = told[f"{effect}.{name}"]
+            assert abs(float(found.value) - value) < 4 * found.sd
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_command_that_was_lost_with_the_counts_speaks_for_no_effect(seed: int) -> None:
     """In a silence of the bus the log holds what the drive was told before."""
