@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
@@ -18,6 +20,8 @@ _SHARP: Final = 4
 """So often more, where that still brings more than _GAIN nats."""
 _GAIN: Final = 3.0
 _HALF_A_NAT: Final = 0.5
+_PARTS: Final = 20
+_TWICE: Final = 2
 _GROWN: Final = 14
 
 
@@ -51,10 +55,23 @@ def best_edges(
     names = [name for name in _SOUGHT if name in term.variant.fixed]
     steps = {name: 0.05 * max(term.variant.fixed[name], 0.5) for name in names}
 
-    def value(candidate: Term) -> float:
+    def fitted(candidate: Term) -> Refitted:
         trial = [*terms[:place], candidate, *terms[place + 1 :]]
-        return model.evidence_about(trial, coefficients, levels).log_evidence
+        return model.evidence_about(trial, coefficients, levels)
 
+    def value(candidate: Term) -> float:
+        return fitted(candidate).log_evidence
+
+    if "threshold" in steps:
+        # Not uphill alone: each speed at which a log drives for long has a peak of its own. Where
+        # an effect sets in goes with its size, so that each is sought about the other once more.
+        fastest = _fastest_rad_s(model)
+        steps["threshold"] = fastest / _PARTS
+        for _ in range(_TWICE):
+            every = [_at(term, "threshold", part * fastest / _PARTS) for part in range(_PARTS)]
+            fits = [(fitted(one), one) for one in (term, *every)]
+            fit, term = max(fits, key=lambda one: one[0].log_evidence)
+            coefficients = fit.coefficients
     best = value(term)
     for halving in range(_HALVINGS + _SHARP):
         before = best
@@ -88,9 +105,21 @@ def _span(value: Callable[[Term], float], term: Term, name: str, step: float, be
 
 def _moved(term: Term, name: str, by: float) -> Term:
     """Return the term with one edge moved."""
-    fixed = dict(term.variant.fixed)
-    fixed[name] = float(fixed[name]) + by
-    if fixed.get("threshold", 0.0) < 0 or fixed.get("limit", 1.0) <= 0:
+    value = float(term.variant.fixed[name]) + by
+    if value < 0 or (name == "limit" and value == 0):
         return term
+    return _at(term, name, value)
+
+
+def _fastest_rad_s(model: MotionModel) -> float:
+    """Return the largest rate of either wheel."""
+    motion = model.nodes.motion
+    rates = (motion.left_rate_rad_s, motion.right_rate_rad_s)
+    return float(max(np.abs(one).max() for one in rates))
+
+
+def _at(term: Term, name: str, value: float) -> Term:
+    """Return the term with one edge elsewhere."""
+    fixed = {**term.variant.fixed, name: value}
     report = {key: fixed.get(key, value) for key, value in term.variant.report.items()}
     return replace(term, variant=replace(term.variant, fixed=fixed, report=report))

@@ -6,8 +6,11 @@ import math
 
 from motion_cases import ROBOT, WIRE, nodes_of, setting_of
 
-from gap_diagnosis.explanations.registry import predict
+from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Value
+from gap_diagnosis.motion.edges import best_edges
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -46,3 +49,23 @@ def test_a_wheel_that_counts_slower_than_the_threshold_may_be_faster() -> None:
     assert lost > 0.8 * PROBABILITY * true_rad / per_count_rad
     by_chance_rad = math.sqrt(lost / (1.0 - PROBABILITY)) * per_count_rad
     assert abs(put_back_rad - true_rad) < 4 * by_chance_rad
+
+
+def test_a_threshold_is_found_wherever_the_search_begins() -> None:
+    """This log drives at 1.5 and at 5 rad/s; from above the walk uphill ended where it began."""
+    values = (("side", "left"), ("probability", 0.05), ("threshold", 3.0))
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        [EffectSetting("missed_ticks", values)],
+        3,
+        reference=ReferenceNoise(),
+        duration_s=34.0,
+    )
+    others = frozenset(EXPLAINED) - {"missed_ticks"}
+    model = MotionModel(log, ROBOT, default_prior(), without=others)
+    left = [one for one in model.columns.terms if one.variant.report.get("side") == "left"]
+    for term in (left[0], left[-1]):
+        edged = best_edges(model, (term,), 0, ((0.02,),), model.level_prior.median)
+        assert 1.5 < edged.term.variant.fixed["threshold"] < 5.0
