@@ -122,7 +122,7 @@ def diagnose_recordings(
         stage_of,
         _unknown(analyses),
         [some for one in analyses if one.motion is not None for some in one.motion.several],
-        lost=any(one.lost.windows for one in analyses),
+        as_ever=min(one.lost.as_ever for one in analyses),
     )
     progress("how far the gap shrinks", 0.8)
     effects = {**catalogue(), **library}

@@ -39,6 +39,10 @@ _FAR: Final = 15.0
 """In robust standard deviations."""
 _FASTEST_M_S: Final = 3.0
 """No floor throws a robot so fast between two samples."""
+_SELDOM: Final = 0.02
+"""How likely it is that nothing is wrong with a reference that says what is not so,"""
+_OFTEN: Final = 0.6
+"""and with one that says nothing for a while: cameras and receivers lose a robot in many a room."""
 _MOST: Final = 20
 """With more leaps than this, or more holes, that is how the reference measures."""
 
@@ -76,6 +80,13 @@ class Lost:
     def windows(self) -> tuple[Window, ...]:
         """All of them in the order of time; a leap takes none."""
         return tuple(sorted((*self.stopped, *self.holes, *((one.t_s,) * 2 for one in self.leaps))))
+
+    @property
+    def as_ever(self) -> float:
+        """How likely it is that this reference is as it always is."""
+        if self.stopped or self.leaps:
+            return _SELDOM
+        return _OFTEN if self.holes else 1.0
 
 
 def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:

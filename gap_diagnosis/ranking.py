@@ -32,8 +32,6 @@ _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
 _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
-_NO_NEWS: Final = 0.02
-"""How likely it is that a reference which loses the robot is as it always is."""
 _LARGER: Final = 6
 _APART: Final = 2
 
@@ -108,14 +106,14 @@ def rank(
     unknown: Mapping[str, float],
     several: Sequence[Effects] = (),
     *,
-    lost: bool = False,
+    as_ever: float = 1.0,
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look. *lost*: the reference lost the robot for a
-    while, of which no block says anything.
+    effects and more of one block that are worth a look. *as_ever*: how likely it is that the reference is
+    as it always is, where it lost the robot for a while, of which no block says anything.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -162,11 +160,11 @@ def rank(
         + max(company.of(frozenset(), but=stage), _elsewhere(logs, logs_of, stage, stage_of))
         for stage, value in guesses.items()
     }
-    if lost:
+    if as_ever < 1.0:
         # Beside any cause there is that too; by itself it is one that is not listed.
         nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
-        guesses["reference"] = float(np.logaddexp(nothing + math.log1p(-_NO_NEWS), elsewhere))
-        logs_of[frozenset()] = nothing + math.log(_NO_NEWS)
+        guesses["reference"] = float(np.logaddexp(nothing + math.log1p(-as_ever), elsewhere))
+        logs_of[frozenset()] = nothing + math.log(as_ever)
     top = max([*logs_of.values(), *guesses.values()])
     total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
     sets = [

@@ -9,7 +9,7 @@ import pytest
 from test_outliers import drive, reference, with_x
 
 from gap_diagnosis.analysis import analyse
-from gap_diagnosis.lost_tracking import Lost, with_tracking
+from gap_diagnosis.lost_tracking import Leap, Lost, with_tracking
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -64,6 +64,17 @@ def test_a_second_without_samples_while_the_wheels_drive_is_a_loss() -> None:
     assert lost.windows == ((reference().t_s[999], reference().t_s[1100]),)
     assert same.reference is not None
     assert len(same.reference.t_s) == len(reference().t_s) - 100, "the rest is as good as ever"
+
+
+def test_a_reference_that_says_what_is_not_so_is_wrong_and_one_that_is_silent_may_always_be() -> (
+    None
+):
+    """A healthy robot in a room with a blind corner was told an unlisted reference, 0.94."""
+    window = (3.0, 4.5)
+    assert Lost().as_ever == 1.0
+    assert Lost(holes=(window,)).as_ever > 0.5
+    for wrong in (Lost(frozen=9, stopped=(window,)), Lost(leaps=(Leap(3.0, 1.0, 0.0, 0.0),))):
+        assert wrong.as_ever < 0.05
 
 
 def test_every_motion_capture_blinks() -> None:

@@ -68,7 +68,7 @@ def test_a_reference_that_lost_the_robot_is_what_is_wrong_where_nothing_else_is(
     """Beside whatever else there is, that is there too: it takes nothing from any other cause."""
     block = FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0})
     well = ranked(block, unknown={"reference": -5.0})
-    lost = rank([[block]], PRIOR, STAGE, {"reference": -5.0}, lost=True)
+    lost = rank([[block]], PRIOR, STAGE, {"reference": -5.0}, as_ever=0.02)
     nothing = well.of(frozenset()).probability
     assert lost.of(frozenset()).probability == pytest.approx(0.02 * nothing)
     assert lost.unknown["reference"] == pytest.approx(0.98 * nothing + well.unknown["reference"])
