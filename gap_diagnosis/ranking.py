@@ -112,8 +112,8 @@ def rank(
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look. *as_ever*: how likely it is that the reference
-    is as it always is, where it lost the robot for a while, of which no block says anything.
+    effects and more of one block that are worth a look. *as_ever*: how likely it is that a
+    reference which lost the robot for a while is as it always is; no block says anything of it.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
