@@ -89,7 +89,7 @@ def _candidate(
         windows=windows,
         ambiguous_with=tuple(ambiguous),
         separation=2 * one.log_likelihood,
-        pareto_k=max((fit.pareto_k for fit in fits), default=0.0) or None,
+        pareto_k=max((fit.pareto_k for fit in fits if fit.pareto_k is not None), default=None),
     )
 
 

@@ -44,7 +44,7 @@ class Fit:
         log_likelihood: at the best parameters, less that of no effect; 2x this is the separation.
         parameters: by ``effect.parameter``.
         windows: [start_s, stop_s] of effects that act in part of the log.
-        pareto_k: of the importance sampling; 0 where the integral is exact or by quadrature.
+        pareto_k: of the importance sampling; None where the integral is exact or by quadrature.
         log_silent: of a single effect, what values that leave no trace in this log have of
             `log_evidence`; -inf where every value would show.
     """
@@ -54,7 +54,7 @@ class Fit:
     log_likelihood: float
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     windows: tuple[tuple[float, float], ...] = ()
-    pareto_k: float = 0.0
+    pareto_k: float | None = None
     log_silent: float = -math.inf
 
 

@@ -44,14 +44,22 @@ def page(results: Sequence[Result], day: date | None = None, commit: str = "") -
 
 
 def _commands(results: Sequence[Result]) -> str:
+    """Return what was run: as many rounds of all effects, and more of some."""
     lines = []
     for study in ("limit", "exact", "prior"):
-        numbers = [one["number"] for one in results if one["study"] == study]
-        if numbers:
-            lines.append(
-                f"    python benchmarks/accuracy_motion.py {study} --rounds {max(numbers) + 1} "
-                "--results DIR"
-            )
+        rounds: dict[str, int] = {}
+        for one in results:
+            if one["study"] == study:
+                rounds[one["effect"]] = max(rounds.get(one["effect"], 0), one["number"] + 1)
+        if not rounds:
+            continue
+        command = f"    python benchmarks/accuracy_motion.py {study}"
+        least = min(rounds.values())
+        lines.append(f"{command} --rounds {least} --results DIR")
+        for effect, more in sorted(rounds.items()):
+            # A round that was broken off has got to some of the effects.
+            if more > least + 1:
+                lines.append(f"{command} --rounds {more} --effects {effect} --results DIR")
     return "\n".join(lines)
 
 

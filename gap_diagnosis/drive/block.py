@@ -191,7 +191,7 @@ class DriveBlock:
             log_evidence=gained,
             log_likelihood=likelihood,
             parameters=estimates,
-            pareto_k=grid.pareto_k,
+            pareto_k=grid.pareto_k or None,
             log_silent=max(silent.values(), default=-math.inf) if len(effects) == 1 else -math.inf,
         )
         doubted = bool(effects & set(SETUP)) and not self._doubted & COUNTS

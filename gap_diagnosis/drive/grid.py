@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaln
-from scipy.stats import genpareto
+
+from gap_diagnosis.pareto import tail_shape
 
 Floats = NDArray[np.float64]
 Values = Callable[[Floats], Floats]
@@ -155,7 +156,7 @@ def _by_sampling(log_density: Values, box: Floats, start: Floats) -> Weighted:
             break
     draws, log_proposal = _student(mean, 1.3 * covariance, _DRAWS, random)
     log_value = _inside(log_density, box, draws) - log_proposal - np.log(_DRAWS)
-    return Weighted(draws, log_value, np.zeros(size), _tail_shape(log_value))
+    return Weighted(draws, log_value, np.zeros(size), tail_shape(log_value))
 
 
 def _temperature(values: Floats, ratio: Floats) -> float:
@@ -190,16 +191,6 @@ def _student(
         - 0.5 * (_FREEDOM + size) * np.log1p(square / _FREEDOM)
     )
     return mean + (normal * stretch) @ factor.T, np.asarray(log_density)
-
-
-def _tail_shape(log_value: Floats) -> float:
-    """Return the Pareto shape of the largest fifth of the weights."""
-    weight = np.sort(np.exp(log_value - log_value.max()))
-    tail = weight[-len(weight) // 5 :]
-    excess = tail[1:] - tail[0]
-    if excess.max() <= 0:
-        return 0.0
-    return float(genpareto.fit(excess / excess.max(), floc=0)[0])
 
 
 def _middles(box: Floats, count: int) -> tuple[Floats, Floats]:

@@ -368,7 +368,8 @@ class MotionBlock:
             )
         found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
-        parameters, windows = Posterior(self.model, self.scan).estimates(found, again)
+        posterior = Posterior(self.model, self.scan)
+        parameters, windows = posterior.estimates(found, again)
         for effect in effects & self._mending.keys():
             parameters |= _told_by(self._mending[effect])
         for alias in effects & ALIASES.keys():
@@ -378,7 +379,12 @@ class MotionBlock:
             samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
             parameters[f"{alias}.scale"] = estimate("scale", samples)
         fit = self._fit(effects)
-        return replace(fit, parameters=parameters, windows=tuple(windows))
+        return replace(
+            fit,
+            parameters=parameters,
+            windows=tuple(windows),
+            pareto_k=posterior.pareto_k(found, again),
+        )
 
     def settings(self, effects: frozenset[str]) -> list[Setting]:
         """Return variants and best coefficients of what moves, as `predict` takes them."""

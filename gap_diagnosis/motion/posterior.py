@@ -15,14 +15,18 @@ from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
+from gap_diagnosis.motion.importance import log_weights
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.windows import has_window, windows_of
+from gap_diagnosis.pareto import tail_shape
 from gap_diagnosis.recording import Floats
 
 _DRAWS: Final = 4000
 _AS_LIKELY: Final = 5.0
 """Variants that lack less [nat] than that are drawn from too: one draw in 150."""
+_MANY: Final = 3
+_CHECKED: Final = 200
 _REDRAWN: Final = 30
 """So often what is within tolerance is drawn again; what then remains there has no news in it."""
 
@@ -63,6 +67,16 @@ class Posterior:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
         return parameters, windows
+
+    def pareto_k(self, found: Found, again: Refitted) -> float | None:
+        """Return how heavy the tail of the weights is that correct the draws for the effects'
+        bends; None for two sizes and fewer, where none are needed."""
+        sizes = [term for term in found.terms if not term.is_fixed]
+        if again.scored.means.shape[1] < _MANY:
+            return None
+        draws = draw(self._widened(again.scored), sizes, np.random.default_rng(0))[:_CHECKED]
+        logs = log_weights(self.model, found.terms, again, draws)
+        return tail_shape(logs / self.scan.dispersion)
 
     def _drawn(self, found: Found, again: Refitted, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000, k] of the sizes, of every variant that is about as likely.

@@ -10,10 +10,11 @@ from gap_diagnosis.motion.levels import FLOORS, Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
-RECORDING = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 5)
+REFERENCE = ReferenceNoise(0.001, 0.001, 0.0005, 0.0005, 1.0)
+RECORDING = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 5, reference=REFERENCE)
 MODEL = MotionModel(RECORDING, ROBOT, default_prior())
 PRIOR = MODEL.level_prior
 
@@ -22,9 +23,9 @@ def height(levels: Floats) -> float:
     return MODEL.evidence_at((), levels) + PRIOR.log_density(np.log(levels))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_from_levels_two_spreads_off_the_same_top_is_reached(seed: int) -> None:
-    """Slopes alone (L-BFGS) ended 0.01 to 7.6 nats below, after 170 to 220 looks."""
+    """Slopes alone (L-BFGS) ended 10 to 980 nats below, after 200 to 270 looks."""
     reached = height(MODEL.levels_for((), PRIOR.median))
     factors = np.exp(2.0 * PRIOR.spread * np.random.default_rng(seed).standard_normal(len(FLOORS)))
     start = np.maximum(PRIOR.median * factors, FLOORS)
