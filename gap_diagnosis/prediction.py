@@ -109,6 +109,11 @@ class Motion:
         """Turns of the right motor."""
         return motor_steps(self.right_steady_rad, self.rounding_rad, self.tick_s)
 
+    @cached_property
+    def fastest_rad_s(self) -> float:
+        """The largest rate of either wheel."""
+        return float(max(np.abs(self.left_rate_rad_s).max(), np.abs(self.right_rate_rad_s).max()))
+
     @property
     def elapsed_s(self) -> Floats:
         """Time since the log's start."""

@@ -276,9 +276,7 @@ def _choices(model: MotionModel, effect: str, draw: Draw) -> Truth:
     if "frame" in names:
         found["frame"] = "sensors"
     if "threshold" in names:
-        rates = (motion.left_rate_rad_s, motion.right_rate_rad_s)
-        fastest = float(max(np.abs(one).max() for one in rates))
-        found["threshold"] = float(draw.uniform(0.0, 0.9) * fastest)
+        found["threshold"] = float(draw.uniform(0.0, 0.9) * motion.fastest_rad_s)
     if "stop_s" in names:
         window = _window(motion, draw)
         while not leaves_out(motion, Variant(effect, _unused, (), window, found)):

@@ -20,15 +20,12 @@ Scatter = Callable[[Motion, float], tuple[Floats, Floats]]
 
 def missed_ticks(motion: Motion) -> Iterable[Variant]:
     """Return both sides at thresholds over the range of the wheels' rates."""
-    fastest = float(
-        max(np.abs(motion.left_rate_rad_s).max(), np.abs(motion.right_rate_rad_s).max())
-    )
     for side, act in (
         ("left", encoder.missed_ticks_left),
         ("right", encoder.missed_ticks_right),
     ):
         for share in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9):
-            threshold = share * fastest
+            threshold = share * motion.fastest_rad_s
             fixed = {"threshold": threshold}
             report: dict[str, Value] = {"side": side, "threshold": threshold}
             yield Variant(

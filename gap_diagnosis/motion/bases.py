@@ -24,9 +24,6 @@ _STRAIGHT_RAD_S: Final = 0.05
 """So fast a robot on a straight may seem to turn."""
 _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
-_EARLY_S: Final = 1e-3
-"""By half of what clocks may differ by, a gyro is ahead of the wheels or behind: of a body that
-turns faster and faster it says more, or less."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +34,14 @@ class Basis:
         functions: float64[n] each, or float64[2, n] of both wheels, or both directions of a room.
         simple: float64[functions, k] each.
         is_even: the functions add up to one everywhere.
-        within: how large each may be without being a gap, where that hangs on how far the variable
-            goes; else 0.
+        within_per_s: how large each is for a second that a sensor is ahead of the wheels: a gyro
+            says more of a body that turns faster and faster. A healthy one may be ahead by little.
     """
 
     functions: list[Floats]
     simple: list[Floats] = field(default_factory=list)
     is_even: bool = False
-    within: list[float] = field(default_factory=list)
+    within_per_s: list[float] = field(default_factory=list)
 
 
 def basis(motion: Motion, stage: str, variable: str) -> Basis:
@@ -100,8 +97,8 @@ def _by_speeding_up(motion: Motion) -> Basis:
         return _joined(_of_the_body(motion, "acceleration"), Basis([]))
     of_the_body, of_turns = _of_the_body(motion, "acceleration"), _hats(turning)
     largest = float(np.abs(np.percentile(turning, [1, 99])).max())
-    within = [0.0] * len(of_the_body.functions) + [_EARLY_S * largest] * len(of_turns.functions)
-    return replace(_joined(of_the_body, of_turns), within=within)
+    within_per_s = [0.0] * len(of_the_body.functions) + [largest] * len(of_turns.functions)
+    return replace(_joined(of_the_body, of_turns), within_per_s=within_per_s)
 
 
 def _by_forces(motion: Motion) -> Basis:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.windows import at_window, has_window, windows_of
@@ -65,7 +63,7 @@ def best_edges(
     if "threshold" in steps:
         # Not uphill alone: each speed at which a log drives for long has a peak of its own. Where
         # an effect sets in goes with its size, so that each is sought about the other once more.
-        fastest = _fastest_rad_s(model)
+        fastest = model.nodes.motion.fastest_rad_s
         steps["threshold"] = fastest / _PARTS
         for _ in range(_TWICE):
             every = [_at(term, "threshold", part * fastest / _PARTS) for part in range(_PARTS)]
@@ -109,13 +107,6 @@ def _moved(term: Term, name: str, by: float) -> Term:
     if value < 0 or (name == "limit" and value == 0):
         return term
     return _at(term, name, value)
-
-
-def _fastest_rad_s(model: MotionModel) -> float:
-    """Return the largest rate of either wheel."""
-    motion = model.nodes.motion
-    rates = (motion.left_rate_rad_s, motion.right_rate_rad_s)
-    return float(max(np.abs(one).max() for one in rates))
 
 
 def _at(term: Term, name: str, value: float) -> Term:

@@ -325,6 +325,7 @@ def _lay_out(
     columns = [data, *(model.columns.values[..., index + 1] for index, _ in
                           model.columns.nuisances)]  # fmt: skip
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
+    lead_s = 0.5 * model.robot.tolerance.time_offset_s  # half of a tolerance is no gap
     plans: list[_Plan] = []
     for stage, ways in _WAYS.items():
         for variable in _VARIABLES[stage]:
@@ -341,11 +342,13 @@ def _lay_out(
                     prediction = predict(smooth, settings)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
-            plans.append(_planned(stage, variable, first, usable, base))
+            plans.append(_planned(stage, variable, first, usable, base, lead_s))
     return _Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
 
 
-def _planned(stage: str, variable: str, first: int, ways: Sequence[Way], base: Basis) -> _Plan:
+def _planned(
+    stage: str, variable: str, first: int, ways: Sequence[Way], base: Basis, lead_s: float
+) -> _Plan:
     """Return a plan: all ways together, each by itself, and the simplest shapes of each."""
     count = len(base.functions)
     whole = np.eye(count * len(ways))
@@ -355,8 +358,9 @@ def _planned(stage: str, variable: str, first: int, ways: Sequence[Way], base: B
         shapes += [own] if len(ways) > 1 else []
         shapes += [own @ one for one in base.simple]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
-    if base.within:
-        scales[:, 2] = np.maximum(scales[:, 2], np.tile(base.within, len(ways)))
+    if base.within_per_s:
+        within = lead_s * np.tile(base.within_per_s, len(ways))
+        scales[:, 2] = np.maximum(scales[:, 2], within)
     return _Plan(stage, variable, np.arange(first, first + len(whole)), scales, shapes)
 
 

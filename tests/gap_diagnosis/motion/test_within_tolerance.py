@@ -17,7 +17,7 @@ from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting, parse_effect
-from hil_harness.robot import load_robot
+from hil_harness.robot import Robot, load_robot
 from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
@@ -112,7 +112,7 @@ def test_what_wanders_by_far_more_is_a_gap() -> None:
     assert beyond > 20
 
 
-def early_by(lead_s: float) -> float:
+def early_by(lead_s: float, robot: Robot = ROBOT) -> float:
     """Return what speaks for an unlisted cause where a gyro leads wheels that turn faster."""
     log = synthetic_recording(
         ROBOT, load_wire(), scenario("calibration"), (), 3, reference=ReferenceNoise()
@@ -122,7 +122,7 @@ def early_by(lead_s: float) -> float:
     rate = uniform_filter1d(np.gradient(way_m), 15) / (wheels.wheelbase_m * log.tick_s)
     lead = lead_s * np.gradient(rate) / log.tick_s
     model = MotionModel(
-        replace(log, gyro_rate_rad_s=log.gyro_rate_rad_s + lead), ROBOT, default_prior()
+        replace(log, gyro_rate_rad_s=log.gyro_rate_rad_s + lead), robot, default_prior()
     )
     return beyond_tolerance(alternatives(model, model.no_effect_levels))[0].log_evidence
 
@@ -132,6 +132,12 @@ def test_a_gyro_ahead_of_the_wheels_by_the_tolerance_of_time_is_no_gap() -> None
     gyro, .98. Three nats are odds of 20, against prior odds of 1 in 60."""
     assert early_by(ROBOT.tolerance.time_offset_s) < 3
     assert early_by(4 * ROBOT.tolerance.time_offset_s) > 20
+
+
+def test_of_clocks_that_differ_more_a_gyro_may_be_further_ahead() -> None:
+    loose = ROBOT.tolerance.model_copy(update={"time_offset_s": 4 * ROBOT.tolerance.time_offset_s})
+    robot = replace(ROBOT, tolerance=loose)
+    assert early_by(loose.time_offset_s, robot) < 3
 
 
 def test_a_slope_of_four_tolerances_is_a_gap_though_it_has_no_name() -> None:
