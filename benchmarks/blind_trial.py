@@ -11,10 +11,13 @@ page from whatever results lie in DIR.
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, not a thread
 
 import gap_diagnosis.trials.rivals
 from chiplog.pages.trial import common_cases, figure_rows, trial_page
@@ -23,7 +26,7 @@ from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
 from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, open_trial
 from gap_diagnosis.trials.plan import Counts
-from gap_diagnosis.trials.run import run_trial
+from gap_diagnosis.trials.run import processors, run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import key_of
 from gap_diagnosis.trials.secret import fresh_secret
@@ -39,7 +42,14 @@ def run(folder: Path, cases: int, jobs: int | None) -> None:
         counts = Counts(
             cases, nulls=2 * tenth, pairs=tenth, withheld=tenth, other_engine=tenth // 2
         )
-        make_trial(counts, folder, key_of(folder), fresh_secret(), told("making"))
+        make_trial(
+            counts,
+            folder,
+            key_of(folder),
+            fresh_secret(),
+            told("making"),
+            jobs=jobs or processors(),
+        )
     home = Path(gap_diagnosis.trials.rivals.__file__).parent
     for method in (None, *(home / f"{name}.py" for name in RIVALS)):
         run_trial(folder, jobs=jobs, method=method, progress=told(method.stem if method else "own"))

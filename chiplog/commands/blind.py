@@ -29,6 +29,9 @@ KeyOption = Annotated[
     Path | None,
     typer.Option("--key", metavar="FILE", help="Key of the answers; default: DIR.key, beside DIR."),
 ]
+JobsOption = Annotated[
+    int | None, typer.Option("--jobs", min=1, help="At once; default: one per processor.")
+]
 MethodOption = Annotated[
     Path | None,
     typer.Option(
@@ -87,6 +90,7 @@ def make(
         ),
     ] = 0.15,
     key: KeyOption = None,
+    jobs: JobsOption = None,
     seed_file: Annotated[
         Path | None,
         typer.Option(
@@ -102,6 +106,7 @@ def make(
     from chiplog.terminal import progress, show_line
     from gap_diagnosis.trials.make import make_trial
     from gap_diagnosis.trials.plan import Counts
+    from gap_diagnosis.trials.run import processors
     from gap_diagnosis.trials.seal import key_of
 
     counts = Counts(
@@ -118,7 +123,14 @@ def make(
     chosen = key or key_of(out)
     secret = _secret(seed_file)
     with progress("making cases", cases) as bar:
-        digest = make_trial(counts, out, chosen, secret, bar or (lambda done, total: None))
+        digest = make_trial(
+            counts,
+            out,
+            chosen,
+            secret,
+            bar or (lambda done, total: None),
+            jobs=jobs or processors(),
+        )
     show_line(f"{out}: {cases} cases; answers sealed, SHA-256 {digest}")
     show_line(f"key: {chosen}; keep it from whoever diagnoses")
 
@@ -126,9 +138,7 @@ def make(
 @app.command("run", short_help="Diagnose every case in a process that cannot read the answers.")
 def run(
     folder: FolderArgument,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, help="At once; default: one per processor.")
-    ] = None,
+    jobs: JobsOption = None,
     method: MethodOption = None,
 ) -> None:
     """Diagnose every case that has no result yet; a run that was stopped goes on where it was."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, cast
 
@@ -62,26 +65,57 @@ def make_trial(
     secret: Secret,
     progress: Callable[[int, int], None] = lambda done, total: None,
     plan: Sequence[Planned] = (),
+    jobs: int = 1,
 ) -> str:
     """Write a trial to *folder* and the key of its answers to *key*; return the commitment.
 
-    *plan* names the cases; without one they are drawn. Raises DiagnosisError where *folder* has
-    something in it already.
+    *plan* names the cases; without one they are drawn. With more *jobs* than one so many processes
+    make them; what is made is the same. Raises DiagnosisError where *folder* has something in it
+    already.
     """
     new_trial(folder)
-    wire = load_wire()
     plan = plan or planned(counts, secret.generator("plan"))
     width = max(4, len(str(len(plan))))
-    answers = []
+    todo = []
     for place, one in enumerate(plan):
-        progress(place, len(plan))
         home = folder / CASES / f"{place + 1:0{width}d}"
         home.mkdir()
-        made = make_case(one, home, wire, counts, secret.child(f"case {place}"))
-        answers.append(made.as_json())
-    digest = seal({"schema": SCHEMA, "cases": answers}, folder, key)
-    progress(len(plan), len(plan))
-    return digest
+        todo.append((one, home, secret.child(f"case {place}")))
+    cases: dict[str, Case] = {}
+    progress(0, len(plan))
+    for case in _made(todo, counts, jobs):
+        cases[case.name] = case
+        progress(len(cases), len(plan))
+    answers = [cases[home.name].as_json() for _, home, _ in todo]
+    return seal({"schema": SCHEMA, "cases": answers}, folder, key)
+
+
+def _made(
+    todo: Sequence[tuple[Planned, Path, Secret]], counts: Counts, jobs: int
+) -> Iterator[Case]:
+    """Yield cases as they are made; on the way out no further one is begun."""
+    if jobs == 1:
+        wire = load_wire()
+        yield from (make_case(one, home, wire, counts, secret) for one, home, secret in todo)
+        return
+    # begun anew, not forked: a fork of a process with threads may wait for ever
+    with ProcessPoolExecutor(
+        jobs,
+        mp_context=get_context("spawn"),
+        # an interrupt is for the one that waits: it lets what is begun be made, and ends
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    ) as pool:
+        try:
+            made = [pool.submit(_make_alone, counts, *case) for case in todo]
+            yield from (one.result() for one in as_completed(made))
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _make_alone(counts: Counts, one: Planned, home: Path, secret: Secret) -> Case:
+    """Make a case in a process that has nothing yet."""
+    return make_case(one, home, load_wire(), counts, secret)
 
 
 def new_trial(folder: Path) -> None:

@@ -98,8 +98,12 @@ def test_every_case_has_what_a_lab_has_and_no_more(trial: Path) -> None:
     assert {path.name for path in trial.iterdir()} == {CASES, SEALED, "seal.json"}
 
 
-def test_the_same_secret_makes_the_same_trial(trial: Path, tmp_path: Path) -> None:
-    make_trial(COUNTS, tmp_path / "again", tmp_path / "again.key", SECRET)
+def test_the_same_secret_makes_the_same_trial_in_however_many_processes(
+    trial: Path, tmp_path: Path
+) -> None:
+    make_trial(COUNTS, tmp_path / "again", tmp_path / "again.key", SECRET, jobs=2)
+    again = unseal(tmp_path / "again", tmp_path / "again.key")
+    assert again == unseal(trial, trial.with_name("trial.key"))
     for path in sorted((trial / CASES).rglob("*")):
         if path.is_file():
             other = tmp_path / "again" / path.relative_to(trial)
