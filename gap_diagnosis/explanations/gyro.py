@@ -12,6 +12,7 @@ from gap_diagnosis.explanations.reference import (
     detailed_turn_rate,
     seen,
     turn_rate_with_details,
+    wheels_turn_rate,
 )
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
@@ -29,8 +30,8 @@ def gyro_lag(p: Prediction, *, time_constant: float) -> None:
 
 
 def exact_gyro_lag(p: Prediction, *, time_constant: float) -> None:
-    """Trail the true rate with those of its details that are no counting errors."""
-    _trail(p, time_constant, turn_rate_with_details(p.motion))
+    """Trail the turn that the wheels make, as sharply as it begins."""
+    _trail(p, time_constant, wheels_turn_rate(p.motion))
 
 
 def long_gyro_lag(p: Prediction, *, time_constant: float) -> None:

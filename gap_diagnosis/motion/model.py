@@ -129,7 +129,10 @@ class MotionModel:
             large = term.variant.large
             is_lag = term.variant.effect == "gyro_lag" and delay_s > 0
             if large is not None and (is_lag or term.variant.report == late):
-                variant = replace(term.variant, act=large, exact=None)
+                # Beside counters a lag trails the wheels, however long it is.
+                is_sharp = is_lag and self.nodes.motion.has_counters
+                exact = term.variant.exact if is_sharp else None
+                variant = replace(term.variant, act=large, exact=exact)
                 _, self.columns = with_variant(
                     self.columns, self.nodes, variant, term, abs(delay_s)
                 )
