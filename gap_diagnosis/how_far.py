@@ -29,9 +29,9 @@ from gap_diagnosis.gap.on_recording import (
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.posterior import draw
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.recording import Recording

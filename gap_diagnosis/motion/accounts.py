@@ -14,6 +14,7 @@ import numpy as np
 
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
+from gap_diagnosis.motion.importance import Bends
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.recording import Floats
 from hil_harness.effects import catalogue
@@ -131,6 +132,34 @@ class Accounts:
                     log_evidence=one.log_evidence - less,
                     log_likelihood=one.log_likelihood - less,
                 )
+
+    def _take_in_bends(self) -> None:
+        """Let the fitted sets that may win be worth what they explain as their effects act: all
+        alike, so that none wins by a straight line that leads astray."""
+        done: set[Effects] = {frozenset()}
+        while True:
+            least = max(self._belief(one) for one in self._fitted()) - NEAR
+            near = [one for one in self._fitted() if self._belief(one) > least]
+            left = [one for one in near if one.effects not in done]
+            if not left:
+                return
+            for one in left:
+                done.add(one.effects)
+                self.found[one.effects] = self._as_it_bends(one)
+
+    def _as_it_bends(self, one: Found) -> Found:
+        """Return a fitted set by what it explains as its effects act."""
+        fit = one.refitted
+        if fit is None or all(term.is_fixed for term in one.terms):
+            return one
+        exact = Bends(self.model, one.terms, fit, self.dispersion).corrected()
+        gained = exact.log_evidence - fit.log_evidence
+        return replace(
+            one,
+            log_evidence=one.log_evidence + gained,
+            log_likelihood=one.log_likelihood + exact.log_likelihood - fit.log_likelihood,
+            fell=max(one.fell - gained, 0.0),
+        )
 
     def _fitted(self) -> list[Found]:
         return [one for one in self.found.values() if one.refitted or not one.effects]

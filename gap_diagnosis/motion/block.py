@@ -369,7 +369,7 @@ class MotionBlock:
         found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
         posterior = Posterior(self.model, self.scan)
-        parameters, windows = posterior.estimates(found, again)
+        parameters, windows, pareto_k = posterior.estimates(found, again)
         for effect in effects & self._mending.keys():
             parameters |= _told_by(self._mending[effect])
         for alias in effects & ALIASES.keys():
@@ -383,7 +383,7 @@ class MotionBlock:
             fit,
             parameters=parameters,
             windows=tuple(windows),
-            pareto_k=posterior.pareto_k(found, again),
+            pareto_k=pareto_k,
         )
 
     def settings(self, effects: frozenset[str]) -> list[Setting]:

@@ -8,27 +8,24 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.drawing import DRAWS, draw
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.motion.evidence import Scored
-from gap_diagnosis.motion.importance import log_weights
+from gap_diagnosis.motion.importance import MANY, Bends, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.windows import has_window, windows_of
-from gap_diagnosis.pareto import tail_shape
 from gap_diagnosis.recording import Floats
 
-_DRAWS: Final = 4000
 _AS_LIKELY: Final = 5.0
 """Variants that lack less [nat] than that are drawn from too: one draw in 150."""
-_MANY: Final = 3
-_CHECKED: Final = 200
-_REDRAWN: Final = 30
-"""So often what is within tolerance is drawn again; what then remains there has no news in it."""
+_WEIGHED: Final = 1000
+"""Draws weighed where effects bend: the ends of an interval of 95 % are then a tenth of a standard
+deviation unsure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +37,11 @@ class Posterior:
 
     def estimates(
         self, found: Found, again: Refitted
-    ) -> tuple[dict[str, Estimate], list[tuple[float, float]]]:
-        """Return the parameters of a set under their full names, and its windows [s]."""
+    ) -> tuple[dict[str, Estimate], list[tuple[float, float]], float | None]:
+        """Return the parameters of a set under their full names, its windows [s], and how heavy the
+        tail of the weights is that correct its draws; None where none were needed."""
         rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
-        draws = self._drawn(found, again, rng)
+        draws, pareto_k = self._drawn(found, again, rng)
         ends = self._windows(found, again, draws, rng)
         parameters: dict[str, Estimate] = {}
         windows: list[tuple[float, float]] = []
@@ -66,20 +64,13 @@ class Posterior:
             if "start_s" in term.variant.fixed:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
-        return parameters, windows
+        return parameters, windows, pareto_k
 
-    def pareto_k(self, found: Found, again: Refitted) -> float | None:
-        """Return how heavy the tail of the weights is that correct the draws for the effects'
-        bends; None for two sizes and fewer, where none are needed."""
-        sizes = [term for term in found.terms if not term.is_fixed]
-        if again.scored.means.shape[1] < _MANY:
-            return None
-        draws = draw(self._widened(again.scored), sizes, np.random.default_rng(0))[:_CHECKED]
-        logs = log_weights(self.model, found.terms, again, draws)
-        return tail_shape(logs / self.scan.dispersion)
-
-    def _drawn(self, found: Found, again: Refitted, rng: np.random.Generator) -> Floats:
-        """Return draws float64[4000, k] of the sizes, of every variant that is about as likely.
+    def _drawn(
+        self, found: Found, again: Refitted, rng: np.random.Generator
+    ) -> tuple[Floats, float | None]:
+        """Return draws float64[4000, k] of the sizes, of every variant that is about as likely, and
+        the tail's shape of the best one's weights.
 
         What one side counts too many the other may count too few: the size goes with the side.
         """
@@ -96,14 +87,24 @@ class Posterior:
                     likely.append((terms, fit))
         logs = np.array([fit.log_evidence for _, fit in likely])
         weights = np.exp(logs - logs.max())
-        drawn = [
-            draw(self._widened(fit.scored), [one for one in terms if not one.is_fixed], rng)
-            for terms, fit in likely
-        ]
+        each = [self._draws_of(terms, fit, rng) for terms, fit in likely]
+        drawn = [one.resampled(DRAWS, rng) for one in each]
         if len(drawn) == 1:
-            return drawn[0]
-        picked = rng.choice(len(drawn), size=_DRAWS, p=weights / weights.sum())
-        return np.stack(drawn)[picked, np.arange(_DRAWS)]
+            return drawn[0], each[0].pareto_k
+        picked = rng.choice(len(drawn), size=DRAWS, p=weights / weights.sum())
+        return np.stack(drawn)[picked, np.arange(DRAWS)], each[0].pareto_k
+
+    def _draws_of(self, terms: Sequence[Term], fit: Refitted, rng: np.random.Generator) -> Drawn:
+        """Return draws of a fit's sizes: of three and more weighed as the effects bend, as long as
+        those weights can be trusted."""
+        shape = None
+        if fit.scored.means.shape[1] >= MANY:
+            drawn = Bends(self.model, terms, fit, self.scan.dispersion).drawn(_WEIGHED)
+            if drawn.is_trusted:
+                return drawn
+            shape = drawn.pareto_k
+        free = [term for term in terms if not term.is_fixed]
+        return Drawn(draw(self._widened(fit.scored), free, rng), pareto_k=shape)
 
     def _windows(
         self, found: Found, again: Refitted, draws: Floats, rng: np.random.Generator
@@ -122,7 +123,7 @@ class Posterior:
                     again.levels,
                     leans=again.leans,
                 )
-                start_s, stop_s, size = windows.draw(_DRAWS, self.scan.dispersion, rng)
+                start_s, stop_s, size = windows.draw(DRAWS, self.scan.dispersion, rng)
                 effect = term.variant.effect
                 ends[f"{effect}.start_s"], ends[f"{effect}.stop_s"] = start_s, stop_s
                 draws[:, column] = np.abs(size) if term.variant.is_positive else size
@@ -136,11 +137,11 @@ class Posterior:
     def _edge(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge: as the log tells it, or as it was sought."""
         if name in term.variant.told:
-            return rng.uniform(*term.variant.told[name], size=_DRAWS)
+            return rng.uniform(*term.variant.told[name], size=DRAWS)
         sd = self.scan.spans.get(term.variant.effect, {}).get(name)
         if sd is None:
             return self._on_the_grid(term, name, found, rng)
-        return float(term.variant.report[name]) + sd * rng.standard_normal(_DRAWS)
+        return float(term.variant.report[name]) + sd * rng.standard_normal(DRAWS)
 
     def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:
         """Return draws float64[4000] of an edge that was told too faintly to be sought off its
@@ -151,10 +152,10 @@ class Posterior:
         values = np.array([one.variant.fixed[name] for one in known])
         logs = np.array([self.scan.evidence([*others, one], found.levels) for one in known])
         weights = np.exp(logs - logs.max())
-        drawn = rng.choice(values, size=_DRAWS, p=weights / weights.sum())
+        drawn = rng.choice(values, size=DRAWS, p=weights / weights.sum())
         grid = np.unique(values)
         step = float(np.diff(grid).mean()) if len(grid) > 1 else 0.0
-        return np.maximum(drawn + step * rng.uniform(-0.5, 0.5, _DRAWS), 0.0)
+        return np.maximum(drawn + step * rng.uniform(-0.5, 0.5, DRAWS), 0.0)
 
     def _choice(self, term: Term, name: str, found: Found) -> Estimate:
         """Return the probabilities of a choice, from every variant of the effect."""
@@ -171,51 +172,6 @@ class Posterior:
             term.variant.report[name],
             probabilities={key: weight / total for key, weight in weights.items()},
         )
-
-
-def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:
-    """Return draws float64[4000, k] of the coefficients from the posterior mixture.
-
-    What lies within its tolerance is no news and is drawn again, as the evidence leaves it out;
-    sizes that cannot be negative are never drawn so.
-    """
-    count = scored.means.shape[1]
-    if count == 0:
-        return np.zeros((_DRAWS, 0))
-    picked = rng.choice(len(scored.weights), size=_DRAWS, p=scored.weights / scored.weights.sum())
-    factors = np.linalg.cholesky(
-        scored.covariances + 1e-18 * np.eye(count) * np.trace(scored.covariances[0])
-    )
-    draws = np.zeros((_DRAWS, count))
-    again = np.ones(_DRAWS, dtype=np.bool_)
-    for _ in range(_REDRAWN):
-        which = picked[again]
-        normal = rng.standard_normal((len(which), count))
-        draws[again] = scored.means[which] + np.einsum("sij,sj->si", factors[which], normal)
-        again = ~_is_news(draws, terms)
-        if not again.any():
-            break
-    column = 0
-    for term in terms:
-        for _ in term.weights:
-            if term.variant.is_positive:
-                draws[:, column] = np.abs(draws[:, column])
-            column += 1
-    return draws
-
-
-def _is_news(draws: Floats, terms: Sequence[Term]) -> NDArray[np.bool_]:
-    """Tell of draws float64[s, k] whether each term has a coefficient beyond its tolerance."""
-    news = np.ones(len(draws), dtype=np.bool_)
-    column = 0
-    for term in terms:
-        beyond = np.zeros(len(draws), dtype=np.bool_)
-        for tolerance in term.tolerances:
-            size = draws[:, column] if term.variant.is_positive else np.abs(draws[:, column])
-            beyond |= size > tolerance
-            column += 1
-        news &= beyond
-    return news
 
 
 def estimate(name: str, samples: Floats) -> Estimate:

@@ -99,6 +99,7 @@ class Scan(Accounts):
         self.dispersion = self._dispersion()
         if self.dispersion > 1:
             self._settle()
+        self._take_in_bends()
         self._hold_back_the_unfitted()
 
     def _settle(self) -> None:
