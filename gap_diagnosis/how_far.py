@@ -24,6 +24,7 @@ from gap_diagnosis.gap.on_recording import (
     measure,
     odometry_rms,
     replayed_rms,
+    timing_rms,
     windows_on,
 )
 from gap_diagnosis.gap.waterfall import shapley_reductions
@@ -41,6 +42,8 @@ from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
 
 _DRAWS: Final = 40
+_SKEW: Final = "clock_skew"
+"""Of the bus's effects the one that shifts a beat; what spreads or takes frames leaves it."""
 _ODOMETRY: Final = frozenset({"odometry_position_m", "odometry_heading_rad", "turn_difference_rad"})
 
 
@@ -102,10 +105,9 @@ def shrink(
     windows = windows_on(motion, mask)
     firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=held is not None)
     drive = driven(analysis, effects, where, robot, kept if held is None else None)
-    clock_skew = 0.0
-    if "clock_skew" in effects:
-        fitted_on = analysis.recording
-        clock_skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept)
+    on_bus = frozenset(e for e in effects if e in catalogue() and catalogue()[e].stage == "bus")
+    fitted_on = analysis.recording
+    skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept) if _SKEW in effects else 0.0
     metrics = measure(
         where,
         robot,
@@ -116,7 +118,7 @@ def shrink(
         levels=levels_of(analysis.motion.levels, robot, motion),
         drive=None if drive is None else drive.replayed,
         firmware=None if firmware is None else firmware.replayed,
-        clock_skew=clock_skew,
+        clock_skew=skew if on_bus else None,
     )
     gap = gap_of(metrics, _acting(stage, own), "stretches" if held is None else "log")
     named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None
@@ -140,6 +142,12 @@ def shrink(
                 )
 
             waterfall = _waterfall(gap, downstream.effects, rms_behind)
+        elif gap.metric == "timing_s":
+
+            def rms_of_stamps(some: Effects) -> float:
+                return timing_rms(where, windows, skew if _SKEW in some else 0.0)
+
+            waterfall = _waterfall(gap, on_bus, rms_of_stamps)
     metric = named or ("odometry_position_m" if where.reference else "turn_difference_rad")
     return Shrink(
         gap=gap,

@@ -39,6 +39,7 @@ from hil_harness.robot import Robot
 
 _QUANTUM: Final = 1 / 12
 """Variance of rounding to whole counts."""
+_LEAST_STAMPS: Final = 8
 
 
 @dataclass(frozen=True)
@@ -89,14 +90,14 @@ def measure(
     levels: NoiseLevels | None = None,
     drive: Replayed | None = None,
     firmware: Replayed | None = None,
-    clock_skew: float = 0.0,
+    clock_skew: float | None = None,
 ) -> dict[str, Metric]:
     """Return each metric that the recording allows, by name.
 
     Without *effects* there is no ``after``, without *levels* no floor. *draws* are the same effects
     with values drawn from their posterior; they widen the interval. *drive* and *firmware* are
     simulations of the wheels' motion and of the odometry frames. *clock_skew* is the explained part
-    of the ECU's clock error.
+    of the ECU's clock error; None where no effect acts on the bus.
     """
     compared = compare(
         recording, robot, motion, windows, effects=effects, draws=draws, levels=levels
@@ -113,7 +114,7 @@ def measure(
             compared["firmware_position_m"] = _replayed(motion, firmware, odometry, windows)
     if recording.frames:
         compared["timing_s"] = _timing(
-            recording.frames, windows, clock_skew, explained or clock_skew != 0.0
+            recording.frames, windows, clock_skew or 0.0, explained or clock_skew is not None
         )
     metrics = {name: metric_of(name, one) for name, one in compared.items()}
     return {name: metric for name, metric in metrics.items() if metric is not None}
@@ -172,6 +173,12 @@ def replayed_rms(
     if name == "firmware_position_m":
         measured = recorded_odometry(recording) or measured
     rms = path_errors(_path_of(motion, simulated), measured, windows).position.rms
+    return float("nan") if rms is None else rms
+
+
+def timing_rms(recording: Recording, windows: Sequence[Window], clock_skew: float) -> float:
+    """Return how far stamps lie from their beat by a clock that is fast by *clock_skew* [s]."""
+    rms = _stamps(recording.frames, windows, clock_skew=clock_skew).rms
     return float("nan") if rms is None else rms
 
 
@@ -279,16 +286,27 @@ def _timing(
     explained: bool,
 ) -> Compared:
     """Compare all messages' stamps with their beat; the floor is their spread about a line."""
-    before, after, floor = [], [], []
-    for _, one in sorted(frames.items()):
-        if one.cycle_s <= 0 or len(one.t_s) < 8:
-            continue
-        before.append(stamp_errors(one, windows))
-        after.append(stamp_errors(one, windows, clock_skew=clock_skew))
-        floor.append(stamp_errors(one, windows, free_rate=True))
-    join = _joined(before)
     return Compared(
-        join, _joined(after) if explained else None, _joined(floor).mean_square[np.newaxis]
+        _stamps(frames, windows),
+        _stamps(frames, windows, clock_skew=clock_skew) if explained else None,
+        _stamps(frames, windows, free_rate=True).mean_square[np.newaxis],
+    )
+
+
+def _stamps(
+    frames: Mapping[str, FrameTimes],
+    windows: Sequence[Window],
+    *,
+    clock_skew: float = 0.0,
+    free_rate: bool = False,
+) -> WindowErrors:
+    """Return how far all messages' stamps lie from their beats, as `stamp_errors` has it."""
+    return _joined(
+        [
+            stamp_errors(one, windows, clock_skew=clock_skew, free_rate=free_rate)
+            for _, one in sorted(frames.items())
+            if one.cycle_s > 0 and len(one.t_s) >= _LEAST_STAMPS
+        ]
     )
 
 

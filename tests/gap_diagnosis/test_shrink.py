@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from structure_cases import ROBOT, WIRE, analysis_of
 
+from gap_diagnosis.bus import bus_block
 from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.how_far import shrink
@@ -62,6 +63,35 @@ def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None
     assert {step.effect for step in fall.steps} == both
     assert min(step.reduction for step in fall.steps) > 0
     assert fall.after == pytest.approx(gap.after)
+
+
+def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> None:
+    wrong = (
+        EffectSetting("clock_skew", (("skew", 5e-4),)),
+        EffectSetting("frame_jitter", (("sigma", 5e-4), ("frame", "IMU"))),
+    )
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("calibration"), effects=()), wrong, 3,
+        reference=ReferenceNoise(), duration_s=60.0,
+    )  # fmt: skip
+    motion, bus = analysis_of(log), bus_block(log, ROBOT, WIRE)
+    assert bus is not None
+    analysis = replace(motion, blocks=(*motion.blocks, bus))
+    both = frozenset({"clock_skew", "frame_jitter"})
+    shrunk = shrink(analysis, both, "bus", ROBOT, WIRE, None)
+    gap, fall = shrunk.gap, shrunk.waterfall
+    assert gap is not None
+    assert gap.metric == "timing_s"
+    assert gap.after is not None
+    assert fall is not None
+    steps = {step.effect: step.reduction for step in fall.steps}
+    assert steps.keys() == both
+    assert steps["clock_skew"] == pytest.approx(gap.before - gap.after)
+    assert steps["clock_skew"] > 0.5 * gap.before
+    assert steps["frame_jitter"] == 0.0, "it spreads stamps and leaves their beat"
+    alone = shrink(analysis, frozenset({"frame_jitter"}), "bus", ROBOT, WIRE, None).waterfall
+    assert alone is not None
+    assert alone.before == alone.after
 
 
 def test_what_is_held_out_of_a_drive_leaves_no_trace_in_its_values() -> None:
