@@ -165,6 +165,7 @@ def diagnose_recordings(
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),
         ),
+        contradicting=tuple(one.parameter for one in split),
         logs=tuple(log_facts(one.recording, robot) for one in analyses),
         inputs=tuple(inputs),
         version=version("chiplog"),

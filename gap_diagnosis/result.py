@@ -68,6 +68,11 @@ class Diagnosis(Part):
     notes: tuple[str, ...] = Field(
         default=(), description="what this data cannot tell, and what was odd about it"
     )
+    contradicting: tuple[str, ...] = Field(
+        default=(),
+        description="parameters that logs given together know differently: verdict and "
+        "probabilities are those of one robot, which these logs are hardly of",
+    )
     logs: tuple[LogFacts, ...] = ()
     inputs: tuple[InputFile, ...] = ()
     version: str = Field(description="version of Chiplog")

@@ -60,15 +60,34 @@ def probability(value: float) -> str:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """Return verdict, probability and gap before and after in one line."""
+    """Return verdict, probability and gap before and after in one line.
+
+    Of logs that contradict each other that comes first: the verdict is of one robot.
+    """
     name = group_name(diagnosis.group)
     line = f"{name} ({probability(diagnosis.which[0].group_probability)})"
+    if diagnosis.contradicting:
+        line = f"the logs contradict each other; as of one robot {line}"
     gap = diagnosis.gap
     return line if gap is None else f"{line}: gap {gap_arrow(gap)}"
 
 
 def verdict(diagnosis: Diagnosis) -> list[Words]:
-    """Return the verdict as a sentence; it names the group, never its first member alone."""
+    """Return the verdict as a sentence; it names the group, never its first member alone.
+
+    Of logs that contradict each other that comes first.
+    """
+    said = _verdict(diagnosis)
+    if not diagnosis.contradicting:
+        return said
+    return [
+        Words("The logs contradict each other", strong=True),
+        Words(" (the notes say in what): diagnose them one by one. Were they of one robot: "),
+        *said,
+    ]
+
+
+def _verdict(diagnosis: Diagnosis) -> list[Words]:
     best = diagnosis.which[0]
     chance = Words(probability(best.group_probability), strong=True)
     if best.effects == (NO_GAP,) and not best.ambiguous_with:
@@ -121,6 +140,19 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
         low, high = (100 * bound for bound in gap.ci95)
         interval = f" (95 %: {low:.0f} to {high:.0f} %)"
     return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
+
+
+def waterfall_sentence(diagnosis: Diagnosis) -> str:
+    """Return what each of several effects takes off the gap; nothing of one: all of it."""
+    fall = diagnosis.waterfall
+    if fall is None or len(fall.steps) < 2:
+        return ""
+    steps = (
+        f"{one.effect} {q.MINUS if one.reduction >= 0 else '+'}"
+        f"{quantity(abs(one.reduction), fall.unit)}"
+        for one in fall.steps
+    )
+    return f"Of that, switched on: {', '.join(steps)}."
 
 
 def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:

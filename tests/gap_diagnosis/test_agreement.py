@@ -6,14 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 from fake_blocks import FakeBlock, analysis, ranked
+from structure_cases import ROBOT, WIRE
 from test_answer import LOG, entry, normal
 
 from gap_diagnosis.agreement import contradiction, disagreements
 from gap_diagnosis.answer import candidates, estimates_by_log
+from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.result_parts import NumberEstimate
-from hil_harness.effects import catalogue
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting, catalogue
+from hil_harness.scenarios import scenario
 
 PRIOR = default_prior()
 KEY = "radius_mismatch.mismatch"
@@ -89,3 +93,21 @@ def test_where_the_cause_is_not_listed_that_may_be_why() -> None:
     )
     (sentence,) = contradiction(found, ["a.log", "b.log"], catalogue(), is_unknown=True)
     assert "a cause that is not listed" in sentence
+
+
+def test_a_diagnosis_of_two_robots_lists_what_they_contradict_each_other_in() -> None:
+    """A note said so, under a verdict of a name or an unlisted cause with certainty."""
+    drive = replace(scenario("calibration"), effects=())
+    logs = [
+        synthetic_recording(
+            ROBOT, WIRE, drive, [EffectSetting("wheelbase_scale", (("scale", scale),))], seed,
+            reference=ReferenceNoise(), duration_s=30.0,
+        )
+        for seed, scale in ((3, 0.05), (4, -0.04))
+    ]  # fmt: skip
+    others = frozenset(catalogue()) - {"wheelbase_scale"}
+    told = diagnose_recordings(logs, ROBOT, WIRE, without=others).diagnosis
+    assert told.contradicting == ("wheelbase_scale.scale",)
+    assert told.notes[0].startswith("The logs contradict each other")
+    again = diagnose_recordings(logs[:1], ROBOT, WIRE, without=others).diagnosis
+    assert again.contradicting == ()
