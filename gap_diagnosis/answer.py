@@ -8,7 +8,7 @@ from typing import Final, cast, get_args
 
 import numpy as np
 
-from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.analysis import Analysis, Reduced
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -109,7 +109,8 @@ def _details(effects: Effects, analysis: Analysis) -> list[Fit]:
     for block in analysis.blocks:
         own = effects & block.effects
         if own:
-            motion = analysis.motion if block is analysis.motion else None
+            whole = block.block if isinstance(block, Reduced) else block
+            motion = analysis.motion if whole is analysis.motion else None
             fits.append(block.fit(own) if motion is None else motion.detail(own))
     return fits
 
