@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -155,16 +156,24 @@ def adc_inl(motion: Motion) -> Iterable[Variant]:
         yield Variant("adc_inl", gyro.adc_inl, ("peak",))
 
 
+_CONTACTS_M_PER_SQRT_M: Final = (0.0, 1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3)
+"""How roughly wheels may roll: no slip at all, then most of the levels' prior in octaves."""
+
+
 def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
-    """Return every bit at both values, where there are codes; wheels may tell which code there
-    should be, or hardly."""
+    """Return every bit at both values, where there are codes; the rougher the wheels roll, the less
+    they tell which code there should be."""
     if not _has_codes(motion):
         return
     for bit in range(int(math.log2(motion.adc_max_code + 1))):
         for value in (0, 1):
             choice = {"bit": bit, "value": value}
-            for act in (gyro.adc_stuck_bit, gyro.blurred_stuck_bit):
-                yield Variant("adc_stuck_bit", act, (), choice, choice)
+            for contact in _CONTACTS_M_PER_SQRT_M:
+                known = {"bit": bit, "value": value, "contact_m_per_sqrt_m": contact}
+                jumps = partial(
+                    gyro.jumps_of_stuck_bit, bit=bit, value=value, contact_m_per_sqrt_m=contact
+                )
+                yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), known, choice, jumps=jumps)
 
 
 _FROZEN_TICKS: Final = 20

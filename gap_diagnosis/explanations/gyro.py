@@ -1,14 +1,10 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
-import math
-from typing import Final
-
 import numpy as np
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from gap_diagnosis.explanations.reference import (
-    SHARP_S,
     detailed_turn_rate,
     seen,
     turn_rate_with_details,
@@ -16,9 +12,6 @@ from gap_diagnosis.explanations.reference import (
 )
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
-
-_CONTACT_M_PER_SQRT_M: Final = 5e-4
-"""As levels of noise have it before a log is seen."""
 
 
 def gyro_lag(p: Prediction, *, time_constant: float) -> None:
@@ -182,24 +175,31 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + bend / m.gyro_sensitivity_lsb_per_rad_s
 
 
-def adc_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
-    """Hold one bit of the code: what that adds on average over the noise of a sample."""
-    _hold(p, bit, value, np.full(len(p.gyro_rad_s), p.motion.gyro_noise_lsb))
-
-
-def blurred_stuck_bit(p: Prediction, *, bit: int, value: int) -> None:
-    """Hold one bit of a code that nobody knows so well where wheels slip a little."""
-    m = p.motion
-    unsure_lsb = m.gyro_sensitivity_lsb_per_rad_s * _unsure_rad_s(m)
-    _hold(p, bit, value, np.hypot(m.gyro_noise_lsb, unsure_lsb))
-
-
-def _hold(p: Prediction, bit: int, value: int, noise_lsb: Floats) -> None:
+def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> None:
+    """Hold one bit of the code: what that adds on average over what the wheels do not tell of it,
+    the noise of a sample and the rate that their contact leaves to chance."""
     m = p.motion
     code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
-    chance = chance_of_bit(np.clip(code, 0, m.adc_max_code), noise_lsb, bit)
+    chance = _chance_held(m, code, bit, contact_m_per_sqrt_m)
     added = (1 << bit) * ((1.0 - chance) if value else -chance)
     p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
+
+
+def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> Floats:
+    """Return by how much a tick's turn varies as a held bit comes and goes, rad², float64[n].
+
+    Whether it is held set or clear, it is there or not.
+    """
+    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * m.turn_rate_rad_s
+    chance = _chance_held(m, code, bit, contact_m_per_sqrt_m)
+    turn_rad = (1 << bit) / m.gyro_sensitivity_lsb_per_rad_s * m.tick_s
+    return np.asarray(turn_rad**2 * chance * (1.0 - chance))
+
+
+def _chance_held(m: Motion, code: Floats, bit: int, contact_m_per_sqrt_m: float) -> Floats:
+    rolled_lsb = m.gyro_sensitivity_lsb_per_rad_s * contact_m_per_sqrt_m * _per_contact_rad_s(m)
+    noise_lsb = np.hypot(m.gyro_noise_lsb, rolled_lsb)
+    return chance_of_bit(np.clip(code, 0, m.adc_max_code), noise_lsb, bit)
 
 
 def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
@@ -218,15 +218,14 @@ def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
     return np.where(noise_lsb >= period, 0.5, chance)
 
 
-def _unsure_rad_s(motion: Motion) -> Floats:
-    """Return the standard deviation of the turn rate by the wheels, float64[n].
+def _per_contact_rad_s(motion: Motion) -> Floats:
+    """Return the standard deviation of a tick's mean turn rate beyond what the wheels say, for
+    contact noise of 1 m/sqrt(m), float64[n].
 
-    Their contact is a random walk over the way, of which the rate shows what a smooth derivative
-    lets through.
+    Their contact is a random walk over the way, of which a reference sees none in a tick.
     """
     way_m_s = motion.radius_m * (np.abs(motion.left_rate_rad_s) + np.abs(motion.right_rate_rad_s))
-    walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * way_m_s / motion.wheelbase_m**2
-    return np.asarray(np.sqrt(walk_rad2_per_s / (2.0 * math.sqrt(math.pi) * SHARP_S)))
+    return np.asarray(np.sqrt(way_m_s / motion.tick_s) / motion.wheelbase_m)
 
 
 def gyro_frozen(p: Prediction, *, start_s: float, stop_s: float) -> None:

@@ -48,6 +48,8 @@ class Variant:
         unsure: of what puts a guess in the place of counts that were not there, by how much the
             guess may be off, counts² per tick of the left and the right wheel, float64[n] each:
             nothing that is said beside it may lean on the guess.
+        jumps: of what makes codes jump, by how much a tick's turn by the gyro varies by chance
+            beyond its noise, rad², float64[n].
         little: how small amounts act, where a share of a large one would look otherwise.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
@@ -64,6 +66,7 @@ class Variant:
     polar_turn: Callable[[Any, Any], tuple[Any, Any]] = lambda a, b: (a, b)
     is_positive: bool = False
     stage_rank: int = 3
+    jumps: Callable[[Motion], Floats] | None = None
     little: Action | None = None
     large: Action | None = None
     unbent: Callable[[float], float] | None = None

@@ -340,6 +340,8 @@ class MotionModel:
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0])
                 course = course.scattered(self.nodes, *variances)
+            if term.variant.jumps is not None:
+                course = course.jumping(self.nodes, term.variant.jumps(self.nodes.motion))
             if term.variant.unsure is not None and not leans:
                 course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course

@@ -88,6 +88,12 @@ class Course:
             right_scatter_m2=self.right_scatter_m2 + np.diff(right_m2, prepend=right_m2[0]),
         )
 
+    def jumping(self, nodes: Nodes, turn_rad2: Floats) -> Course:
+        """Return the course whose gyro varies by chance too, by rad² per tick, float64[n]."""
+        summed = nodes.mean(np.cumsum(turn_rad2))
+        more = np.diff(summed, prepend=0.0)
+        return replace(self, gyro_unsure_rad2=self.gyro_unsure_rad2 + more)
+
 
 def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     """Return the motion between the blocks' middles; *noise_ticks* is the described jitter."""

@@ -9,6 +9,7 @@ from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -44,3 +45,29 @@ def test_what_a_gyro_may_be_off_by_is_no_companion_of_a_stuck_bit(value: int) ->
     for effect in sorted(COMPANIONS):
         both = block.fit(frozenset({"adc_stuck_bit", effect})).log_evidence
         assert both < alone + 1.0, effect
+
+
+def test_wheels_that_roll_roughly_do_not_tell_which_code_a_held_bit_hides() -> None:
+    """A tick's rate varies by the contact's noise of that tick: by 90 codes here, not by a few."""
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        replace(scenario("calibration"), seed=3),
+        [EffectSetting("adc_stuck_bit", (("bit", 8), ("value", 1)))],
+        5,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=1e-3,
+        duration_s=40.0,
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    held = [one for one in model.columns.terms if one.variant.effect == "adc_stuck_bit"]
+    levels = model.no_effect_levels
+    fits = {
+        term.variant.fixed["contact_m_per_sqrt_m"]: model.refit([term], levels) for term in held
+    }
+    best = max(fits, key=lambda contact: fits[contact].log_evidence)
+    assert best == 1e-3
+    assert fits[best].log_evidence > fits[0.0].log_evidence + 50.0
+    # With that, jumps are noise of their own: a held bit makes no noisy gyro.
+    noise = LEVELS.index("gyro_noise_rad_per_sqrt_s")
+    assert fits[best].levels[noise] < 0.7 * fits[0.0].levels[noise]
