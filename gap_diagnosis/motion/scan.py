@@ -19,6 +19,7 @@ from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
+from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
 
 _LEVELS_TRIED: Final = 3
@@ -60,6 +61,7 @@ class Scan(Accounts):
         self._bending = frozenset({"encoder_dead"} if self._is_dead_for_long() else ())
         self._weighed: set[Effects] = set()
         self._surrounded: set[Effects] = set()
+        self._windowed: set[Effects] = set()
         self._search(progress)
 
     def _is_dead_for_long(self) -> bool:
@@ -94,6 +96,7 @@ class Scan(Accounts):
         for done, one in enumerate(self._to_refit()):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+        self._moved_windows(max(self._fitted(), key=self._belief))
         self._sought_beside(max(self._fitted(), key=self._belief))
         self._settle()
         self.dispersion = self._dispersion()
@@ -107,10 +110,39 @@ class Scan(Accounts):
         for _ in range(_REFITTED):
             head = max(self.found.values(), key=self._belief)
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
+            if not unfitted and self._moved_windows(head):
+                continue
             if not unfitted and not self._doubted(head) and not self._sought_beside(head):
                 break
             for one in unfitted:
                 self._refit(one)
+
+    def _moved_windows(self, head: Found) -> bool:
+        """Seek the windows of a fitted set again, once, about its fit and at its noise levels; tell
+        whether one was better elsewhere.
+
+        One tick beside where an effect begins its whole rate is missing, or too much: noise that
+        another effect can take up.
+        """
+        if head.refitted is None or head.effects in self._windowed:
+            return False
+        self._windowed.add(head.effects)
+        terms, fit = list(head.terms), head.refitted
+        for place, term in enumerate(head.terms):
+            if has_window(term):
+                edged = best_edges(self.model, terms, place, fit.coefficients, fit.levels)
+                self.spans[term.variant.effect] = edged.spans
+                terms[place] = edged.term
+        if all(one is other for one, other in zip(terms, head.terms, strict=True)):
+            return False
+        others = head.log_evidence - fit.log_evidence
+        self._fit(tuple(terms), head.levels, fit.coefficients, others)
+        moved = self.found[head.effects]
+        if moved is head or moved.refitted is None:
+            return False
+        self._fit_parts(moved, moved.refitted)
+        self._surrounded.discard(head.effects)
+        return True
 
     def _dispersion(self) -> float:
         """Return by how much the log scatters about its best account.
@@ -135,12 +167,7 @@ class Scan(Accounts):
         if fit is None or not is_clear or is_guess or head.effects in self._surrounded:
             return False
         self._surrounded.add(head.effects)
-        others = head.log_evidence - fit.log_evidence
-        for effect in sorted(head.effects) if len(head.effects) > 1 else ():
-            kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
-            terms = tuple(head.terms[place] for place in kept)
-            start = tuple(fit.coefficients[place] for place in kept)
-            self._fit(terms, head.levels, start, others + math.log(self._choices(effect)))
+        self._fit_parts(head, fit)
         if len(head.effects) + 1 < len(self.model.prior.effects):
             self._seek_beside(head, fit)
             for effect in sorted(head.effects):
@@ -148,6 +175,15 @@ class Scan(Accounts):
                 if less is not None and less.effects and less.refitted is not None:
                     self._seek_beside(less, less.refitted, instead_of=effect)
         return max(self.found.values(), key=self._belief).effects != head.effects
+
+    def _fit_parts(self, head: Found, fit: Refitted) -> None:
+        """Fit a set without each of its effects, from where the set's own fit ended."""
+        others = head.log_evidence - fit.log_evidence
+        for effect in sorted(head.effects) if len(head.effects) > 1 else ():
+            kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
+            terms = tuple(head.terms[place] for place in kept)
+            start = tuple(fit.coefficients[place] for place in kept)
+            self._fit(terms, head.levels, start, others + math.log(self._choices(effect)))
 
     def _seek_beside(self, one: Found, fit: Refitted, instead_of: str = "") -> None:
         """Fit the few effects that gain beside a set what is worth believing, or about as much as

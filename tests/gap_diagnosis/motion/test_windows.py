@@ -9,6 +9,7 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -58,3 +59,17 @@ def test_where_a_wheel_stands_each_moment_of_it_may_be_the_end() -> None:
     term = nearest(model, 4.0, 24.0)
     span_s = best_edges(model, (term,), 0, ((RATIO,),), model.level_prior.median).spans["start_s"]
     assert abs(span_s / (8.0 / math.sqrt(12.0)) - 1.0) < 0.1
+
+
+def test_a_window_is_sought_again_where_its_effect_is_fitted() -> None:
+    """At the levels of noise that it was first sought at, it ended two ticks late: 15 nats, and as
+    much noise as a tick of a quarter of a wheel's way makes, for another effect to take up."""
+    stop_s = 31.81
+    window = (("start_s", 21.59), ("stop_s", stop_s))
+    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.25), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), [slip], 7, reference=ReferenceNoise(), duration_s=40.0
+    )
+    scan = Scan(MotionModel(recording, ROBOT, default_prior()))
+    (term,) = scan.account(frozenset({"one_sided_slip"})).terms
+    assert abs(term.variant.fixed["stop_s"] - stop_s) < recording.tick_s
