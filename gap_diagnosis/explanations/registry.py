@@ -166,6 +166,7 @@ _ALL: Final = (
         gyro.gyro_asymmetry,
         "asymmetry",
         exact=gyro.exact_gyro_asymmetry,
+        rectifies=True,
     ),
     _plain("gyro_scale", "gyro", gyro.gyro_scale, "scale", exact=gyro.exact_gyro_scale),
     _plain(

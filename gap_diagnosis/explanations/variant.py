@@ -51,6 +51,8 @@ class Variant:
         jumps: of what makes codes jump, by how much a tick's turn by the gyro varies by chance
             beyond its noise, rad², float64[n].
         little: how small amounts act, where a share of a large one would look otherwise.
+        rectifies: its exact action makes noise of the contact positive, and takes the contact's
+            level as `contact_m_per_sqrt_m`.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
     """
@@ -74,6 +76,7 @@ class Variant:
     log_share: float = 0.0
     scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None
     unsure: Callable[[Motion], tuple[Floats, Floats]] | None = None
+    rectifies: bool = False
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""
@@ -84,6 +87,13 @@ class Variant:
     def in_detail(self) -> Variant:
         """The same, acting in every detail."""
         return self if self.exact is None else replace(self, act=self.exact)
+
+    def in_noise(self, contact_m_per_sqrt_m: float) -> Variant:
+        """Return the same, acting in every detail, with so much noise of the contact."""
+        if not self.rectifies:
+            return self.in_detail
+        fixed = {**self.fixed, "contact_m_per_sqrt_m": contact_m_per_sqrt_m}
+        return replace(self.in_detail, fixed=fixed)
 
     def parameters(self, draws: Any) -> dict[str, Any]:
         """Return the catalogue's parameters for coefficients *draws*, float64[..., k]."""

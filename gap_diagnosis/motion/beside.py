@@ -45,7 +45,7 @@ def gains_beside(
     more: Mapping[str, Sequence[Term]],
 ) -> dict[str, Beside]:
     """Return what each effect of *more* gains beside a fit, at its noise levels."""
-    values, nuisances, tangent = model.linearised(terms, fit.coefficients)
+    values, nuisances, tangent = model.linearised(terms, fit.coefficients, fit.levels)
     smooth = model.nodes.smooth
     settings = [(t.variant, c) for t, c in zip(terms, fit.coefficients, strict=True)]
     there = residuals(model.nodes, predict(smooth, settings))

@@ -291,7 +291,7 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
     "reference_lever_arm": MOVES_IN_TIME | {"reference_scale"},
     "lateral_slip": MOVES_IN_TIME | _OF_WHEELS,
     "encoder_eccentricity": _OF_WHEELS | {"gyro_lag", "gyro_scale"},
-    "gyro_lag": _OF_WHEELS | _OF_GYRO,
+    **dict.fromkeys(("gyro_asymmetry", "gyro_lag"), _OF_WHEELS | _OF_GYRO),
     **dict.fromkeys(("adc_stuck_bit", "gyro_saturation"), _OF_CODES),
     **dict.fromkeys(("grade_slip", "one_sided_slip", "turn_scrub"), _OF_WHEELS),
 }

@@ -42,7 +42,7 @@ def dispersion(
     pulls at pattern j by s_ij, and E[s_i s_i'] = H_i - H_i H_i with the patterns' inner products
     H_i, which add up to the unit matrix.
     """
-    values, _, _ = model.linearised(terms, coefficients)
+    values, _, _ = model.linearised(terms, coefficients, levels)
     course = model.scattered(terms, coefficients)
     about, _ = whiten(values, course, levels, model.nodes.ticks)
     library, _ = whiten(model.columns.values, course, levels, model.nodes.ticks)

@@ -120,7 +120,9 @@ class Bends:
     ) -> None:
         self._model, self._terms, self._fit = model, tuple(terms), fit
         self._dispersion = dispersion
-        values, self._nuisances, self._tangent = model.linearised(terms, fit.coefficients)
+        values, self._nuisances, self._tangent = model.linearised(
+            terms, fit.coefficients, fit.levels
+        )
         self._course: Course = model.scattered(terms, fit.coefficients, leans=fit.leans)
         white, log_variance = whiten(values, self._course, fit.levels, model.nodes.ticks)
         lines = [place + 1 for term in self._tangent for one in term.weights for place, _ in one]

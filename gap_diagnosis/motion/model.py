@@ -28,7 +28,7 @@ from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import starts
-from gap_diagnosis.motion.whitening import Course, course_of, whiten
+from gap_diagnosis.motion.whitening import CONTACT, Course, course_of, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.effects.model import Effect
@@ -250,7 +250,7 @@ class MotionModel:
                 gained = max(gained, climbed if free_levels else 0.0)
                 if gained < _STILL:
                     break
-            values, nuisances, tangent = self.linearised(terms, coefficients)
+            values, nuisances, tangent = self.linearised(terms, coefficients, levels)
             course = self.scattered(terms, coefficients, leans=leans)
             if step > 0 and gained >= _STILL:
                 levels, gained = self._better_levels(values, nuisances, tangent, levels, course)
@@ -274,7 +274,7 @@ class MotionModel:
     ) -> tuple[Floats, Floats, Floats, dict[str, list[int]]]:
         """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
         inverse variances float64[c] beforehand, and which of them are each effect's."""
-        values, nuisances, tangent = self.linearised(terms, fit.coefficients)
+        values, nuisances, tangent = self.linearised(terms, fit.coefficients, fit.levels)
         course = self.scattered(terms, fit.coefficients, leans=fit.leans)
         white, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
@@ -316,7 +316,7 @@ class MotionModel:
         leans: bool,
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
-        change = self._exact_change(terms, coefficients)
+        change = self._exact_change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [self.columns.values[..., 0] + change]
@@ -373,12 +373,16 @@ class MotionModel:
         return columns
 
     def _exact_change(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> Floats | float:
         """Return what effects change of the residuals, in every detail, float64[4, m]."""
         if not terms:
             return 0.0
-        settings = [(t.variant.in_detail, c) for t, c in zip(terms, coefficients, strict=True)]
+        contact = float(levels[CONTACT])
+        settings = [
+            (term.variant.in_noise(contact), sizes)
+            for term, sizes in zip(terms, coefficients, strict=True)
+        ]
         return residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
 
     @cached_property
@@ -405,9 +409,10 @@ class MotionModel:
         return found, height(found) - height(start)
 
     def linearised(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]]
+        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> tuple[Floats, list[tuple[int, float]], list[Term]]:
-        """Return columns about these coefficients: data, free tolerances, tangents of the terms.
+        """Return columns about these coefficients, at these levels of noise: data, free tolerances,
+        tangents of the terms.
 
         Tangents are smooth and the data exact: where a step ends, what is left of the data goes
         along with no tangent, and noise that the data share with an exact tangent has no say (the
@@ -416,7 +421,7 @@ class MotionModel:
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
-        here = self.columns.values[..., 0] + self._exact_change(terms, coefficients)
+        here = self.columns.values[..., 0] + self._exact_change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [here, *self._free_about(free, terms, coefficients)]

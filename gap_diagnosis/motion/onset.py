@@ -48,6 +48,7 @@ def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
         variant,
         act=_between(variant),
         exact=None if variant.exact is None else _between(variant.in_detail),
+        rectifies=False,
         fixed=window,
         report={**variant.report, **window},
     )

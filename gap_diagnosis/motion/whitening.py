@@ -37,6 +37,7 @@ LEVELS: Final = (
     "reference_slow_s",
 )
 """Levels of noise, in the order of a vector of levels."""
+CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 
 _LEAST_TURN_RAD: Final = 1e-6
 QUANTUM_S: Final = 0.5

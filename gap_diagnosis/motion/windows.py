@@ -21,7 +21,7 @@ from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import scales_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
-from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.motion.whitening import CONTACT, whiten
 from gap_diagnosis.recording import Floats
 
 SHORTEST_S: Final = 0.5
@@ -184,7 +184,7 @@ class _Grid:
             if term is not terms[place]
         ]
         self._course = model.scattered(terms, coefficients, leans=leans)
-        values, nuisances, tangent = model.linearised(terms, coefficients)
+        values, nuisances, tangent = model.linearised(terms, coefficients, levels)
         free = list(nuisances)
         for term in tangent:
             if term.variant is not self._variant:
@@ -214,7 +214,8 @@ class _Grid:
         """
         nodes = self._model.nodes
         columns = []
-        exactly = [(variant.in_detail, sizes) for variant, sizes in self._others]
+        contact = float(self._levels[CONTACT])
+        exactly = [(variant.in_noise(contact), sizes) for variant, sizes in self._others]
         for motion, others, own in (
             (nodes.smooth, self._others, self._variant),
             (nodes.sharp, exactly, self._variant.in_detail),

@@ -75,7 +75,7 @@ def likelihoods(names: Sequence[str], sizes: Floats) -> tuple[Floats, Floats]:
     """Return log likelihoods of sizes float64[n, k] as effects act and along the lines about the
     fit, tolerances marginalised."""
     terms, fit = fitted(*names)
-    values, nuisances, _ = MODEL.linearised(terms, fit.coefficients)
+    values, nuisances, _ = MODEL.linearised(terms, fit.coefficients, fit.levels)
     known = values[..., 1 : len(nuisances) + 1]
     lines = values[..., len(nuisances) + 1 :]
     best = np.array([one for (one,) in fit.coefficients])

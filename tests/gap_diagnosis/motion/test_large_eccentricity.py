@@ -52,7 +52,7 @@ def of_lag(model: MotionModel, eccentricity: float) -> Floats:
     own = {index for weight in term.weights for index, _ in weight}
     free = [index for index, _ in model.columns.nuisances if index not in own]
     place = next(at for at, one in enumerate(free) if model.columns.little[one][0].effect == LAG)
-    columns, _, _ = model.linearised([term], [tuple(sizes)])
+    columns, _, _ = model.linearised([term], [tuple(sizes)], model.level_prior.median)
     return np.asarray(columns[3, :, 1 + place])
 
 
