@@ -44,10 +44,13 @@ PARAMETERS = [
 # Of the motion part: what keeps the counts going on where the encoder changes in a run.
 MOTION_STATE = [("left_offset_ticks", "f8"), ("right_offset_ticks", "f8")]
 
-# Without noise: cumulative ticks, the lesson's whole-tick increment, and whether a count is held.
+# Without noise: cumulative ticks, how far each encoder turned in the tick [ticks], the lesson's
+# whole-tick increment, and whether a count is held.
 SAMPLE = [
     ("left_ticks", "f8"),
     ("right_ticks", "f8"),
+    ("left_turned_ticks", "f8"),
+    ("right_turned_ticks", "f8"),
     ("left_increment", "f8"),
     ("right_increment", "f8"),
     ("left_dead", "i8"),
@@ -161,6 +164,8 @@ def observe_encoders(p: Any, s: Any, out: Any, time_s: float) -> None:
         )
     out.left_ticks = left_ticks + s.left_offset_ticks
     out.right_ticks = right_ticks + s.right_offset_ticks
+    out.left_turned_ticks = s.motor_step_left_rad * p.ticks_per_rad
+    out.right_turned_ticks = s.motor_step_right_rad * p.ticks_per_rad
     out.left_increment = np.rint(left_step_rad * p.ticks_per_rad)
     out.right_increment = np.rint(right_step_rad * p.ticks_per_rad)
     out.left_dead = time_s >= p.dead_left_s
@@ -217,14 +222,18 @@ def poisson(mean: float, normal: float) -> float:
 def stray_ticks(
     p: Any,
     step_ticks: float,
+    turned_ticks: float,
     probability: float,
     rate_per_s: float,
     missed_normal: float,
     extra_normal: float,
 ) -> float:
-    """Return the counts that one tick has too many: spurious ones less missed ones."""
+    """Return the counts that one tick has too many: spurious ones less missed ones.
+
+    Of the whole steps in a tick some are missed, but a wheel's speed is not rounded to any.
+    """
     stray = 0.0
-    if probability != 0.0 and abs(step_ticks) > p.missed_step_ticks:
+    if probability != 0.0 and abs(turned_ticks) > p.missed_step_ticks:
         missed = binomial(abs(step_ticks), probability, missed_normal)
         stray -= math.copysign(missed, step_ticks)
     if rate_per_s != 0.0:
@@ -251,6 +260,7 @@ def read_encoders(p: Any, s: Any, m: Any, n: Any, moved: bool) -> None:
         s.left_stray_ticks += stray_ticks(
             p,
             left_ticks - s.left_last_ticks,
+            m.left_turned_ticks,
             p.missed_left,
             p.extra_left_per_s,
             n.missed_left,
@@ -259,6 +269,7 @@ def read_encoders(p: Any, s: Any, m: Any, n: Any, moved: bool) -> None:
         s.right_stray_ticks += stray_ticks(
             p,
             right_ticks - s.right_last_ticks,
+            m.right_turned_ticks,
             p.missed_right,
             p.extra_right_per_s,
             n.missed_right,

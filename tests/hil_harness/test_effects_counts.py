@@ -35,6 +35,16 @@ def test_ticks_are_missed_above_the_threshold_only_and_backwards_too() -> None:
     assert back.counted_m == pytest.approx(-0.9 * back.path_m, rel=0.01)
 
 
+def test_a_wheel_is_as_fast_as_it_turns_and_not_by_whole_counts_in_a_tick() -> None:
+    """A count in a tick is 0.3 rad/s: a wheel 0.03 rad/s below the threshold lost counts in each
+    tick that had one more than the mean."""
+    slower, faster = 0.497, 0.503
+    texts = ["missed_ticks.probability=0.1", f"missed_ticks.threshold={0.5 / RADIUS_M}"]
+    slow, fast = (run(*texts, v=v, seconds=20) for v in (slower, faster))
+    assert slow.counted_m == pytest.approx(slow.path_m, abs=2 * TICK_M)
+    assert fast.counted_m == pytest.approx(0.9 * fast.path_m, rel=0.01)
+
+
 @pytest.mark.parametrize("rate", [5.0, -30.0, 2000.0])
 def test_extra_ticks_come_at_their_rate_at_rest_too(rate: float) -> None:
     seen = run(f"extra_ticks.rate={rate}", "extra_ticks.side=right", v=0.0, seconds=100)
