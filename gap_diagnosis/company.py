@@ -28,18 +28,15 @@ class Company:
         self._guesses = {stage: one for stage, one in guesses.items() if stage in OWN_BLOCK}
         self._seen: dict[str, Effects] = {}
         self._elsewhere: dict[str, Effects] = {}
-        self._gains: dict[str, dict[str, float]] = {}
+        self._logs = logs
+        self._rest: dict[str, Sequence[Sequence[Block]]] = {}
         for stage in self._guesses:
             block = OWN_BLOCK[stage]
             own = [[one for one in blocks if one.name == block] for blocks in logs]
             rest = [[one for one in blocks if one.name != block] for blocks in logs]
             self._seen[stage] = _effects_of(own)
             self._elsewhere[stage] = _effects_of(rest)
-            self._gains[stage] = {
-                effect: total_of(logs, frozenset({effect}))[0]
-                - total_of(rest, frozenset({effect}))[0]
-                for effect in self._seen[stage] & self._elsewhere[stage]
-            }
+            self._rest[stage] = rest
 
     def of(self, effects: Effects, but: str = "") -> float:
         """Return what they add to the evidence of a set, of all stages but one."""
@@ -61,7 +58,12 @@ class Company:
         own = effects & self._seen[stage]
         if not own <= self._elsewhere[stage]:
             return -math.inf
-        return self._guesses[stage] - math.fsum(self._gains[stage][one] for one in own)
+        guess = self._guesses[stage]
+        if not own:
+            return guess
+        # In the set, not each by itself: a block may deny one effect alone that another makes room
+        # for, and what the set says of this block then counts already.
+        return guess - (total_of(self._logs, effects)[0] - total_of(self._rest[stage], effects)[0])
 
 
 def _effects_of(logs: Sequence[Sequence[Block]]) -> Effects:
