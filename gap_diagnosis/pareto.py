@@ -49,9 +49,10 @@ def smoothed(log_weight: Floats) -> tuple[Floats, float]:
         return log_weight, 0.0
     shape, scale = _generalised_pareto(np.maximum(excess, np.finfo(np.float64).tiny))
     middle = (np.arange(tail) + 0.5) / tail
-    stretched = -np.log1p(-middle) if shape == 0 else np.expm1(-shape * np.log1p(-middle)) / shape
+    with np.errstate(over="ignore"):  # of the heaviest tails: none is above the largest drawn
+        long = np.expm1(-shape * np.log1p(-middle)) / shape if shape else -np.log1p(-middle)
     smooth = log_weight.copy()
-    smooth[largest] = top + np.minimum(np.log(cutoff + scale * stretched), 0.0)
+    smooth[largest] = top + np.minimum(np.log(cutoff + scale * long), 0.0)
     return smooth, shape
 
 

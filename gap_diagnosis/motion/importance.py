@@ -32,8 +32,8 @@ from gap_diagnosis.recording import Floats
 
 MANY: Final = 3
 """So many sizes are drawn; of fewer a quadrature has its nodes all over them."""
-_NODES: Final = {1: 7, 2: 5}
-"""Nodes along each size, by how many sizes there are."""
+_NODES: Final = {1: (7, 21), 2: (5, 13)}
+"""Nodes along each size, by how many sizes there are: of straight lines, and where effects bend."""
 _MOST_OF_AN_EDGE: Final = 0.1
 """Where the outermost nodes have more of the sum than that, it goes on beyond them."""
 _FEW: Final = 24
@@ -154,7 +154,10 @@ class Bends:
             return straight
         if self.sizes < MANY:
             return replace(straight, log_evidence=straight.log_evidence + self._by_quadrature())
-        drawn = self.drawn(_DRAWS)
+        few = self._along[:_FEW]
+        drawn = Drawn(few, self.log_weights(few), np.zeros(len(few)))
+        if drawn.gained[1] > 0.5 * _ERROR:
+            drawn = self.drawn(_DRAWS)
         if drawn.is_trusted and drawn.gained[1] > _ERROR:
             drawn = self.drawn(_MOST_DRAWS)
         if not drawn.is_trusted:
@@ -166,9 +169,8 @@ class Bends:
     def drawn(self, count: int) -> Drawn:
         """Return draws, always the same; weighed, *count* of them, where the effects bend."""
         terms = [term for term in self._terms if not term.is_fixed]
-        along = draw(self.scored, terms, np.random.default_rng(0))
-        if np.ptp(self.log_weights(along[:_FEW])) < _STRAIGHT:
-            return Drawn(along)
+        if np.ptp(self.log_weights(self._along[:_FEW])) < _STRAIGHT:
+            return Drawn(self._along)
         wide = replace(self.scored, covariances=self.scored.covariances * _WIDER)
         rng = np.random.default_rng(0)
         halves = (_anywhere(one, count // 2, rng) for one in (self.scored, wide))
@@ -178,6 +180,12 @@ class Bends:
         shares[~is_news(sizes, terms)] = -np.inf
         weights, pareto_k = smoothed(shares + self.log_weights(sizes))
         return Drawn(sizes, weights, shares, pareto_k)
+
+    @cached_property
+    def _along(self) -> Floats:
+        """Draws from the posterior along the lines, float64[4000, k]."""
+        terms = [term for term in self._terms if not term.is_fixed]
+        return draw(self.scored, terms, np.random.default_rng(0))
 
     def log_weights(self, sizes: Floats) -> Floats:
         """Return log likelihoods of sizes float64[n, k] as the effects act, less those along the
@@ -189,13 +197,20 @@ class Bends:
 
     def _by_quadrature(self) -> float:
         """Return the logarithm of the mean weight of one size or two; 0 where it is not told."""
+        few, many = _NODES[self.sizes]
+        gain, differ = self._over_nodes(few)
+        return gain if differ < _STRAIGHT else self._over_nodes(many)[0]
+
+    def _over_nodes(self, count: int) -> tuple[float, float]:
+        """Return the same by so many nodes along each size, and by how much their weights differ
+        [nat]."""
         terms = [term for term in self._terms if not term.is_fixed]
         shares = self.scored.weights / self.scored.weights.sum()
         mean = shares @ self.scored.means
         away = self.scored.means - mean
         spread = np.einsum("s,sij->ij", shares, self.scored.covariances)
         spread += np.einsum("s,si,sj->ij", shares, away, away)
-        axis, weight = hermegauss(_NODES[self.sizes])
+        axis, weight = hermegauss(count)
         nodes = np.array(list(product(axis, repeat=self.sizes)))
         is_edge = np.abs(nodes).max(axis=1) == axis[-1]
         sizes = mean + nodes @ np.linalg.cholesky(spread).T
@@ -203,12 +218,14 @@ class Bends:
         log_shares += _log_density(sizes, self.scored) + 0.5 * (nodes**2).sum(axis=1)
         inside = is_news(sizes, terms)
         if not inside.any():
-            return 0.0
+            return 0.0, 0.0
         log_shares, sizes, is_edge = log_shares[inside], sizes[inside], is_edge[inside]
-        logs = log_shares + self.log_weights(sizes)
+        weights = self.log_weights(sizes)
+        logs = log_shares + weights
         whole = log_sum(logs)
         edge = float(np.exp(logs[is_edge] - whole).sum())
-        return 0.0 if edge > _MOST_OF_AN_EDGE else whole - log_sum(log_shares)
+        gain = 0.0 if edge > _MOST_OF_AN_EDGE else whole - log_sum(log_shares)
+        return gain, float(np.ptp(weights))
 
     def _bent(self, sizes: Floats) -> Iterator[Floats]:
         """Yield what sizes leave of the data as the effects act, whitened, some at a time."""
