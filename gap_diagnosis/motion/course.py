@@ -59,17 +59,22 @@ def _aslant(
     """Return the one angle by which the reference's way lies to the left of its headings [rad], if
     it matters."""
     measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
-    # A tracked point off the wheels' middle goes aslant as well, as the robot turns.
-    swung = np.diff(np.exp(1j * np.interp(stamps, t_s, heading)))
+    at_stamps = np.exp(1j * np.interp(stamps, t_s, heading))
+    # A tracked point off the wheels' middle goes aslant as well, as the robot turns; and a floor
+    # that slopes pulls aslant, but one way in the room however the robot is turned.
+    swung = np.diff(at_stamps)
+    facing = at_stamps[1:]
+    aside = 1j * facing * np.abs(reckoned)
     # Where a reference leaps, a single step would outweigh all others.
     most_m = _LEAP * (np.abs(reckoned) + _LONGEST_ARM_M * np.abs(swung))
     measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
-    both = np.stack([reckoned, swung], axis=1)
-    inner = both.conj().T @ both
-    # On a lasting circle an arm goes as an angle does: there it is none.
-    inner[1, 1] *= 1.0 + _TOLD
-    turn, _ = np.linalg.pinv(inner, hermitian=True) @ (both.conj().T @ measured)
-    angle = float(np.angle(turn))
+    ways = [reckoned, 1j * reckoned, swung, 1j * swung, aside * facing.real, aside * facing.imag]
+    both = np.stack(ways, axis=1)
+    inner = (both.conj().T @ both).real
+    # On a lasting circle an arm goes as an angle does, on a straight a slope: there they are none.
+    inner[np.diag_indices(len(inner))] *= 1.0 + np.repeat([0.0, 1.0, 1.0], 2) * _TOLD**2
+    turn = np.linalg.pinv(inner, hermitian=True) @ (both.conj().T @ measured).real
+    angle = float(np.arctan2(turn[1], turn[0]))
     least, most = _ASLANT
     return angle if least < abs(angle) < most else 0.0
 
