@@ -133,7 +133,7 @@ def windows_of(
     windows = grid.compared()
     for done in range(_ROUNDS):
         peaks = _PEAKS if done < _COARSE else 0
-        between = _between(windows, model.nodes.motion.tick_s, peaks)
+        between = _between(windows, model.nodes.motion.t_s, peaks)
         if len(between) == 0:
             break
         grid.add(between)
@@ -141,7 +141,14 @@ def windows_of(
     return windows
 
 
-def _between(windows: Windows, tick_s: float, most: int) -> Floats:
+def nearest_ticks(ends_s: Floats, t_s: Floats) -> Floats:
+    """Return the ticks that stand for ends of windows [s], each for those from the middle of its
+    own tick to the middle of the next: what they leave in a log is the same."""
+    middles = 0.5 * (t_s[1:] + t_s[:-1])
+    return np.asarray(t_s[np.searchsorted(middles, ends_s)])
+
+
+def _between(windows: Windows, t_s: Floats, most: int) -> Floats:
     """Return ends to be compared as well: about so many peaks at most, and wherever it matters."""
     ends_s = windows.ends_s
     wanted = np.zeros(len(ends_s) - 1, dtype=np.bool_)
@@ -155,8 +162,9 @@ def _between(windows: Windows, tick_s: float, most: int) -> Floats:
         peaks = np.flatnonzero(is_peak)
         for peak in peaks[np.argsort(-profile[peaks])][:most]:
             wanted[max(peak - 1, 0) : peak + 1] = True
-    at = np.flatnonzero(wanted & (np.diff(ends_s) > tick_s))
-    return np.asarray((ends_s[at, None] + np.diff(ends_s)[at, None] * _QUARTERS).ravel())
+    at = np.flatnonzero(wanted)
+    asked_s = nearest_ticks((ends_s[at, None] + np.diff(ends_s)[at, None] * _QUARTERS).ravel(), t_s)
+    return np.setdiff1d(asked_s, ends_s)
 
 
 class _Grid:
@@ -196,8 +204,10 @@ class _Grid:
         self._columns = np.zeros((len(white), 0, 2))
         self.ends_s = np.zeros(0)
         t_s = model.nodes.motion.t_s
-        now = np.clip([self._variant.fixed[one] for one in ("start_s", "stop_s")], *t_s[[0, -1]])
-        self.add(np.union1d(np.linspace(t_s[0], t_s[-1], _PARTS + 1), now))
+        now = nearest_ticks(
+            np.array([self._variant.fixed[one] for one in ("start_s", "stop_s")]), t_s
+        )
+        self.add(np.union1d(nearest_ticks(np.linspace(t_s[0], t_s[-1], _PARTS + 1), t_s), now))
         first, last = np.searchsorted(self.ends_s, now)
         inside = self._columns[:, last] - self._columns[:, first]
         self._data = self._data - self._size * inside.sum(axis=1)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.windows import windows_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -73,3 +75,25 @@ def test_a_window_is_sought_again_where_its_effect_is_fitted() -> None:
     scan = Scan(MotionModel(recording, ROBOT, default_prior()))
     (term,) = scan.account(frozenset({"one_sided_slip"})).terms
     assert abs(term.variant.fixed["stop_s"] - stop_s) < recording.tick_s
+
+
+def test_an_end_that_is_told_to_the_tick_may_be_anywhere_in_it() -> None:
+    """From the middle of its own to that of the next, all ends leave the same log; between ends
+    that were compared within the tick, one in four true ends was left out."""
+    window = (("start_s", 20.303), ("stop_s", 27.794))
+    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.5), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
+    )
+    model = MotionModel(recording, ROBOT, default_prior())
+    term = nearest(model, 20.3, 27.8)
+    windows = windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
+    start_s, stop_s, _ = windows.draw(4000, 1.0, np.random.default_rng(1))
+    t_s = model.nodes.motion.t_s
+    middles_s = 0.5 * (t_s[1:] + t_s[:-1])
+    for drawn_s, (_, true_s) in zip((start_s, stop_s), window, strict=True):
+        above = int(np.searchsorted(middles_s, true_s))
+        ends_s = middles_s[above - 1], middles_s[above]
+        hundredth_s = 0.01 * recording.tick_s
+        assert abs(drawn_s.min() - ends_s[0]) < hundredth_s
+        assert abs(drawn_s.max() - ends_s[1]) < hundredth_s
