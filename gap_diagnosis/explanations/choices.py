@@ -37,6 +37,7 @@ def missed_ticks(motion: Motion) -> Iterable[Variant]:
                 report,
                 is_positive=True,
                 scatter=_scatter_of_missed(side, threshold),
+                about=lambda probability: {"about": probability},
             )
 
 

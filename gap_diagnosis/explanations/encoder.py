@@ -66,15 +66,25 @@ def exact_encoder_eccentricity_right(p: Prediction, *, sine: float, cosine: floa
     p.right_rad = _without_errors(p.motion.right_angle_rad, p.right_rad, sine, cosine)
 
 
-def missed_ticks_left(p: Prediction, *, probability: float, threshold: float) -> None:
-    """Lose left counts above a wheel speed: the wheel turned farther."""
-    fast = is_too_fast(p.motion, "left", probability, threshold)
+def missed_ticks_left(
+    p: Prediction, *, probability: float, threshold: float, about: float | None = None
+) -> None:
+    """Lose left counts above a wheel speed: the wheel turned farther.
+
+    *about*: where it is too fast if they are lost with this probability.
+    """
+    fast = is_too_fast(p.motion, "left", probability if about is None else about, threshold)
     p.left_rad = np.where(fast, p.left_rad / (1 - probability), p.left_rad)
 
 
-def missed_ticks_right(p: Prediction, *, probability: float, threshold: float) -> None:
-    """Lose right counts above a wheel speed: the wheel turned farther."""
-    fast = is_too_fast(p.motion, "right", probability, threshold)
+def missed_ticks_right(
+    p: Prediction, *, probability: float, threshold: float, about: float | None = None
+) -> None:
+    """Lose right counts above a wheel speed: the wheel turned farther.
+
+    *about*: where it is too fast if they are lost with this probability.
+    """
+    fast = is_too_fast(p.motion, "right", probability if about is None else about, threshold)
     p.right_rad = np.where(fast, p.right_rad / (1 - probability), p.right_rad)
 
 

@@ -53,6 +53,8 @@ class Variant:
         little: how small amounts act, where a share of a large one would look otherwise.
         rectifies: its exact action makes noise of the contact positive, and takes the contact's
             level as `contact_m_per_sqrt_m`.
+        about: for an effect that goes with its size in where it acts, further fixed values with
+            which it acts where it does at this size: along them it is smooth in its size.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
     """
@@ -77,11 +79,18 @@ class Variant:
     scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None
     unsure: Callable[[Motion], tuple[Floats, Floats]] | None = None
     rectifies: bool = False
+    about: Callable[[float], Mapping[str, float]] | None = None
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""
         named = dict(zip(self.coefficients, coefficients, strict=True))
         self.act(prediction, **named, **self.fixed)
+
+    def smooth_about(self, coefficients: Sequence[float]) -> Variant:
+        """Return the same, acting where it does with these coefficients."""
+        if self.about is None:
+            return self
+        return replace(self, fixed={**self.fixed, **self.about(coefficients[0])})
 
     @property
     def in_detail(self) -> Variant:

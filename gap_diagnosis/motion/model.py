@@ -435,7 +435,7 @@ class MotionModel:
                 moved = list(settings)
                 near = list(coefficients[place])
                 near[index] = value + step
-                moved[place] = (term.variant, tuple(near))
+                moved[place] = (term.variant.smooth_about(coefficients[place]), tuple(near))
                 column = (there - residuals(self.nodes, predict(smooth, moved))) / step
                 data = data + value * column
                 columns.append(column)

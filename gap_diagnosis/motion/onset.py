@@ -49,6 +49,7 @@ def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
         act=_between(variant),
         exact=None if variant.exact is None else _between(variant.in_detail),
         rectifies=False,
+        about=None,
         fixed=window,
         report={**variant.report, **window},
     )

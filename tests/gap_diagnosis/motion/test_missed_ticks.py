@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 from motion_cases import ROBOT, WIRE, nodes_of, setting_of
+from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.explanations.reference import USUAL_S
 from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -69,3 +74,44 @@ def test_a_threshold_is_found_wherever_the_search_begins() -> None:
     for term in (left[0], left[-1]):
         edged = best_edges(model, (term,), 0, ((0.02,),), model.level_prior.median)
         assert 1.5 < edged.term.variant.fixed["threshold"] < 5.0
+
+
+THRESHOLD_RAD_S = 6.8
+RAMP_RAD_S2 = 5.0
+
+
+def passing() -> Motion:
+    """Return the motion of a left wheel that passes the threshold upwards and downwards, losing
+    counts above it."""
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (), 3, reference=ReferenceNoise(), duration_s=8.0
+    )
+    motion = nodes_of(log).smooth
+    own_rad_s = np.minimum(RAMP_RAD_S2 * np.minimum(motion.t_s, 8.0 - motion.t_s), 9.0)
+    counted_rad_s = own_rad_s * np.where(own_rad_s > THRESHOLD_RAD_S, 1 - PROBABILITY, 1.0)
+    smoothed = gaussian_filter1d(counted_rad_s, USUAL_S / motion.tick_s)
+    return replace(
+        motion,
+        left_rate_rad_s=smoothed,
+        speed_m_s=own_rad_s * motion.radius_m,
+        turn_rate_rad_s=np.zeros(len(own_rad_s)),
+    )
+
+
+def test_along_its_probability_counts_are_lost_where_they_were() -> None:
+    """Where a little more loses them elsewhere too, a slope is as steep as the step is small: of
+    0.002 it said 0.00005 as standard deviation."""
+    motion = passing()
+    values: dict[str, Value] = {
+        "side": "left",
+        "probability": PROBABILITY,
+        "threshold": THRESHOLD_RAD_S,
+    }
+    ((variant, _),) = setting_of(motion, "missed_ticks", values)
+    about = variant.smooth_about((PROBABILITY,))
+    here, near = (
+        predict(motion, [(about, (size,))]).left_rad for size in (PROBABILITY, PROBABILITY + 0.01)
+    )
+    grown = near[here != 0] / here[here != 0]
+    expected = (1 - PROBABILITY) / (1 - PROBABILITY - 0.01)
+    assert np.all(np.isclose(grown, 1.0) | np.isclose(grown, expected))
