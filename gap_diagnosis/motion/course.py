@@ -72,7 +72,7 @@ def _aslant(
     both = np.stack(ways, axis=1)
     inner = (both.conj().T @ both).real
     # On a lasting circle an arm goes as an angle does, on a straight a slope: there they are none.
-    inner[np.diag_indices(len(inner))] *= 1.0 + np.repeat([0.0, 1.0, 1.0], 2) * _TOLD**2
+    inner[np.diag_indices(len(inner))] *= 1.0 + np.repeat([0.0, 1.0, 1.0], 2) * _TOLD
     turn = np.linalg.pinv(inner, hermitian=True) @ (both.conj().T @ measured).real
     angle = float(np.arctan2(turn[1], turn[0]))
     least, most = _ASLANT
