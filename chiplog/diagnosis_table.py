@@ -21,8 +21,7 @@ def show_diagnosis(found: Diagnosis, files: Sequence[Path] = ()) -> None:
     show_line(words.headline(found))
     show_line()
     show_line(fill("".join(part.text for part in words.verdict(found)), _WIDTH))
-    gap, fall, lost = words.gap_sentence, words.waterfall_sentence, words.unknown_sentence
-    for sentence in (gap(found), fall(found), lost(found)):
+    for sentence in (words.gap_sentence(found), words.unknown_sentence(found)):
         if sentence:
             show_line(fill(sentence, _WIDTH))
     show_line()

@@ -142,19 +142,6 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
     return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
 
 
-def waterfall_sentence(diagnosis: Diagnosis) -> str:
-    """Return what each of several effects takes off the gap; nothing of one: all of it."""
-    fall = diagnosis.waterfall
-    if fall is None or len(fall.steps) < 2:
-        return ""
-    steps = (
-        f"{one.effect} {q.MINUS if one.reduction >= 0 else '+'}"
-        f"{quantity(abs(one.reduction), fall.unit)}"
-        for one in fall.steps
-    )
-    return f"Of that, switched on: {', '.join(steps)}."
-
-
 def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:
     """Return why no share is closed: the gap may be none, or nothing listed may close it."""
     if gap.floor is None:

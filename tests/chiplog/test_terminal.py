@@ -43,14 +43,6 @@ def test_names_and_numbers_of_a_diagnosis_are_whole(capsys: pytest.CaptureFixtur
         assert whole in shown
 
 
-def test_what_each_effect_takes_off_the_gap_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    show_diagnosis(samples.diagnosis())
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "switched on: radius_mismatch −30.0 mm, radius_scale −15.8 mm." in shown
-    show_diagnosis(samples.diagnosis(waterfall=None))
-    assert "switched on" not in capsys.readouterr().out
-
-
 def test_that_logs_contradict_each_other_is_said_first(capsys: pytest.CaptureFixture[str]) -> None:
     """Two robots' logs were an unlisted cause, or a name, with certainty; a note said the rest."""
     show_diagnosis(samples.diagnosis(contradicting=("wheelbase_scale.scale",)))
