@@ -97,8 +97,9 @@ def test_a_command_from_somebody_else_on_the_bus_drives_the_robot() -> None:
     with Rig(interface=REAL_TIME) as rig, rig.open_bus() as host:
         spec = rig.database.message("COMMAND")
         data = spec.encode_scaled({"v_m_s": 0.5})
-        protect(spec, data, 0)
-        host.send(make_message(spec, data, 0))
+        for counter in range(10):  # a busy machine may drop one of UDP's
+            protect(spec, data, counter)
+            host.send(make_message(spec, data, 0))
         rig.expect("COMMAND", within_s=PATIENCE_S, v_m_s=pytest.approx(0.5))
         rig.expect("ODOMETRY_X", within_s=PATIENCE_S, x_m=lambda x_m: x_m > 0.1)
         assert rig.truth.x_m > 0.0
