@@ -13,11 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
+
+USUAL_CONTACT_M_PER_SQRT_M: Final = 5e-4
+"""Contact noise of a wheel on a floor, before a log is seen."""
 
 
 @dataclass(frozen=True)

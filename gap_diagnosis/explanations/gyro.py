@@ -12,11 +12,9 @@ from gap_diagnosis.explanations.reference import (
     turn_rate_with_details,
     wheels_turn_rate,
 )
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M, Motion, Prediction
 from gap_diagnosis.recording import Floats
 
-_USUAL_M_PER_SQRT_M: Final = 5e-4
-"""Contact noise, as levels have it before a log is seen."""
 _LEAST_RAD_S: Final = 1e-9
 
 
@@ -90,7 +88,7 @@ def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
 
 
 def exact_gyro_asymmetry(
-    p: Prediction, *, asymmetry: float, contact_m_per_sqrt_m: float = _USUAL_M_PER_SQRT_M
+    p: Prediction, *, asymmetry: float, contact_m_per_sqrt_m: float = USUAL_CONTACT_M_PER_SQRT_M
 ) -> None:
     """Scale turns as sharp as they are by their sense, and those that contact makes with them.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M
 from gap_diagnosis.recording import Floats
 from hil_harness.robot import Robot
 
@@ -75,7 +76,7 @@ these, data without noise would make any small misfit a certainty."""
 def level_prior(robot: Robot) -> LevelPrior:
     """Return the prior: contact 0.1 to 3 mm per square root of a metre, gyro as described."""
     gyro = robot.plant.gyro
-    contact = max(robot.plant.contact.noise_m_per_sqrt_m, 5e-4)
+    contact = max(robot.plant.contact.noise_m_per_sqrt_m, USUAL_CONTACT_M_PER_SQRT_M)
     noise = max(gyro.noise_density_rad_per_sqrt_s, 1e-5)
     walk = max(gyro.bias_walk_density_rad_s_per_sqrt_s, 3e-6)
     table = {

@@ -13,11 +13,11 @@ from scipy.stats import kurtosis
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.drawing import DRAWS
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
 from gap_diagnosis.recording import Floats
 
-_DRAWS: Final = 4000
 _ABSENT: Final = -6.0
 """Log evidence of a noise that turns out to be as described."""
 _STEP: Final = 0.1
@@ -93,7 +93,7 @@ def fit_noise(
         moved[1][place] *= math.exp(_STEP)
         bend = (2 * best - value(moved[0]) - value(moved[1])) / _STEP**2
         sd = 1 / math.sqrt(max(bend, 1.0))
-        samples = levels[place] * np.exp(sd * rng.standard_normal(_DRAWS))
+        samples = levels[place] * np.exp(sd * rng.standard_normal(DRAWS))
         parameters[f"{name}.{parameter}"] = Estimate(
             float(samples.mean()), float(samples.std()), samples
         )

@@ -16,7 +16,7 @@ from gap_diagnosis.explanations.reference import (
     with_details,
 )
 from gap_diagnosis.motion.course import dead_reckoned
-from gap_diagnosis.prediction import Motion
+from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M, Motion
 from gap_diagnosis.recording import Floats
 
 _SLOW_S: Final = 1.0
@@ -24,8 +24,6 @@ _NOISE_COUNTS_PER_S: Final = 25.0
 """A rate below this is hardly more than the noise of counting."""
 FINE_RAD: Final = math.tau / 65_536
 """Wheels that say how fast they are do not round what they went to counts."""
-_CONTACT_M_PER_SQRT_M: Final = 5e-4
-"""As levels of noise have it before a log is seen."""
 _NOISY: Final = 0.07
 _MOST_SMOOTHING_S: Final = 0.3
 
@@ -40,7 +38,7 @@ def turn_smoothing_s(
     told from it. It is a Gaussian that leaves of the noise 7 % of the slope. *speeds_m_s*:
     float64[2, n], each wheel's.
     """
-    walk_rad2_per_s = _CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
+    walk_rad2_per_s = USUAL_CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
     walk_rad2_per_s /= wheelbase_m**2
     turn_rate = np.diff(heading, prepend=heading[0]) / step_s
     width_s = USUAL_S
