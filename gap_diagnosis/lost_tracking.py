@@ -102,7 +102,7 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     for first, stop in stopped:
         frozen[first:stop] = True
     kept = reference.only(~frozen) if stopped else reference
-    leaps = _leaps(kept, motion, delay_s)
+    leaps = _leaps(kept, motion, delay_s[~frozen])
     t_s = reference.t_s
     lost = Lost(
         int(frozen.sum()),
@@ -117,7 +117,7 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     return replace(recording, reference=kept), lost
 
 
-def _way_m(reference: Reference, motion: Motion, delay_s: float) -> Floats:
+def _way_m(reference: Reference, motion: Motion, delay_s: Floats) -> Floats:
     """Return how far the robot has gone by its wheels at each sample, float64[s]."""
     steady = 0.5 * motion.radius_m * (motion.left_steady_rad + motion.right_steady_rad)
     way_m = np.cumsum(np.abs(steady))  # a counter that trembles at an edge goes no way
@@ -155,7 +155,7 @@ def _stopped(reference: Reference, at: Floats) -> list[tuple[int, int]]:
     ]
 
 
-def _leaps(reference: Reference, motion: Motion, delay_s: float) -> list[Leap]:
+def _leaps(reference: Reference, motion: Motion, delay_s: Floats) -> list[Leap]:
     """Return the leaps: steps off dead reckoning that nothing on wheels could make."""
     stamps = reference.t_s - delay_s
     way = dead_reckoned(_forward_m(motion), motion.heading_rad)

@@ -35,12 +35,12 @@ taken for a measurement, that would say that the wheels never slipped meanwhile.
 
 
 def estimate_motion(
-    recording: Recording, robot: Robot, *, reference_delay_s: float = 0.0
+    recording: Recording, robot: Robot, *, reference_delay_s: Floats | float = 0.0
 ) -> Motion:
     """Return the motion of a recording: dead reckoning, bent slowly onto the reference.
 
-    *reference_delay_s* is taken off the reference's stamps first. Only a linearisation point: the
-    reference is smoothed here and nowhere else.
+    *reference_delay_s*, one or each sample's, is taken off the reference's stamps first. Only a
+    linearisation point: the reference is smoothed here and nowhere else.
 
     Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
     """

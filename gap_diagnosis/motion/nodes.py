@@ -142,7 +142,7 @@ def make_nodes(
     motion: Motion,
     reference: Reference | None,
     keep: NDArray[np.bool_],
-    reference_delay_s: float = 0.0,
+    reference_delay_s: Floats | float = 0.0,
 ) -> Nodes:
     """Cut the ticks into blocks; leave out gyro and reference where *keep* (bool[n]) is false.
 
@@ -269,7 +269,7 @@ def _compare_reference(
 ) -> None:
     tick = nodes.sample_tick
     # Counts that are stamped late see a reference that is early by as much.
-    delay_s = _at(p.reference_delay_s - p.encoder_delay_s, tick)
+    delay_s = _at_stamps(p.reference_delay_s, nodes) - _at(p.encoder_delay_s, tick)
     is_timely = isinstance(delay_s, float) and delay_s == 0.0
     x_m, y_m, heading = (
         nodes.described_at_samples if is_timely else nodes.at_samples(nodes.sample_t_s - delay_s)
@@ -299,6 +299,13 @@ def _compare_reference(
         added = _at(p.reference_heading_rad, tick)
         difference = nodes.sample_heading_rad - heading - added
         out[2, nodes.sample_node] = mean(difference)
+
+
+def _at_stamps(delay_s: Floats | float, nodes: Nodes) -> Floats | float:
+    """Return a delay at the samples' stamps, however far from these they were taken."""
+    if isinstance(delay_s, np.ndarray):
+        return np.asarray(np.interp(nodes.sample_t_s, nodes.motion.t_s, delay_s))
+    return delay_s
 
 
 def _at(value: Floats | float, tick: Ints) -> Floats | float:

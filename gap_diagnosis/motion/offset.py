@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.motion.drift import BETTER, drift_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
@@ -22,28 +23,37 @@ _ALIKE: Final = 0.8
 """A gyro that shows the wheels' turns at all agrees with them so well at the right shift."""
 
 
-def coarse_delay_s(recording: Recording, robot: Robot) -> float:
-    """Return reference stamp - log time, roughly; 0 where it is small or cannot be told.
+def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
+    """Return reference stamp - log time of each sample, roughly, float64[s]: one for all unless the
+    clock drifts; 0 where it is small or cannot be told.
 
     The turn of the reference over a fifth of a second is laid over the wheels' and the gyro's (or
-    the speeds, where there is no orientation); the shift with the best correlation wins. The fit
-    itself is never made on differentiated signals: this only chooses where it starts.
+    the speeds, where there is no orientation); the shift with the best correlation wins, or the
+    line of shifts. The fit itself is never made on differentiated signals: this only chooses where
+    it starts.
     """
     reference = recording.reference
-    if reference is None or len(reference.t_s) < 20:
-        return 0.0
+    if reference is None:
+        return np.zeros(0)
+    timely = np.zeros(len(reference.t_s))
+    if len(timely) < 20:
+        return timely
     motion = estimate_motion(replace(recording, reference=None), robot)
     grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
     if len(grid) < 100:
-        return 0.0
+        return timely
     if reference.heading_rad is None:
         path = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m))
-        theirs = np.diff(np.interp(grid, reference.t_s[1:], np.cumsum(path)))
-        way = np.cumsum(motion.speed_m_s * motion.dt_s)
-        return _best_shift([np.abs(np.diff(np.interp(grid, motion.t_s, way)))], theirs)
-    theirs = np.diff(np.interp(grid, reference.t_s, reference.heading_rad))
-    ours = [np.diff(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
-    return _best_shift(ours, theirs)
+        theirs = _smooth_steps(np.interp(grid, reference.t_s[1:], np.cumsum(path)))
+        way = np.cumsum(np.abs(motion.speed_m_s * motion.dt_s))
+        ours = [_smooth_steps(np.interp(grid, motion.t_s, way))]
+    else:
+        theirs = _smooth_steps(np.interp(grid, reference.t_s, reference.heading_rad))
+        ours = [_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
+    drift = max((drift_of(one, theirs, SEARCH_S, _STEP_S) for one in ours), key=lambda it: it.alike)
+    if drift.rate != 0.0:
+        return drift.delay_s(reference.t_s - grid[0])
+    return timely + max((_shift(one, theirs) for one in ours), key=lambda found: found[1])[0]
 
 
 def turns_of(motion: Motion) -> list[Floats]:
@@ -62,20 +72,19 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
     grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
     if len(grid) < 100:
         return 0.0
-    wheels, gyro = (np.diff(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
+    wheels, gyro = (_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
     late_s, alike = _shift(wheels, gyro)
     return late_s if alike > _ALIKE else 0.0
 
 
-def _best_shift(ours: Sequence[Floats], theirs: Floats) -> float:
-    """Return by how much *theirs* come later than those of *ours* that are most like them."""
-    return max((_shift(one, theirs) for one in ours), key=lambda found: found[1])[0]
+def _smooth_steps(values: Floats) -> Floats:
+    """Return how values on a grid of _STEP_S change, smoothed over turns."""
+    return np.asarray(gaussian_filter1d(np.diff(values), 0.1 / _STEP_S))
 
 
 def _shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
-    """Return by how much *theirs*, steps on a grid of _STEP_S, come later than *ours* (0 where it
-    is small or no better than none), and how alike they are then."""
-    ours, theirs = (gaussian_filter1d(one, 0.1 / _STEP_S) for one in (ours, theirs))
+    """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours* (0
+    where it is small or no better than none), and how alike they are then."""
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0, 0.0
     shifts = range(-round(SEARCH_S / _STEP_S), round(SEARCH_S / _STEP_S) + 1)
@@ -87,7 +96,7 @@ def _shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
     peak = int(np.argmax(scores))
     best = (shifts[peak] + _between(scores, peak)) * _STEP_S
     # At an end of the search lies no peak: nothing told where one is.
-    is_told = 0 < peak < len(scores) - 1 and max(scores) > scores[len(scores) // 2] + 1e-3
+    is_told = 0 < peak < len(scores) - 1 and max(scores) > scores[len(scores) // 2] + BETTER
     return best if abs(best) >= _WORTH_S and is_told else 0.0, max(scores)
 
 

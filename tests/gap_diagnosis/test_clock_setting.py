@@ -57,4 +57,4 @@ def test_a_dead_encoder_does_not_move_the_clock_for_the_gyro_knows_the_turns(lat
     recording = drive(EffectSetting("encoder_dead", (("side", "left"), ("start_s", 10.0))))
     _, found_s = with_clock_set(late(recording, late_s), ROBOT)
     assert found_s == pytest.approx(late_s, abs=0.5 * UNSET_S)
-    assert coarse_delay_s(recording, ROBOT) == 0.0
+    assert not coarse_delay_s(recording, ROBOT).any()

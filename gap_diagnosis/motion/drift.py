@@ -1,0 +1,107 @@
+"""How two signals that show the same turns drift apart in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.recording import Floats
+
+BETTER: Final = 1e-3
+"""Of a correlation: a shift, or a drift, that adds less is none."""
+_RATE: Final = 0.025
+"""So fast a clock may run (two and a half times the end of the prior),"""
+_MOST_S: Final = 2.5
+"""and so far drift away in a log; beyond, no line is sought."""
+_PARTS: Final = 24
+"""of a log: within one of them no clock drifts by more than a turn lasts,"""
+_LEAST_PART_S: Final = 0.5
+"""and one must last as long as a turn does."""
+_EVERY: Final = 2
+"""Of the steps of the grid."""
+_NEWTON_STEPS: Final = 3
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A line of delays over the time of a log.
+
+    Attributes:
+        late_s, at_s: how late at which time since the log's start.
+        rate: by how much later after each second.
+        alike: correlation of the two along it.
+    """
+
+    late_s: float = 0.0
+    at_s: float = 0.0
+    rate: float = 0.0
+    alike: float = 0.0
+
+    def delay_s(self, stamps: Floats) -> Floats:
+        """Return how late stamps are, float64[s], which count from the log's start."""
+        # A stamp is so much later than the time that it speaks of; what is at hand is the stamp.
+        return np.asarray((self.late_s + self.rate * (stamps - self.at_s)) / (1.0 + self.rate))
+
+
+def drift_of(ours: Floats, theirs: Floats, search_s: float, step_s: float) -> Drift:
+    """Return by what line *theirs* come later than *ours*, both smooth and every *step_s*, and by
+    no more than *search_s* as the log begins; without a rate where one shift does as well."""
+    most = round(search_s / step_s)
+    drifts = _EVERY * round(min(_RATE * len(ours), _MOST_S / step_s) / _EVERY)
+    edge = most + drifts
+    part = (len(ours) - 2 * edge) // _PARTS
+    if part * step_s < _LEAST_PART_S or min(ours.std(), theirs.std()) < 1e-9:
+        return Drift()
+    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
+    shared, power = _inner(ours, theirs, edge, part)
+    own = float(np.sum(ours[edge : edge + _PARTS * part] ** 2))
+    along, each = np.linspace(0.0, 1.0, _PARTS), np.arange(_PARTS)
+    begins = np.arange(-most, most + 1)
+    best: dict[int, tuple[float, int]] = {}
+    for drift in range(-drifts, drifts + 1, _EVERY):
+        places = edge + begins[:, np.newaxis] + np.rint(drift * along).astype(np.int64)
+        sums, powers = (one[places, each].sum(axis=1) for one in (shared, power))
+        alike = np.abs(sums) / np.sqrt(np.maximum(powers * own, 1e-300))
+        best[drift] = float(alike.max()), int(np.argmax(alike))
+    drift = max(best, key=lambda one: best[one])
+    alike, place = best[drift]
+    # At an end of the search lies no peak: nothing told where one is.
+    is_told = abs(drift) < drifts and 0 < place < len(begins) - 1
+    if not is_told or alike < best[0][0] + BETTER:
+        return Drift(alike=best[0][0])
+    line = np.array([begins[place], drift], dtype=np.float64)
+    begin, more = _refined(shared, power, along, line)
+    at_s = (edge + 0.5 * part) * step_s
+    return Drift(begin * step_s, at_s, more / ((_PARTS - 1) * part), alike)
+
+
+def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> tuple[Floats, Floats]:
+    """Return sums over each part of a log, at each shift of *theirs*, float64[2 * edge + 1, 24]
+    each: of the two's product, and of *theirs* squared."""
+    length = _PARTS * part
+    own = ours[edge : edge + length]
+    shared, power = np.empty((2, 2 * edge + 1, _PARTS))
+    for shift in range(2 * edge + 1):
+        moved = theirs[shift : shift + length]
+        shared[shift] = (own * moved).reshape(_PARTS, part).sum(axis=1)
+        power[shift] = (moved**2).reshape(_PARTS, part).sum(axis=1)
+    return shared, power
+
+
+def _refined(shared: Floats, power: Floats, along: Floats, line: Floats) -> tuple[float, float]:
+    """Return the line of shifts along which *theirs* lie closest to *ours*, from one near it: shift
+    at the begin, and how much more at the end."""
+    ways = np.stack([np.ones(_PARTS), along])
+    each, none = np.arange(_PARTS), len(shared) // 2
+    for _ in range(_NEWTON_STEPS):
+        shifts = line @ ways
+        near = np.clip(none + np.rint(shifts).astype(np.int64), 1, 2 * none - 1)
+        scale = shared[near, each].sum() / power[near, each].sum()
+        closeness = scale * shared - 0.5 * scale**2 * power
+        before, top, after = (closeness[near + one, each] for one in (-1, 0, 1))
+        bends = before - 2.0 * top + after
+        slopes = 0.5 * (after - before) + bends * (none + shifts - near)
+        line = line - np.linalg.solve((ways * bends) @ ways.T, ways @ slopes)
+    return float(line[0]), float(line[1])

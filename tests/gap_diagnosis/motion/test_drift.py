@@ -1,0 +1,54 @@
+"""How far apart two clocks have drifted is found before anything is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting, parse_effect
+from hil_harness.scenarios import scenario
+
+NEAR_S = 0.03
+"""A delay below is not taken off at all: a fit finds from there by itself."""
+
+
+def drive(*effects: EffectSetting) -> Recording:
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, 3, reference=ReferenceNoise()
+    )
+
+
+def late(skew: float, offset_s: float) -> Recording:
+    """Return a drive whose reference is late at first and runs fast, without headings or with."""
+    return drive(
+        parse_effect(f"reference_clock_skew.skew={skew}"),
+        parse_effect(f"reference_time_offset.offset={offset_s}"),
+    )
+
+
+@pytest.mark.parametrize("has_heading", [True, False])
+@pytest.mark.parametrize(("skew", "offset_s"), [(0.009, 0.0), (-0.015, 0.2)])
+def test_a_reference_whose_clock_drifts_is_laid_over_the_whole_log(
+    skew: float, offset_s: float, has_heading: bool
+) -> None:
+    recording = late(skew, offset_s)
+    reference = recording.reference
+    assert reference is not None
+    if not has_heading:
+        reference = replace(reference, heading_rad=None)
+    found_s = coarse_delay_s(replace(recording, reference=reference), ROBOT)
+    true_s = offset_s + skew / (1 + skew) * (reference.t_s - offset_s)
+    np.testing.assert_allclose(found_s, true_s, atol=NEAR_S)
+
+
+@pytest.mark.parametrize(
+    "effect", ["gyro_scale.scale=0.1", "wheelbase_scale.scale=0.1", "reference_scale.scale=0.02"]
+)
+def test_a_clock_drifts_not_because_turns_are_read_too_large(effect: str) -> None:
+    assert not coarse_delay_s(drive(parse_effect(effect)), ROBOT).any()
