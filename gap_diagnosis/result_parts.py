@@ -33,6 +33,7 @@ Variable: TypeAlias = Literal[
     "turn_rate",
     "lateral_acceleration",
     "direction",
+    "reversal",
     "wheel_angle_left",
     "wheel_angle_right",
     "heading",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -24,6 +26,10 @@ _STRAIGHT_RAD_S: Final = 0.05
 """So fast a robot on a straight may seem to turn."""
 _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
+_DRIVING_M_S: Final = 0.02
+"""A robot that is slower drives neither forward nor back."""
+_AFTER_M: Final = (0.0, 0.05, 0.1, 0.2)
+"""Ways after a reversal on which a caster turns over."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +183,40 @@ def turns(motion: Motion) -> Floats:
     return np.asarray(rate2 / (rate2 + _STRAIGHT_RAD_S**2))
 
 
+def _by_reversal(motion: Motion) -> Basis:
+    """Return stretches of the way after each reversal, in the sense in which the robot turned last
+    before it, and in that of its driving: a caster that turns over pushes aslant. The plainest is
+    one push over any of these ways."""
+    drives = _last_sign(motion.speed_m_s, _DRIVING_M_S)
+    turned = np.flatnonzero((drives[1:] != drives[:-1]) & (drives[:-1] != 0)) + 1
+    if len(turned) == 0:
+        return Basis([])
+    last = np.searchsorted(turned, np.arange(len(drives)), side="right") - 1
+    way_m = np.cumsum(np.abs(motion.speed_m_s) * motion.dt_s)
+    since_m = np.where(last >= 0, way_m - way_m[turned[last]], math.inf)
+    before = _last_sign(motion.turn_rate_rad_s, _STRAIGHT_RAD_S)[turned[last] - 1]
+    ends = list(pairwise(_AFTER_M))
+    functions = [
+        sense * ((since_m >= start) & (since_m < stop))
+        for sense in (before, drives)
+        for start, stop in ends
+    ]
+    whole = np.eye(len(functions))
+    simple = [
+        whole[:, first : first + length].sum(axis=1, keepdims=True)
+        for first in (0, len(ends))
+        for length in range(1, len(ends) + 1)
+    ]
+    return Basis(functions, simple)
+
+
+def _last_sign(value: Floats, least: float) -> Floats:
+    """Return the sign of a value, float64[n], where it is smaller the last before; 0 at first."""
+    known = np.where(np.abs(value) > least, np.arange(len(value)), -1)
+    last = np.maximum.accumulate(known)
+    return np.where(last >= 0, np.sign(value[last]), 0.0)
+
+
 def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     """Return functions of each wheel's speeding up, float64[2, n] each."""
     rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
@@ -220,6 +260,7 @@ def _hats(value: Floats) -> Basis:
 _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
     ("wheel", "turn_rate"): _by_turning,
+    ("wheel", "reversal"): _by_reversal,
     ("reference", "heading"): _by_heading,
     ("reference", "place"): _by_place,
     ("gyro", "acceleration"): _by_speeding_up,

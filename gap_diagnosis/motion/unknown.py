@@ -179,6 +179,8 @@ _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
         *_WAYS["wheel"][:3],
         Way("wheel", _lateral, 1e-3, 0.1, 1e-3, needs_reference=True),
     ),
+    # A caster turns the body over, and pulls it no way. Half a tolerance of its kick, on 0.1 m.
+    ("wheel", "reversal"): (Way("wheel", _turn, 1e-3, 0.1, 1e-3),),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # Counts that come whether or not a wheel turns.
@@ -206,6 +208,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "turn_rate",
         "lateral_acceleration",
         "direction",
+        "reversal",
         "heading",
         "distance",
         "time",

@@ -32,6 +32,15 @@ def test_each_wheels_slip_when_speeding_up_is_a_function_of_its_own_acceleration
     assert best.log_evidence > second.log_evidence + 20
 
 
+def test_a_caster_that_turns_over_is_a_function_of_the_way_after_a_reversal() -> None:
+    """Kicks of a degree passed for a rough floor: 0 nats, and no gap was told."""
+    kick = EffectSetting("caster_kick", (("angle", 0.015), ("length", 0.1)))
+    model = MotionModel(drive(kick), ROBOT, default_prior())
+    best = alternatives(model, model.no_effect_levels)[0]
+    assert (best.stage, best.variable) == ("wheel", "reversal")
+    assert best.log_evidence > 50
+
+
 def test_what_drifts_with_the_supply_may_be_the_gyros_scale() -> None:
     ratio = EffectSetting("supply_ratio", (("coefficient", -0.16),))
     sagging = EffectSetting("supply_change", (("offset", -0.1), ("rate", -0.004)))
