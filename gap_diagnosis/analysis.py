@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
@@ -21,7 +21,7 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
-from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.model import MotionModel, is_far
 from gap_diagnosis.motion.unknown import (
     Alternative,
     alternatives,
@@ -195,22 +195,20 @@ def _without(block: Block, without: frozenset[str]) -> Block:
 
 
 def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> list[Alternative]:
-    """Return unlisted causes, each at the noise levels that suit it better: those of the best
-    account, or of the best of these causes; relative to no effect.
+    """Return unlisted causes, each at the noise levels that suit it best: those of the best
+    account, or the described ones, or where a search from there ends beside the best of these
+    causes; relative to no effect.
 
     Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
     and gets no levels.
     """
-    found = _at(motion, motion.levels)
-    best = max(found, key=lambda one: one.log_evidence, default=None)
-    levels = None
-    if best is not None and not gross:
-        levels = levels_beside(motion.model, best, motion.levels)
-    if levels is not None:
-        both = zip(
-            sorted(found, key=_subject), sorted(_at(motion, levels), key=_subject), strict=True
-        )
-        found = [max(pair, key=lambda one: one.log_evidence) for pair in both]
+    found = _sought_from(motion, motion.levels, gross=gross)
+    described = motion.model.level_prior.median
+    best = max((one.log_evidence for one in found), default=0.0)
+    if not gross and best < max(motion.explained, _LITTLE) and is_far(motion.levels, described):
+        # There a reference may wander for minutes, or counts tremble, in the place of what an
+        # unlisted cause explains; listed effects are sought from the described levels too.
+        found = _better(found, _sought_from(motion, described))
     found = [_dispersed(one, motion) for one in found]
     tolerated = within_tolerance(found)
     if motion.explained < max(_LITTLE, tolerated):
@@ -237,9 +235,25 @@ def _subject(one: Alternative) -> tuple[str, str]:
     return one.stage, one.variable
 
 
-def _at(motion: MotionBlock, levels: Floats) -> list[Alternative]:
-    """Return unlisted causes at these noise levels, relative to no effect at its own, or at these
-    where they suit it better: it must not lose for want of a search as long."""
+def _sought_from(motion: MotionBlock, start: Floats, *, gross: bool = False) -> list[Alternative]:
+    """Return unlisted causes at these noise levels, or at those that suit the best of them."""
+    found = alternatives(motion.model, start)
+    levels = None if gross or not found else levels_beside(motion.model, found[0], start)
+    here = _at(motion, start, found)
+    if levels is None:
+        return here
+    return _better(here, _at(motion, levels, alternatives(motion.model, levels)))
+
+
+def _better(first: Sequence[Alternative], second: Sequence[Alternative]) -> list[Alternative]:
+    """Return of each unlisted cause, found twice, the likelier account."""
+    both = zip(sorted(first, key=_subject), sorted(second, key=_subject), strict=True)
+    return [max(pair, key=lambda one: one.log_evidence) for pair in both]
+
+
+def _at(motion: MotionBlock, levels: Floats, found: Sequence[Alternative]) -> list[Alternative]:
+    """Return unlisted causes *found* at these noise levels, relative to no effect at its own, or at
+    these where they suit it better: it must not lose for want of a search as long."""
     gain = min(motion.log_evidence_of_levels(levels), 0.0)
     return [
         replace(
@@ -248,7 +262,7 @@ def _at(motion: MotionBlock, levels: Floats) -> list[Alternative]:
             log_likelihood=one.log_likelihood + gain,
             within=one.within + gain,
         )
-        for one in alternatives(motion.model, levels)
+        for one in found
     ]
 
 

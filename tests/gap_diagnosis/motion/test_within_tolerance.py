@@ -170,6 +170,35 @@ def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
     assert motion.tolerated == 0.0
 
 
+def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
+    """Levels beside the best account had a reference wander for minutes in the place of a toe: it
+    was no gap, or lost by 860 nats. From wherever a search begins, a nat is what it ends beside."""
+    toe = EffectSetting("wheel_toe", (("angle", 0.002),))
+    log = synthetic_recording(
+        ROBOT, load_wire(), scenario("calibration"), (toe,), 3, reference=ReferenceNoise()
+    )
+    without = frozenset({"reference_yaw", "wheel_toe"})
+    model = MotionModel(log, ROBOT, default_prior(), without=without)
+    suiting = model.no_effect_levels
+    wandering = suiting * np.array([1, 1, 1, 1, 1, 1, 2.0, 20.0, 90.0])
+
+    def height(levels: np.ndarray) -> float:
+        return model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
+
+    def best_from(levels: np.ndarray) -> float:
+        motion = SimpleNamespace(
+            model=model,
+            levels=levels,
+            explained=0.0,
+            tolerated=0.0,
+            log_evidence_of_levels=lambda one: height(one) - height(suiting),
+            dispersed=lambda *as_they_are: as_they_are,
+        )
+        return _alternatives(motion, None, gross=False)[0].log_evidence
+
+    assert best_from(wandering) > best_from(suiting) - 1.0
+
+
 def test_effects_must_explain_more_than_what_is_tolerated() -> None:
     found = [beyond(125.0, Fit((), one, one)).log_evidence for one in (300.0, 28.0, -2.0)]
     assert found == [175.0, 0.0, -2.0]
@@ -180,5 +209,6 @@ def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -
     model = MotionModel(drive_with("radius_scale.scale=0"), ROBOT, default_prior())
     levels = model.level_prior.median
     motion = SimpleNamespace(model=model, log_evidence_of_levels=lambda _: 28.0)
-    better, plain = _at(motion, levels), alternatives(model, levels)
+    plain = alternatives(model, levels)
+    better = _at(motion, levels, plain)
     assert [one.log_evidence for one in better] == [one.log_evidence for one in plain]
