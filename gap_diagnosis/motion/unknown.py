@@ -171,7 +171,11 @@ _WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
         Way("reference", _reference_heading, 1e-3, 0.1, 5e-4, needs_reference=True),
     ),
 }
+# Wheels may be off by a tolerance of their size, and drift by half of what wear in 100 s is none.
+_WEARING: Final = (Way("wheel", _forward, 1e-3, 0.1, 2.5e-4), *_WAYS["wheel"][1:])
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
+    ("wheel", "time"): _WEARING,
+    ("wheel", "distance"): _WEARING,
     # Backing uphill, wheels go too far as they go forward downhill.
     ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 5e-4), *_WAYS["wheel"][1:]),
     # Tyres slide outward: half a tolerance of that slip, in a turn of 1 rad/s.

@@ -18,6 +18,10 @@ from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
+STAGES = 7
+NO_GAP_OVER_STAGE = math.log(default_prior().effects[0] / (default_prior().unknown / STAGES))
+"""Log of the odds beforehand of no gap to an unlisted cause in one stage."""
+
 
 def test_each_wheels_slip_when_speeding_up_is_a_function_of_its_own_acceleration() -> None:
     """In a turn the wheels speed up against each other: of the body there is nothing to see."""
@@ -64,9 +68,28 @@ def test_a_scale_that_drifts_by_several_tolerances_is_no_healthy_robots() -> Non
     model = MotionModel(log, ROBOT, prior, without=frozenset({"supply_ratio"}))
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert best.stage == "gyro"
-    stages = 7
-    no_gap_over_stage = math.log(prior.effects[0] / (prior.unknown / stages))
-    assert best.log_evidence > no_gap_over_stage + math.log(4.0)
+    assert best.log_evidence > NO_GAP_OVER_STAGE + math.log(4.0)
+
+
+def test_tyres_that_wear_by_several_tolerances_are_no_healthy_robots() -> None:
+    """A wheel may be 0.2 % off; that it drifts by as much in a drive was taken for no gap as well,
+    and won 4.5 nats of 29: less than the odds against them."""
+    prior = default_prior()
+    rate = 5 * prior.of("tyre_drift", "rate").tolerance
+    log = drive(EffectSetting("tyre_drift", (("rate", rate),)))
+    model = MotionModel(log, ROBOT, prior, without=frozenset({"tyre_drift"}))
+    best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
+    assert (best.stage, best.variable) == ("wheel", "time")
+    assert best.log_evidence > NO_GAP_OVER_STAGE + math.log(4.0)
+
+
+def test_tyres_that_wear_by_a_tolerance_are() -> None:
+    prior = default_prior()
+    rate = prior.of("tyre_drift", "rate").tolerance
+    log = drive(EffectSetting("tyre_drift", (("rate", rate),)))
+    model = MotionModel(log, ROBOT, prior, without=frozenset({"tyre_drift"}))
+    best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
+    assert best.log_evidence < NO_GAP_OVER_STAGE - math.log(4.0)
 
 
 def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
