@@ -96,7 +96,9 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
         return recording, Lost()
     delay_s = coarse_delay_s(recording, robot)
     motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
-    way_m = _way_m(reference, motion, delay_s)
+    left, right = motion.left_steady_rad, motion.right_steady_rad
+    way_m = _way_m(reference, motion, delay_s, np.abs(left + right))
+    rolled_m = _way_m(reference, motion, delay_s, np.abs(left) + np.abs(right))
     stopped = _stopped(reference, way_m)
     frozen = np.zeros(len(way_m), dtype=np.bool_)
     for first, stop in stopped:
@@ -108,7 +110,7 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
         int(frozen.sum()),
         tuple(leaps),
         tuple((float(t_s[first]), float(t_s[stop - 1])) for first, stop in stopped),
-        _holes(t_s, way_m),
+        _holes(t_s, rolled_m),
     )
     if not stopped and not leaps:
         return recording, lost
@@ -117,18 +119,18 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     return replace(recording, reference=kept), lost
 
 
-def _way_m(reference: Reference, motion: Motion, delay_s: Floats) -> Floats:
-    """Return how far the robot has gone by its wheels at each sample, float64[s]."""
-    steady = 0.5 * motion.radius_m * (motion.left_steady_rad + motion.right_steady_rad)
-    way_m = np.cumsum(np.abs(steady))  # a counter that trembles at an edge goes no way
+def _way_m(reference: Reference, motion: Motion, delay_s: Floats, steps_rad: Floats) -> Floats:
+    """Return, float64[s], how far steps of both wheels together, float64[n], have gone by each
+    sample; a counter that trembles at an edge goes no way."""
+    way_m = np.cumsum(0.5 * motion.radius_m * steps_rad)
     return np.asarray(np.interp(reference.t_s - delay_s, motion.t_s, way_m))
 
 
-def _holes(t_s: Floats, way_m: Floats) -> tuple[Window, ...]:
-    """Return the windows without samples in which the robot drove on."""
+def _holes(t_s: Floats, rolled_m: Floats) -> tuple[Window, ...]:
+    """Return the windows without samples in which wheels rolled on, be it in a turn on the spot."""
     steps_s = np.diff(t_s)
     long_s = max(_HOLE_S, _HOLE_STEPS * float(np.median(steps_s)))
-    places = np.flatnonzero((steps_s > long_s) & (np.diff(way_m) > _DRIVEN_M))
+    places = np.flatnonzero((steps_s > long_s) & (np.diff(rolled_m) > _DRIVEN_M))
     if len(places) > _MOST:
         return ()
     return tuple((float(t_s[k]), float(t_s[k + 1])) for k in places)

@@ -19,6 +19,7 @@ from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
+NOISE = ReferenceNoise()
 FROZEN = slice(1000, 1200)
 
 
@@ -75,6 +76,20 @@ def test_a_reference_that_says_what_is_not_so_is_wrong_and_one_that_is_silent_ma
     assert Lost(holes=(window,)).as_ever > 0.5
     for wrong in (Lost(frozen=9, stopped=(window,)), Lost(leaps=(Leap(3.0, 1.0, 0.0, 0.0),))):
         assert wrong.as_ever < 0.05
+
+
+def test_so_is_one_while_the_robot_turns_on_the_spot() -> None:
+    """Its middle goes no way then: a loss of 6.5 limits was none."""
+    log = synthetic_recording(ROBOT, load_wire(), scenario("square"), (), 3, reference=NOISE)
+    assert log.reference is not None
+    assert log.w_command_rad_s is not None
+    assert log.v_command_m_s is not None
+    on_the_spot = (log.v_command_m_s == 0.0) & (log.w_command_rad_s != 0.0)
+    start_s = log.t_s[int(np.argmax(on_the_spot))] + 0.2
+    t_s = log.reference.t_s
+    there = (t_s < start_s) | (t_s > start_s + 1.1)
+    lost = with_tracking(replace(log, reference=log.reference.only(there)), ROBOT)[1]
+    assert len(lost.holes) == 1
 
 
 def test_every_motion_capture_blinks() -> None:
