@@ -142,14 +142,20 @@ def with_details(smooth: Floats, width: float, noise: float, step_s: float) -> F
     as is no *noise* (the variance that it left)."""
     once, twice = rounded_off(smooth, width)
     detail = once + twice
-    power, first, second = (
-        gaussian_filter1d(one**2, _AROUND_S / step_s, mode="nearest")
-        for one in (detail, once, twice)
+    first, second = (
+        gaussian_filter1d(one**2, _AROUND_S / step_s, mode="nearest") for one in (once, twice)
     )
-    share = np.maximum(1.0 - _STANDS_OUT * noise / np.maximum(power, 1e-300), 0.0)
+    share = likely_signal(detail, noise, step_s)
     # A series whose terms grow tells nothing: there the smooth rate has an edge of its own making.
     is_smooth = second < _GROWING**2 * first
     return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
+
+
+def likely_signal(detail: Floats, noise: float, step_s: float) -> Floats:
+    """Return what share of a detail is likelier signal than *noise* (its variance), by its power
+    around."""
+    power = gaussian_filter1d(detail**2, _AROUND_S / step_s, mode="nearest")
+    return np.asarray(np.maximum(1.0 - _STANDS_OUT * noise / np.maximum(power, 1e-300), 0.0))
 
 
 def counting_slope(width: float) -> float:

@@ -5,11 +5,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.explanations.reference import (
+    SHARP_S,
     USUAL_S,
     counting_bend,
     counting_slope,
+    likely_signal,
     turn_rate_with_details,
     with_details,
 )
@@ -57,13 +60,30 @@ def turn_scrub(p: Prediction, *, scrub: float) -> None:
 
 
 def exact_turn_scrub(p: Prediction, *, scrub: float) -> None:
-    """Widen it as sharply as turns begin and end."""
+    """Widen it as sharply as turns begin and end, and as a wheel goes through a stand."""
     m = p.motion
     noise = _counting_rad_s(m) ** 2
     across, along = (
         with_details(one, USUAL_S / m.tick_s, noise, m.tick_s) for one in _across_and_along(m)
     )
+    if m.has_counters:
+        left, right = m.left_angle_rad, m.right_angle_rad
+        across, along = _as_sharp(m, across, right - left), _as_sharp(m, along, right + left)
     _scrub(p, scrub, across, along)
+
+
+def _as_sharp(motion: Motion, rate_rad_s: Floats, angle_rad: Floats) -> Floats:
+    """Return a rate with as much of what is counted beyond it as is no counting error.
+
+    Where a wheel turns back it sticks for less time than rates are averaged over, and the spin has
+    its peak there: of a turn of 0.8 rad with a scrub of -0.4 it told 3 mrad wrong.
+    """
+    tick_s = motion.tick_s
+    width = SHARP_S / tick_s
+    counted = gaussian_filter1d(np.diff(angle_rad, prepend=angle_rad[0]), width) / tick_s
+    noise = 2.0 * counting_slope(width) * (motion.rounding_rad / tick_s) ** 2
+    beyond = with_details(counted, width, noise, tick_s) - rate_rad_s
+    return np.asarray(rate_rad_s + likely_signal(beyond, noise, tick_s) * beyond)
 
 
 def _across_and_along(motion: Motion) -> tuple[Floats, Floats]:

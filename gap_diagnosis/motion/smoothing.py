@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from gap_diagnosis.explanations.reference import (
     SHARP_S,
@@ -78,7 +78,7 @@ def smoothed(motion: Motion) -> Motion:
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     geometry = motion.radius_m / motion.wheelbase_m
     turn = motion.turn_rate_rad_s * tick_s / geometry
-    turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S)
+    turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S, is_counted=False)
     return replace(
         motion,
         x_m=x_m,
@@ -110,7 +110,14 @@ def sharpened(smooth: Motion) -> Motion:
     return replace(smooth, left_step_rad=left, right_step_rad=right)
 
 
-def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float, least_s: float) -> Floats:
+def _denoised(
+    step_rad: Floats,
+    tick_s: float,
+    rad_per_count: float,
+    least_s: float,
+    *,
+    is_counted: bool = True,
+) -> Floats:
     """Smooth steps a little where they are large, and much where they are hardly more than noise.
 
     On a straight the difference of two counts is nothing but their noise.
@@ -121,7 +128,14 @@ def _denoised(step_rad: Floats, tick_s: float, rad_per_count: float, least_s: fl
 
     rate = smooth(3 * USUAL_S) / tick_s
     noise = _NOISE_COUNTS_PER_S * rad_per_count
-    calm = np.exp(-((rate / noise) ** 2))
+    size = np.abs(rate)
+    if is_counted:
+        # Where a turn only changes sides its rate is low for a moment, and nothing is calm. Details
+        # are sought in what is left: a mean over the calm around would stand out of the turn.
+        half = max(round(1.5 * USUAL_S / tick_s), 1)
+        before, after = (maximum_filter1d(size, 2 * half + 1, origin=way) for way in (half, -half))
+        size = np.minimum(before, after)
+    calm = np.exp(-((size / noise) ** 2))
     # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
     slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
     return np.asarray((1 - calm) * smooth(least_s) + calm * slow)
