@@ -19,6 +19,7 @@ import numpy as np
 
 from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.wheel_speeds import WheelSpeed
 
 USUAL_CONTACT_M_PER_SQRT_M: Final = 5e-4
 """Contact noise of a wheel on a floor, before a log is seen."""
@@ -56,6 +57,7 @@ class Motion:
             where wheels say how fast they are.
         turning_s: over how long turn rates were averaged.
         sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
+        wheel_speeds: of the left and the right wheel, what is known beside its own counts.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
@@ -96,6 +98,7 @@ class Motion:
     rounding_rad: float
     turning_s: float
     sharp_s: float
+    wheel_speeds: tuple[WheelSpeed, WheelSpeed]
     has_counters: bool = True
 
     @cached_property

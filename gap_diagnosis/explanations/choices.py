@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
-from gap_diagnosis.explanations.variant import Value, Variant
+from gap_diagnosis.explanations.variant import Scatter, Value, Variant
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import FACTORS
-
-Scatter = Callable[[Motion, float], tuple[Floats, Floats]]
 
 
 def missed_ticks(motion: Motion) -> Iterable[Variant]:
@@ -36,21 +34,27 @@ def missed_ticks(motion: Motion) -> Iterable[Variant]:
                 fixed,
                 report,
                 is_positive=True,
-                scatter=_scatter_of_missed(side, threshold),
+                scatter=_scatter_of_missed(side),
                 about=lambda probability: {"about": probability},
             )
 
 
-def _scatter_of_missed(side: str, threshold: float) -> Scatter:
-    """Of N counts, each lost with probability p, N p (1 - p) is the variance of those lost."""
+def _scatter_of_missed(side: str) -> Scatter:
+    """Of N counts, each lost with probability p, N p (1 - p) is the variance of those lost, and of
+    those that may be lost, with a share s, (N p)^2 s (1 - s) besides."""
 
-    def scatter(motion: Motion, probability: float) -> tuple[Floats, Floats]:
-        share = min(max(probability, 0.0), 0.99)
+    def scatter(motion: Motion, probability: float, *, threshold: float) -> tuple[Floats, Floats]:
+        lost = min(max(probability, 0.0), 0.99)
         step = motion.left_step_rad if side == "left" else motion.right_step_rad
-        fast = encoder.is_too_fast(motion, side, share, threshold)
-        lost = np.where(fast, np.abs(step), 0.0) * share / (1.0 - share) ** 2
+        own = encoder.own_speed(motion, side, lost, threshold)
+        share = own.share_above(threshold)
+        left = 1.0 - share * lost
+        turned = np.abs(step) / motion.rad_per_count / left
         # Each is of the size of a rounding.
-        return _of_side(side, lost * motion.rounding_rad / motion.rad_per_count**2)
+        size = motion.rounding_rad / motion.rad_per_count
+        variance = turned * share * lost * (1.0 - lost) * size
+        variance += (turned * lost) ** 2 * share * (1.0 - share)
+        return _of_side(side, variance / left**2)
 
     return scatter
 

@@ -3,10 +3,10 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.wheel_speeds import OwnSpeed
 
 _TURNS: Final = 5
 """So often an angle is put right by the error at it: of 0.1 rad there remains a millionth."""
@@ -73,8 +73,8 @@ def missed_ticks_left(
 
     *about*: where it is too fast if they are lost with this probability.
     """
-    fast = is_too_fast(p.motion, "left", probability if about is None else about, threshold)
-    p.left_rad = np.where(fast, p.left_rad / (1 - probability), p.left_rad)
+    own = own_speed(p.motion, "left", probability if about is None else about, threshold)
+    p.left_rad = p.left_rad / (1 - own.share_above(threshold) * probability)
 
 
 def missed_ticks_right(
@@ -84,27 +84,14 @@ def missed_ticks_right(
 
     *about*: where it is too fast if they are lost with this probability.
     """
-    fast = is_too_fast(p.motion, "right", probability if about is None else about, threshold)
-    p.right_rad = np.where(fast, p.right_rad / (1 - probability), p.right_rad)
+    own = own_speed(p.motion, "right", probability if about is None else about, threshold)
+    p.right_rad = p.right_rad / (1 - own.share_above(threshold) * probability)
 
 
-def is_too_fast(
-    motion: Motion, side: str, probability: float, threshold_rad_s: float
-) -> NDArray[np.bool_]:
-    """Tell, bool[n], where a wheel loses counts above a threshold.
-
-    It is the wheel's own speed that loses them, and a wheel that loses counts is faster than it
-    counts. At counted rates that may be either, how the body moves tells which.
-    """
-    counted, sign = (
-        (motion.left_rate_rad_s, -1.0) if side == "left" else (motion.right_rate_rad_s, 1.0)
-    )
-    counted = np.abs(counted)
-    losing = counted / (1 - probability)
-    around_m_s = 0.5 * motion.wheelbase_m * motion.turn_rate_rad_s
-    seen = np.abs(motion.speed_m_s + sign * around_m_s) / motion.radius_m
-    is_nearer = np.abs(seen - losing) < np.abs(seen - counted)
-    return (counted > threshold_rad_s) | ((losing > threshold_rad_s) & is_nearer)
+def own_speed(motion: Motion, side: str, probability: float, threshold_rad_s: float) -> OwnSpeed:
+    """Return how fast a wheel turns if it loses counts above a threshold."""
+    known = motion.wheel_speeds[0 if side == "left" else 1]
+    return known.losing(threshold_rad_s, probability)
 
 
 def extra_ticks_left(p: Prediction, *, rate: float) -> None:

@@ -18,6 +18,7 @@ from gap_diagnosis.recording import Floats
 
 Value = float | int | str
 Action = Callable[..., None]
+Scatter = Callable[..., tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ class Variant:
         log_share: log of the share of all the times at which it could have begun that looks like
             this one.
         scatter: for a coefficient that is a rate or a probability, by how much the counts of the
-            left and the right wheel vary by chance, counts² per tick, float64[n] each.
+            left and the right wheel vary by chance, counts² per tick, float64[n] each; takes the
+            motion, the coefficient and the fixed values by name.
         unsure: of what puts a guess in the place of counts that were not there, by how much the
             guess may be off, counts² per tick of the left and the right wheel, float64[n] each:
             nothing that is said beside it may lean on the guess.
@@ -76,7 +78,7 @@ class Variant:
     unbent: Callable[[float], float] | None = None
     exact: Action | None = None
     log_share: float = 0.0
-    scatter: Callable[[Motion, float], tuple[Floats, Floats]] | None = None
+    scatter: Scatter | None = None
     unsure: Callable[[Motion], tuple[Floats, Floats]] | None = None
     rectifies: bool = False
     about: Callable[[float], Mapping[str, float]] | None = None

@@ -26,6 +26,7 @@ from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smo
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.standing import standing
+from gap_diagnosis.wheel_speeds import WheelSpeed, wheel_speed
 from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
@@ -138,8 +139,36 @@ def estimate_motion(
         rounding_rad=rounding_rad,
         turning_s=turning_s,
         sharp_s=sharp_smoothing_s(turning_s),
+        wheel_speeds=_wheel_speeds((left, right), t_s, gyro_turn, robot, rounding_rad),
         has_counters=has_counters,
     )
+
+
+def _wheel_speeds(
+    angles: tuple[Floats, Floats],
+    t_s: Floats,
+    gyro_turn: Floats | None,
+    robot: Robot,
+    rounding_rad: float,
+) -> tuple[WheelSpeed, WheelSpeed]:
+    """Return what is known of both wheels' speeds beside their own counts."""
+    plant, tick_s = robot.plant, float(np.median(np.diff(t_s)))
+    per_turn = plant.wheels.wheelbase_m / plant.wheels.radius_m
+    turning = None if gyro_turn is None else _slope(gyro_turn, t_s) * per_turn
+    left, right = (_slope(angle, t_s) for angle in angles)
+
+    def of(own: Floats, other: Floats, sign: float) -> WheelSpeed:
+        return wheel_speed(
+            own,
+            other,
+            None if turning is None else sign * turning,
+            smooth_ticks=max(USUAL_S / tick_s, 0.5),
+            tick_s=tick_s,
+            rad_per_count=math.tau / plant.encoder.ticks_per_rev,
+            rounding_rad=rounding_rad,
+        )
+
+    return of(left, right, -1.0), of(right, left, 1.0)
 
 
 def _slope(values: Floats, t_s: Floats) -> Floats:

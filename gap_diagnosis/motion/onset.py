@@ -14,13 +14,13 @@ import numpy as np
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.choices import SLIP_WINDOWS
 from gap_diagnosis.explanations.registry import rank_of
-from gap_diagnosis.explanations.variant import Action, Variant
+from gap_diagnosis.explanations.variant import Action, Scatter, Variant
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import gram_of, score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
-from gap_diagnosis.prediction import Prediction
+from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
 _GYRO_RANK: Final = 2
@@ -50,6 +50,7 @@ def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
         exact=None if variant.exact is None else _between(variant.in_detail),
         rectifies=False,
         about=None,
+        scatter=None if variant.scatter is None else _scattered_between(variant, variant.scatter),
         fixed=window,
         report={**variant.report, **window},
     )
@@ -67,6 +68,17 @@ def _between(variant: Variant) -> Action:
                 setattr(prediction, one.name, np.where(inside, after, before))
 
     return act
+
+
+def _scattered_between(variant: Variant, whole: Scatter) -> Scatter:
+    def scatter(
+        motion: Motion, size: float, *, start_s: float, stop_s: float
+    ) -> tuple[Floats, Floats]:
+        inside = (motion.t_s >= start_s) & (motion.t_s < stop_s)
+        left, right = whole(motion, size, **variant.fixed)
+        return np.where(inside, left, 0.0), np.where(inside, right, 0.0)
+
+    return scatter
 
 
 def best_window(model: MotionModel, term: Term, levels: Floats) -> tuple[Term, float] | None:

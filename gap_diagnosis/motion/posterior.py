@@ -18,6 +18,7 @@ from gap_diagnosis.motion.evidence import Scored
 from gap_diagnosis.motion.importance import MANY, Bends, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window, windows_of
 from gap_diagnosis.recording import Floats
 
@@ -41,8 +42,8 @@ class Posterior:
         """Return the parameters of a set under their full names, its windows [s], and how heavy the
         tail of the weights is that correct its draws; None where none were needed."""
         rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
-        draws, pareto_k = self._drawn(found, again, rng)
-        ends = self._windows(found, again, draws, rng)
+        draws, ends, pareto_k = self._drawn(found, again, rng)
+        ends |= self._windows(found, again, draws, rng)
         parameters: dict[str, Estimate] = {}
         windows: list[tuple[float, float]] = []
         column = 0
@@ -68,12 +69,15 @@ class Posterior:
 
     def _drawn(
         self, found: Found, again: Refitted, rng: np.random.Generator
-    ) -> tuple[Floats, float | None]:
+    ) -> tuple[Floats, dict[str, Floats], float | None]:
         """Return draws float64[4000, k] of the sizes, of every variant that is about as likely, and
-        the tail's shape of the best one's weights.
+        float64[4000] of a threshold, and the tail's shape of the best one's weights.
 
         What one side counts too many the other may count too few: the size goes with the side.
         """
+        for place, term in enumerate(found.terms):
+            if has_threshold(term):
+                return self._along_thresholds(found.terms, place, again, rng)
         likely = [(found.terms, again)]
         for place, term in enumerate(found.terms):
             if not term.variant.coefficients or any(name in term.variant.fixed for name in EDGES):
@@ -90,9 +94,26 @@ class Posterior:
         each = [self._draws_of(terms, fit, rng) for terms, fit in likely]
         drawn = [one.resampled(DRAWS, rng) for one in each]
         if len(drawn) == 1:
-            return drawn[0], each[0].pareto_k
+            return drawn[0], {}, each[0].pareto_k
         picked = rng.choice(len(drawn), size=DRAWS, p=weights / weights.sum())
-        return np.stack(drawn)[picked, np.arange(DRAWS)], each[0].pareto_k
+        return np.stack(drawn)[picked, np.arange(DRAWS)], {}, each[0].pareto_k
+
+    def _along_thresholds(
+        self, terms: Sequence[Term], place: int, fit: Refitted, rng: np.random.Generator
+    ) -> tuple[Floats, dict[str, Floats], float | None]:
+        """Return the same of a set with a threshold: the sizes go with it."""
+        known = thresholds_of(
+            self.model, terms, place, fit.coefficients, fit.levels, leans=fit.leans
+        )
+        picked, rates = known.draw(DRAWS, self.scan.dispersion, rng)
+        draws: Floats | None = None
+        for one in np.unique(picked):
+            free = [term for term in known.terms[one] if not term.is_fixed]
+            own = draw(self._widened(known.fits[one].scored), free, rng)
+            draws = np.zeros_like(own) if draws is None else draws
+            draws[picked == one] = own[picked == one]
+        assert draws is not None
+        return draws, {f"{terms[place].variant.effect}.threshold": rates}, None
 
     def _draws_of(self, terms: Sequence[Term], fit: Refitted, rng: np.random.Generator) -> Drawn:
         """Return draws of a fit's sizes: of three and more weighed as the effects bend, as long as

@@ -19,6 +19,7 @@ from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
+from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
 
@@ -118,8 +119,8 @@ class Scan(Accounts):
                 self._refit(one)
 
     def _moved_windows(self, head: Found) -> bool:
-        """Seek the windows of a fitted set again, once, about its fit and at its noise levels; tell
-        whether one was better elsewhere.
+        """Seek the windows and thresholds of a fitted set again, once, about its fit and at its
+        noise levels; tell whether one was better elsewhere.
 
         One tick beside where an effect begins its whole rate is missing, or too much: noise that
         another effect can take up.
@@ -133,6 +134,9 @@ class Scan(Accounts):
                 edged = best_edges(self.model, terms, place, fit.coefficients, fit.levels)
                 self.spans[term.variant.effect] = edged.spans
                 terms[place] = edged.term
+            elif has_threshold(term):
+                known = thresholds_of(self.model, terms, place, fit.coefficients, fit.levels)
+                terms[place] = known.best[place]
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
         others = head.log_evidence - fit.log_evidence
