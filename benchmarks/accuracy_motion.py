@@ -9,8 +9,9 @@
 *limit*: each effect at 2 to 10 times its detection limit, every constant of the description off
 within its tolerance; errors over the Cramér-Rao bound. *exact*: the same with constants that are
 exact and known to be. *prior*: sizes from the published prior; coverage and ranks. A round is one
-case of each effect. Results are appended to DIR as lines of JSON; what is there already is not
-done again, so that a run may be stopped and gone on with.
+case of each effect; rounds before *--first* are those that mends were read from. Results are
+appended to DIR as lines of JSON; what is there already is not done again, so that a run may be
+stopped and gone on with.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ def main() -> None:
     parser.add_argument("what", choices=[*get_args(Study), "page"])
     parser.add_argument("--results", type=Path, required=True, help="folder of results")
     parser.add_argument("--rounds", type=int, default=40, help="cases of each effect")
+    parser.add_argument("--first", type=int, default=0, help="number of the first round")
     parser.add_argument("--effects", help="names, separated by commas; all without it")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--until", help="HH:MM: begin no case after this time today")
@@ -54,7 +56,8 @@ def main() -> None:
             given.out.write_text(text, encoding="utf-8")
         return
     names = given.effects.split(",") if given.effects else [*SMOOTH, *NOISY, *STEPPED]
-    run(given.what, names, given.rounds, given.results, given.jobs, given.until)
+    rounds = range(given.first, given.first + given.rounds)
+    run(given.what, names, rounds, given.results, given.jobs, given.until)
 
 
 def results(folder: Path) -> list[dict[str, Any]]:
@@ -68,13 +71,13 @@ def results(folder: Path) -> list[dict[str, Any]]:
 
 
 def run(
-    study: Study, names: list[str], rounds: int, folder: Path, jobs: int, until: str | None
+    study: Study, names: list[str], rounds: range, folder: Path, jobs: int, until: str | None
 ) -> None:
     """Run what is not there yet and append it."""
     done = {(one["study"], one["effect"], one["number"]) for one in results(folder)}
     tasks: list[Task] = [
         (study, name, number)
-        for number in range(rounds)
+        for number in rounds
         for name in names
         if (study, name, number) not in done
     ]

@@ -48,12 +48,15 @@ def _commands(results: Sequence[Result]) -> str:
     lines = []
     for study in ("limit", "exact", "prior"):
         rounds: dict[str, int] = {}
+        numbers = [one["number"] for one in results if one["study"] == study]
+        if not numbers:
+            continue
+        first = min(numbers)
         for one in results:
             if one["study"] == study:
-                rounds[one["effect"]] = max(rounds.get(one["effect"], 0), one["number"] + 1)
-        if not rounds:
-            continue
-        command = f"    python benchmarks/accuracy_motion.py {study}"
+                done = one["number"] + 1 - first
+                rounds[one["effect"]] = max(rounds.get(one["effect"], 0), done)
+        command = f"    python benchmarks/accuracy_motion.py {study} --first {first}"
         least = min(rounds.values())
         lines.append(f"{command} --rounds {least} --results DIR")
         for effect, more in sorted(rounds.items()):
