@@ -1,4 +1,4 @@
-"""Detection limits of what commands, frames, codes and odometry show, before any fit.
+"""Detection limits of what commands, frames, codes and odometry show, whatever is at work.
 
 What comes by chance is told by how often it could have happened, what a drive does by how much it
 moves the wheels; a replay is exact to the last digit.

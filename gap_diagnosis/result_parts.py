@@ -232,11 +232,12 @@ class Waterfall(Part):
 
 
 class Structure(Part):
-    """What this log can tell, computed from its manoeuvres before any fit."""
+    """What this log can tell, whatever is at work: from its manoeuvres and its levels of noise."""
 
     detectable: dict[str, float | None] = Field(
         default_factory=dict,
-        description="detection limit per effect, in its parameter's unit; null: cannot be seen",
+        description="detection limit per effect, in its parameter's unit; null: cannot be seen, "
+        "0: shows whenever it acts",
     )
     groups: tuple[EffectSet, ...] = Field(
         default=(), description="effects that this log cannot tell apart"
