@@ -68,7 +68,8 @@ def closed_share(before: float, after: float, floor: float) -> float | None:
 def metric_of(name: str, compared: Compared) -> Metric | None:
     """Return one metric with the 95 % interval of what was closed; None without a window.
 
-    The interval comes from windows drawn anew (with after's parameters drawn along with them).
+    The interval comes from windows drawn anew, with after's parameters drawn along with them; of a
+    single window from those parameters, and from what noise may leave of it.
     """
     before = compared.before.rms
     if before is None:
@@ -136,14 +137,20 @@ def _picks(count: int) -> NDArray[np.int64] | None:
 def _closed_interval(compared: Compared) -> tuple[float, float] | None:
     before, after, floor = compared.before, compared.after, compared.floor
     picks = _picks(len(before.mean_square))
-    if picks is None or after is None or floor is None:
+    if after is None or floor is None:
         return None
+    floors = np.broadcast_to(floor.mean(0), (_RESAMPLES, floor.shape[1]))
+    if picks is None:
+        if compared.after_draws is None:
+            return None
+        picks = np.zeros((_RESAMPLES, 1), dtype=np.int64)
+        floors = floor[np.random.default_rng(_SEED).integers(len(floor), size=_RESAMPLES)]
     afters = np.broadcast_to(after.mean_square, (_RESAMPLES, len(after.mean_square)))
     if compared.after_draws is not None and len(compared.after_draws):
         afters = compared.after_draws[np.arange(_RESAMPLES) % len(compared.after_draws)]
     before_rms = np.sqrt(before.mean_square[picks].mean(1))
     after_rms = np.sqrt(np.take_along_axis(afters, picks, axis=1).mean(1))
-    floor_rms = np.sqrt(floor.mean(0)[picks].mean(1))
+    floor_rms = np.sqrt(np.take_along_axis(floors, picks, axis=1).mean(1))
     width = before_rms - floor_rms
     good = width > 0
     if good.mean() < 0.9:

@@ -63,6 +63,26 @@ def test_the_interval_of_closed_holds_its_value_and_shrinks_with_windows() -> No
     assert widths[1] < 0.5 * widths[0]
 
 
+@given(spread=st.floats(0.02, 0.3))
+def test_of_a_single_window_values_and_noise_tell_how_sure_the_share_is(spread: float) -> None:
+    """A log of a minute holds one window back: 29 of 70 shares had no interval."""
+    random = np.random.default_rng(2)
+    before, after = np.array([9.0]), np.array([1.2])
+    drawn = after * (1 + spread * random.standard_normal((40, 1))) ** 2
+    floor = random.chisquare(20, (40, 1)) / 20
+    known = Compared(errors_of(before), errors_of(after), floor, drawn)
+    metric = metric_of("odometry_position_m", known)
+    assert metric is not None
+    assert metric.ci95 is not None
+    assert metric.closed is not None
+    assert metric.ci95[0] < metric.closed < metric.ci95[1]
+    # To first order, of sqrt(9) - sqrt(1.2) out of sqrt(9) - 1; the floor is 1 +- 0.16 by its law.
+    by_values = spread * math.sqrt(1.2) / 2.0
+    by_noise = metric.closed * 0.16 / 2.0
+    wide = 2 * 1.96 * math.hypot(by_values, by_noise)
+    assert 0.6 * wide < metric.ci95[1] - metric.ci95[0] < 1.5 * wide
+
+
 def test_the_gap_is_told_in_the_first_metric_of_its_stage_that_has_one() -> None:
     def metric(before: float) -> Compared:
         return Compared(errors_of(np.full(4, before)), errors_of(np.full(4, 1.0)), np.ones((2, 4)))
