@@ -54,8 +54,8 @@ class Shrink:
     Attributes:
         gap: None where nothing could be held out or measured.
         waterfall: None where the winning effects do not act in the gap's metric.
-        stages: share of each stage in the gap.
-        segments: the same, manoeuvre by manoeuvre.
+        stages: share of each stage in the gap, in its own metric; empty without a gap.
+        segments: the same, manoeuvre by manoeuvre; none without a gap.
         pictures: to draw from.
         notes: what could not be measured.
     """
@@ -148,12 +148,17 @@ def shrink(
                 return timing_rms(where, windows, skew if _SKEW in some else 0.0)
 
             waterfall = _waterfall(gap, on_bus, rms_of_stamps)
-    metric = named or ("odometry_position_m" if where.reference else "turn_difference_rad")
+    shares: dict[StageOrNone, float] = {}
+    segments: tuple[Segment, ...] = ()
+    if gap is not None and stage != "none":
+        metric = gap.metric
+        shares = stage_shares(metric, where, robot, motion, windows, settings)
+        segments = manoeuvre_segments(where, robot, motion, kinds, settings, metric=metric)
     return Shrink(
         gap=gap,
         waterfall=waterfall,
-        stages=stage_shares(metric, where, robot, motion, windows, settings),
-        segments=manoeuvre_segments(where, robot, motion, kinds, settings, metric=metric),
+        stages=shares,
+        segments=segments,
         pictures=pictures_of(where, model, windows, settings, motion=motion, robot=robot),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from structure_cases import ROBOT, WIRE, analysis_of
+from structure_cases import ROBOT, WIRE, analysis_of, drive
 
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.drive.block import drive_block
@@ -19,9 +19,9 @@ from hil_harness.scenarios import scenario
 
 def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     wrong = EffectSetting("firmware_constant", (("constant", "wheel_radius"), ("scale", 0.01)))
-    drive = replace(scenario("figure8"), effects=())
+    figure8 = replace(scenario("figure8"), effects=())
     log = synthetic_recording(
-        ROBOT, WIRE, drive, (wrong,), 3, reference=ReferenceNoise(), duration_s=30.0
+        ROBOT, WIRE, figure8, (wrong,), 3, reference=ReferenceNoise(), duration_s=30.0
     )
     motion, firmware = analysis_of(log), firmware_block(log, ROBOT, WIRE)
     assert firmware is not None
@@ -38,6 +38,8 @@ def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     assert fall is not None
     assert [step.effect for step in fall.steps] == ["firmware_constant"]
     assert fall.steps[0].reduction == pytest.approx(found.before - found.after)
+    assert shrunk.stages == {"firmware": 1.0}, "only the program touches the odometry's replay"
+    assert {segment.stage for segment in shrunk.segments} == {"firmware"}
 
 
 def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None:
@@ -49,9 +51,9 @@ def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None
         ROBOT, WIRE, replace(scenario("calibration"), effects=()), wrong, 3,
         reference=ReferenceNoise(), duration_s=30.0,
     )  # fmt: skip
-    motion, drive = analysis_of(log), drive_block(log, ROBOT)
-    assert drive is not None
-    analysis = replace(motion, blocks=(*motion.blocks, drive))
+    motion, commands = analysis_of(log), drive_block(log, ROBOT)
+    assert commands is not None
+    analysis = replace(motion, blocks=(*motion.blocks, commands))
     both = frozenset({"drive_lag", "drive_gain"})
     shrunk = shrink(analysis, both, "actuation", ROBOT, WIRE, None)
     gap, fall = shrunk.gap, shrunk.waterfall
@@ -63,6 +65,8 @@ def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None
     assert {step.effect for step in fall.steps} == both
     assert min(step.reduction for step in fall.steps) > 0
     assert fall.after == pytest.approx(gap.after)
+    assert shrunk.stages == {"actuation": 1.0}, "not of the sensors, which tell what was driven"
+    assert {segment.stage for segment in shrunk.segments} == {"actuation"}
 
 
 def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> None:
@@ -89,9 +93,29 @@ def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> No
     assert steps["clock_skew"] == pytest.approx(gap.before - gap.after)
     assert steps["clock_skew"] > 0.5 * gap.before
     assert steps["frame_jitter"] == 0.0, "it spreads stamps and leaves their beat"
+    assert shrunk.stages == {"bus": 1.0}
     alone = shrink(analysis, frozenset({"frame_jitter"}), "bus", ROBOT, WIRE, None).waterfall
     assert alone is not None
     assert alone.before == alone.after
+
+
+def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
+    wider = EffectSetting("wheelbase_scale", (("scale", 0.02),))
+    shrunk = shrink(
+        analysis_of(drive("figure8", wider)), frozenset({"wheelbase_scale"}), "wheel",
+        ROBOT, WIRE, None,
+    )  # fmt: skip
+    assert shrunk.gap is not None
+    assert shrunk.gap.metric in {"odometry_position_m", "turn_difference_rad"}
+    assert sum(shrunk.stages.values()) == pytest.approx(1)
+    assert set(shrunk.stages) > {"wheel", "gyro"}
+
+
+def test_without_a_gap_no_stage_carries_it() -> None:
+    shrunk = shrink(analysis_of(drive("figure8")), frozenset(), "none", ROBOT, WIRE, None)
+    assert shrunk.gap is not None, "how large it is with noise alone is measured all the same"
+    assert not shrunk.stages
+    assert not shrunk.segments
 
 
 def test_what_is_held_out_of_a_drive_leaves_no_trace_in_its_values() -> None:
