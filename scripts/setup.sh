@@ -35,6 +35,10 @@ if [ "${1:-}" = test ]; then
     command -v cppcheck >/dev/null || install cppcheck
     command -v arm-none-eabi-gcc >/dev/null || install gcc-arm-none-eabi
     command -v qemu-system-arm >/dev/null || install qemu-system-arm
+    # a real browser opens the page of a diagnosis; Ubuntu has none in its archive, but its users often one
+    command -v chromium-headless-shell >/dev/null || command -v chromium >/dev/null ||
+        command -v google-chrome >/dev/null || install chromium-headless-shell ||
+        echo "no Chromium to be had with apt: the tests of pages in a browser will be skipped" >&2
     # a real SocketCAN bus and its tools; where this kernel has no vcan, in a small virtual machine
     command -v candump >/dev/null || install can-utils iproute2
     if ! scripts/vcan.sh --where >/dev/null && [ "$(uname -m)" = x86_64 ]; then
