@@ -50,12 +50,14 @@ class Compared:
         floor: float64[draws, w], mean squares that noise alone leaves; None where unknown.
         after_draws: float64[draws, w], mean squares with values drawn from the posterior of the
             effects' parameters, for the interval; None leaves their spread out.
+        extents: float64[w, 2], way [m] and duration [s] of each window; None where unknown.
     """
 
     before: WindowErrors
     after: WindowErrors | None = None
     floor: Floats | None = None
     after_draws: Floats | None = None
+    extents: Floats | None = None
 
 
 def closed_share(before: float, after: float, floor: float) -> float | None:
@@ -83,6 +85,9 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
         closed = closed_share(before, after, floor)
         if closed is not None:
             interval = _closed_interval(compared)
+    window_m = window_s = None
+    if compared.extents is not None:
+        window_m, window_s = (float(mean) for mean in compared.extents.mean(0))
     return Metric(
         unit=UNITS[name],
         before=before,
@@ -91,6 +96,8 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
         closed=closed,
         ci95=interval,
         windows=len(compared.before.mean_square),
+        window_m=window_m or None,  # over windows at rest no error grows with the way
+        window_s=window_s,
     )
 
 

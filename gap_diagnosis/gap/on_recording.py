@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Final
 
@@ -75,8 +75,20 @@ def _quantum_rad(robot: Robot, motion: Motion) -> float:
 
 def windows_on(motion: Motion, held_out: NDArray[np.bool_] | None = None) -> tuple[Window, ...]:
     """Return the windows on the held-out ticks, bool[n] (None: the whole log)."""
-    way = np.cumsum(0.5 * motion.radius_m * np.abs(motion.left_step_rad + motion.right_step_rad))
-    return windows_of(motion.t_s, way, held_out)
+    return windows_of(motion.t_s, _way_m(motion), held_out)
+
+
+def _way_m(motion: Motion) -> Floats:
+    """Return the way of the described wheels until each tick, float64[n]."""
+    steps_rad = np.abs(motion.left_step_rad + motion.right_step_rad)
+    return np.asarray(np.cumsum(0.5 * motion.radius_m * steps_rad))
+
+
+def _extents(motion: Motion, windows: Sequence[Window]) -> Floats:
+    """Return way [m] and duration [s] of each window, float64[w, 2]."""
+    ends_s = np.array([(one.start_s, one.stop_s) for one in windows]).reshape(-1, 2)
+    ends_m = np.interp(ends_s, motion.t_s, _way_m(motion))
+    return np.column_stack([np.diff(ends_m), np.diff(ends_s)])
 
 
 def measure(
@@ -116,7 +128,11 @@ def measure(
         compared["timing_s"] = _timing(
             recording.frames, windows, clock_skew or 0.0, explained or clock_skew is not None
         )
-    metrics = {name: metric_of(name, one) for name, one in compared.items()}
+    extents = _extents(motion, windows)
+    metrics = {
+        name: metric_of(name, replace(one, extents=extents[one.before.window]))
+        for name, one in compared.items()
+    }
     return {name: metric for name, metric in metrics.items() if metric is not None}
 
 

@@ -61,6 +61,20 @@ def test_the_true_effect_closes_the_gap_on_held_out_stretches_and_its_stage_carr
     assert shares[stage] > 0.7
 
 
+def test_a_metric_tells_how_long_and_how_far_its_windows_are_on_average() -> None:
+    robot, [(recording, motion)] = drives("random", "radius_scale", scale=0.01)
+    held_out = hold_out(recording.t_s, kinds_of(recording, robot)).held_out
+    windows = windows_on(motion, held_out)
+    found = measure(recording, robot, motion, windows)["odometry_position_m"]
+    seconds = [one.stop_s - one.start_s for one in windows]
+    assert found.windows == len(windows)
+    assert found.window_s == pytest.approx(np.mean(seconds))
+    # Wheels are described with the radius that the odometry counts in.
+    wheel_m = 0.5 * motion.radius_m * np.abs(motion.left_step_rad + motion.right_step_rad)
+    metres = [wheel_m[(motion.t_s > a.start_s) & (motion.t_s <= a.stop_s)].sum() for a in windows]
+    assert found.window_m == pytest.approx(np.mean(metres), rel=0.01)
+
+
 def test_a_wheelbase_is_seen_against_the_gyro_where_the_odometry_follows_the_gyro() -> None:
     robot, [(recording, motion)] = drives("random", "wheelbase_scale", mode="gyro", scale=0.02)
     windows = windows_on(motion)
