@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -70,6 +70,46 @@ class Prior:
         """Return the prior of one coefficient."""
         known = self.parameters[effect]
         return known.get(coefficient) or known["all"]
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is believed of one parameter before a log is seen.
+
+    Attributes:
+        tolerance: a size up to this is no news; None where there is no such size.
+        span: the prior is even over orders of magnitude between these sizes, without sign.
+        of: what the sizes are shares of; empty where they are in the parameter's unit.
+    """
+
+    tolerance: float | None
+    span: Range
+    of: str = ""
+
+
+_NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "start_s", "stop_s"})
+"""Parameters that place an effect: angles are even over a turn, the others have their own laws."""
+
+
+def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
+    """Return what the data of *prior* states, by parameter; those with a law in code are absent."""
+    sizes = prior.parameters.get(effect.name, {})
+    ranges = prior.ranges.get(effect.name, {})
+    found = {}
+    for parameter in effect.parameters:
+        name = parameter.name
+        size = sizes.get(name) or (sizes.get("all") if name not in _NOT_SIZES else None)
+        if parameter.kind != "real":
+            continue
+        if size is not None:
+            found[name] = Stated(size.tolerance, (size.tolerance, size.high))
+        elif name in ranges:
+            # `usual` is of how much or how often, which is what the effect begins with.
+            follows = "usual" in ranges and ranges[name][0] == ranges["usual"][1]
+            found[name] = Stated(ranges["usual"][1] if follows else None, ranges[name])
+        elif "share" in ranges:
+            found[name] = Stated(None, ranges["share"], "the largest")
+    return found
 
 
 def with_library(prior: Prior, library: Mapping[str, Effect]) -> Prior:

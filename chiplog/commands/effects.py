@@ -16,9 +16,15 @@ from chiplog.commands.output import STANDARD_OUTPUT, write_json
 from chiplog.errors import CommandError, suggestion
 
 if TYPE_CHECKING:
+    from gap_diagnosis.priors import Prior
     from hil_harness.effects import Effect, EffectParameter
 
 _WIDEST = 32
+_FACTS = ("unit", "neutral", "typical", "tolerance", "prior")
+_PRIOR_SAID = (
+    "For `chiplog diagnose`, without sign: up to the tolerance is no news (robot.toml's own where "
+    "it states one), and the prior is even over orders of magnitude."
+)
 _NESTED = ("apply", "explain", "parameters", "twins")
 
 
@@ -46,18 +52,21 @@ def command(
     ] = None,
 ) -> None:
     """List the effects that `chiplog run --effect NAME.PARAM=VALUE` can switch on."""
+    from gap_diagnosis.priors import default_prior, with_library
     from hil_harness.effects import catalogue, load_effect_library
 
     known = catalogue() if effect_library is None else load_effect_library(effect_library)
     chosen = _chosen(known, name, stage)
+    own = {each: effect for each, effect in known.items() if each not in catalogue()}
+    prior = with_library(default_prior(), own)
     if json_file is not None:
-        write_json(json_file, [_as_json(effect) for effect in chosen])
+        write_json(json_file, [_as_json(effect, prior) for effect in chosen])
     if json_file == STANDARD_OUTPUT:
         return
     if name is not None:
-        _show_one(chosen[0])
+        _show_one(chosen[0], prior)
     else:
-        _show_all(chosen)
+        _show_all(chosen, prior)
 
 
 def _chosen(known: Mapping[str, Effect], name: str | None, stage: Stage | None) -> list[Effect]:
@@ -71,7 +80,7 @@ def _chosen(known: Mapping[str, Effect], name: str | None, stage: Stage | None) 
     ]
 
 
-def _show_all(effects: Sequence[Effect]) -> None:
+def _show_all(effects: Sequence[Effect], prior: Prior) -> None:
     from chiplog.terminal import show_line, show_table
 
     rows = []
@@ -79,19 +88,24 @@ def _show_all(effects: Sequence[Effect]) -> None:
     for effect in effects:
         heads = [effect.stage if effect.stage != stage else "", effect.name]
         stage = effect.stage
+        believed = _believed(effect, prior)
         for parameter in effect.parameters:
-            rows.append([*heads, parameter.name, *_facts(parameter, _WIDEST)])
+            facts = [*_facts(parameter, _WIDEST), *believed[parameter.name]]
+            rows.append([*heads, parameter.name, *facts])
             heads = ["", ""]
         if not effect.parameters:
-            rows.append([*heads, "none", "", "", ""])
-    show_table(["stage", "effect", "parameter", "unit", "neutral", "typical"], rows, words=4)
+            rows.append([*heads, "none", *[""] * len(_FACTS)])
+    show_table(["stage", "effect", "parameter", *_FACTS], rows, words=4)
     show_line()
+    show_line(_PRIOR_SAID)
     show_line("A ratio is real over described, minus 1. `chiplog effects NAME` tells more of one.")
     show_line("Any effect takes start_s and stop_s besides: it then acts in this part of the log.")
 
 
-def _show_one(effect: Effect) -> None:
+def _show_one(effect: Effect, prior: Prior) -> None:
     from chiplog.terminal import show_line, show_table
+
+    believed = _believed(effect, prior)
 
     show_line(f"{effect.name}, stage {effect.stage}")
     show_line(effect.signature)
@@ -100,10 +114,25 @@ def _show_one(effect: Effect) -> None:
         show_line(f"Leaves the same data as {' + '.join(twins.effects)}{condition}.")
     show_line()
     show_table(
-        ["parameter", "unit", "neutral", "typical", "meaning"],
-        [[p.name, *_facts(p), p.meaning] for p in effect.parameters],
-        words=5,
+        ["parameter", *_FACTS, "meaning"],
+        [[p.name, *_facts(p), *believed[p.name], p.meaning] for p in effect.parameters],
+        words=7,
     )
+    if any(any(cells) for cells in believed.values()):
+        show_line()
+        show_line(_PRIOR_SAID)
+
+
+def _believed(effect: Effect, prior: Prior) -> dict[str, list[str]]:
+    """Return tolerance and prior range of each parameter; empty where none is stated."""
+    from gap_diagnosis.priors import stated
+
+    cells = {parameter.name: ["", ""] for parameter in effect.parameters}
+    for name, one in stated(prior, effect).items():
+        share = f" of {one.of}" if one.of else ""
+        span = f"{_text(one.span[0])} to {_text(one.span[1])}{share}"
+        cells[name] = ["" if one.tolerance is None else _text(one.tolerance), span]
+    return cells
 
 
 def _facts(parameter: EffectParameter, widest: int = 1000) -> list[str]:
@@ -123,10 +152,18 @@ def _text(value: float | int | str) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _as_json(effect: Effect) -> Any:
+def _as_json(effect: Effect, prior: Prior) -> Any:
     """Return what the catalogue declares, without the function that applies it."""
+    from gap_diagnosis.priors import stated
+
+    believed = stated(prior, effect)
     content = {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in _NESTED}
-    content["parameters"] = [asdict(parameter) for parameter in effect.parameters]
+    content["parameters"] = [
+        {**asdict(parameter), "prior": asdict(believed[parameter.name])}
+        if parameter.name in believed
+        else {**asdict(parameter), "prior": None}
+        for parameter in effect.parameters
+    ]
     content["twins"] = [asdict(twins) for twins in effect.twins]
     return _finite(content)
 

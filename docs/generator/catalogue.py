@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gap_diagnosis.priors import Stated, default_prior, stated
 from generator.tables import number, table
 from hil_harness.effects import Effect, EffectParameter, catalogue
 from hil_harness.laws import LAWS
@@ -18,7 +19,10 @@ def effects() -> str:
         "described. At its neutral value an effect changes nothing, bit for bit. Effects combine "
         "freely.",
         "*Typical* is the size seen in real robots, without sign, and *twins* leave the same "
-        "data, so that no log can tell them apart.",
+        "data, so that no log can tell them apart. For `chiplog diagnose`, a size up to the "
+        "*tolerance* is no news (where `robot.toml` states one, its own is used), and the *prior* "
+        "is even over orders of magnitude between the two sizes, without sign; parameters without "
+        "one have a law of their own, or are not looked for.",
     ]
     by_stage: dict[str, list[Effect]] = {}
     for effect in catalogue().values():
@@ -27,8 +31,13 @@ def effects() -> str:
         parts.append(f"## Stage {stage}")
         for effect in members:
             parts += [f"### {effect.name}", effect.signature]
-            rows = [_parameter_row(parameter) for parameter in effect.parameters]
-            parts.append(table(["parameter", "unit", "meaning", "neutral", "typical"], rows))
+            believed = stated(default_prior(), effect)
+            rows = [
+                [*_parameter_row(parameter), *_belief(believed.get(parameter.name))]
+                for parameter in effect.parameters
+            ]
+            header = ["parameter", "unit", "meaning", "neutral", "typical", "tolerance", "prior"]
+            parts.append(table(header, rows))
             for twins in effect.twins:
                 names = ", ".join(f"`{name}`" for name in twins.effects)
                 condition = f", if {twins.condition}" if twins.condition else ""
@@ -51,6 +60,14 @@ def _parameter_row(parameter: EffectParameter) -> list[str]:
         number(neutral) if isinstance(neutral, float | int) else f"`{neutral}`",
         typical,
     ]
+
+
+def _belief(one: Stated | None) -> list[str]:
+    if one is None:
+        return ["", ""]
+    share = f" of {one.of}" if one.of else ""
+    span = f"{number(one.span[0])} to {number(one.span[1])}{share}"
+    return ["" if one.tolerance is None else number(one.tolerance), span]
 
 
 def laws() -> str:

@@ -36,6 +36,36 @@ def test_one_effect_is_shown_with_signature_twins_and_meanings(chiplog: Chiplog)
     assert effect.parameters[0].meaning in shown
 
 
+@pytest.mark.parametrize(
+    ("effect", "parameter", "tolerance", "prior"),
+    [
+        ("radius_scale", "scale", "0.002", "0.002 to 0.05"),
+        ("gyro_nonlinearity", "cubic", "0.0005", "0.0005 to 0.1"),
+        ("wheel_eccentricity", "amplitude", "0.001", "0.001 to 0.04"),
+        ("frame_loss", "probability", "0.0001", "0.0001 to 0.4"),
+        ("frame_loss", "burst", "", "1 to 20"),
+        ("drive_deadband", "rate", "", "0.0002 to 0.3 of the largest"),
+    ],
+)
+def test_effects_show_tolerance_and_prior(
+    chiplog: Chiplog, effect: str, parameter: str, tolerance: str, prior: str
+) -> None:
+    believed = re.compile(rf"  {parameter}  .*  {tolerance}  +{prior}(  |$)", flags=re.M)
+    one = chiplog("effects", effect).out
+    assert believed.search(f"  {one}".replace("\n", "\n  "))
+    assert believed.search(chiplog("effects").out)
+
+
+def test_an_angle_of_an_effect_has_no_size(chiplog: Chiplog) -> None:
+    listed = json.loads(chiplog("effects", "wheel_eccentricity", "--json", "-").out)
+    believed = {one["name"]: one["prior"] for one in listed[0]["parameters"]}
+    assert believed == {
+        "side": None,
+        "amplitude": {"tolerance": 0.001, "span": [0.001, 0.04], "of": ""},
+        "phase": None,
+    }
+
+
 def test_the_robot_schema_describes_every_table(chiplog: Chiplog) -> None:
     schema = json.loads(chiplog("schema", "robot").out)
     assert {"wheels", "encoder", "gyro", "firmware", "tolerance"} <= schema["properties"].keys()
