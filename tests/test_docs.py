@@ -164,6 +164,22 @@ def test_the_demo_script_ends_in_the_command_that_the_readme_shows() -> None:
     assert words in shown
 
 
+def test_the_first_line_of_the_demo_script_is_the_demos(tmp_path: Path) -> None:
+    chatty = "#!/bin/sh\necho fetching packages\n"
+    programs = {"scripts/setup.sh": chatty, ".venv/bin/chiplog": "#!/bin/sh\necho verdict\n"}
+    programs["scripts/demo.sh"] = (ROOT / "scripts" / "demo.sh").read_text()
+    for name, text in programs.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+    said = subprocess.run(
+        [tmp_path / "scripts" / "demo.sh"], capture_output=True, text=True, check=True
+    )
+    assert said.stdout == "verdict\n"
+    assert "fetching packages" in said.stderr
+
+
 def test_generated_pages_are_current(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(GENERATOR.parent)
     pages = runpy.run_path(str(GENERATOR))["pages"]()
