@@ -19,6 +19,7 @@ from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import Advice, Candidate, EffectSet
 from gap_diagnosis.structure import sights_of, twins_on
 from hil_harness.assembly import Wire, load_wire
+from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
 
 _MOST_RIVALS: Final = 8
@@ -35,6 +36,17 @@ _CAMERA: Final = {
     "reference_slow_heading_rad": 5e-4,
 }
 """Noise of a reference that was not there: of a motion capture room."""
+_LOOKS: Final = {
+    "actuation": "time the drive's answer to a step of its command",
+    "wheel": "measure wheels and axle",
+    "encoder": "turn a wheel by hand and count",
+    "gyro": "turn the gyro by a known angle",
+    "bus": "stamp frames where they are sent as well as where they are received",
+    "firmware": "read the firmware's constants and timing",
+    "reference": "measure how the reference is mounted and synchronised",
+    "setup": "check signs, sides and units",
+}
+"""By stage, where to look for what no drive is planned for."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +75,21 @@ def advice_for(
     rival to the logs and to the new drive together, beyond what the logs alone give.
     """
     motions = [one.motion for one in analyses if one.motion is not None]
-    if not motions or not winner.ambiguous_with or winner.effects[0] in {NO_GAP, UNKNOWN}:
+    if not winner.ambiguous_with or winner.effects[0] in {NO_GAP, UNKNOWN}:
         return ()
     twins = twins_on([one.recording for one in analyses], with_reference=True)
     rivals_named = [one for one in winner.ambiguous_with if not _are_twins(winner, one, twins)]
     hopeless = [one for one in winner.ambiguous_with if _are_twins(winner, one, twins)]
-    truth = _truth(winner.effects, motions[0])
+    truth = _truth(winner.effects, motions[0]) if motions else None
     advice: list[Advice] = []
+    # What the motion cannot speak of, no drive is planned for.
+    unseen = [
+        one
+        for one in rivals_named
+        if truth is None or not _is_seen(one, winner.effects, motions[0])
+    ]
     if truth is not None:
-        rivals = _rivals(truth, rivals_named, motions)
+        rivals = _rivals(truth, [one for one in rivals_named if one not in unseen], motions)
         levels = motions[0].levels
         equipment = equipment_of(motions[0].model.recording)
         plan = Plan(winner.effects, truth, robot, _drivable(wire), motions[0].model.prior)
@@ -86,6 +104,8 @@ def advice_for(
         hopeless = [one.effects for one in left] + hopeless
     if hopeless:
         advice.append(_in_vain(winner.effects, hopeless))
+    if unseen:
+        advice.append(_elsewhere(winner.effects, unseen))
     return tuple(advice)
 
 
@@ -149,7 +169,7 @@ def _gain(rival: Rival, new: View) -> float:
 
 def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:
     """Return the winner's effects on the motion as they were found; None without any."""
-    own = aliased(frozenset(effects)) & motion.scan.effects
+    own = _on_motion(effects, motion)
     if not own or own not in motion.scan.found:
         return None
     found = motion.scan.found[own]
@@ -160,20 +180,35 @@ def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:
 def _rivals(
     truth: Hypothesis, named: Sequence[EffectSet], motions: Sequence[MotionBlock]
 ) -> list[Rival]:
-    """Return the first rivals that the motion can speak of."""
+    """Return the first rivals, all of them seen by the motion."""
     logs = sights_of([(one.model, one.levels) for one in motions]).logs
     scan = motions[0].scan
     found: list[Rival] = []
     for effects in named:
-        own = frozenset() if effects == (NO_GAP,) else aliased(frozenset(effects))
-        if own not in scan.found or len(found) == _MOST_RIVALS:
-            continue
-        hypothesis = Hypothesis(tuple(term.variant for term in scan.found[own].terms))
+        if len(found) == _MOST_RIVALS:
+            break
+        own = scan.found[_on_motion(effects, motions[0])]
+        hypothesis = Hypothesis(tuple(term.variant for term in own.terms))
         known = view(logs[0], truth, hypothesis)
         for log in logs[1:]:
             known = known + view(log, truth, hypothesis)
         found.append(Rival(effects, hypothesis, known, restraint_of(logs[0], hypothesis)))
     return found
+
+
+def _on_motion(effects: EffectSet, motion: MotionBlock) -> frozenset[str]:
+    """Return what the motion shows of a set, under the names that it knows."""
+    return aliased(frozenset(effects)) & motion.scan.effects
+
+
+def _is_seen(rival: EffectSet, winner: EffectSet, motion: MotionBlock) -> bool:
+    """Tell whether a set differs from the winner on the motion alone, and was fitted there."""
+    shown = [_on_motion(one, motion) for one in (rival, winner)]
+    beside, ours = (
+        aliased(frozenset(one)) - own - {NO_GAP}
+        for one, own in zip((rival, winner), shown, strict=True)
+    )
+    return beside == ours and shown[0] in motion.scan.found
 
 
 def _are_twins(winner: Candidate, rival: EffectSet, twins: Sequence[frozenset[str]]) -> bool:
@@ -204,6 +239,25 @@ def _in_vain(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
         sentence=(
             f"No manoeuvre tells {'+'.join(winner)} from {names} with these signals: measure the "
             "part itself, or record more."
+        ),
+        expected_gain=0.0,
+        scenario=None,
+    )
+
+
+def _elsewhere(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
+    """Return where to look for what wheels, gyro and reference do not tell apart."""
+    known = catalogue()
+    apart = {effect for rival in rivals for effect in set(winner) ^ set(rival)}
+    stages = {known[effect].stage for effect in apart if effect in known}
+    looks = [look for stage, look in _LOOKS.items() if stage in stages]
+    names = ", ".join("+".join(one) for one in rivals)
+    return Advice(
+        separates=(winner, *rivals),
+        scenario_file=None,
+        sentence=(
+            f"No manoeuvre is planned to tell {'+'.join(winner)} from {names}: "
+            f"{'; '.join(looks or ['measure the part itself'])}."
         ),
         expected_gain=0.0,
         scenario=None,

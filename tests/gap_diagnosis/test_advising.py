@@ -104,9 +104,36 @@ def test_nothing_is_advised_where_nothing_is_ambiguous():
     assert advice(named(("unknown",)), lesson_with_slip()) == ()
 
 
-def test_an_effect_of_another_part_of_the_log_gets_no_drive_for_the_motion():
+@pytest.mark.parametrize(
+    ("winner", "rival", "look"),
+    [
+        (("drive_lag",), ("drive_delay",), "time the drive's answer"),
+        (("fixed_tick_period",), ("firmware_constant",), "read the firmware's constants"),
+        (("drive_lag", "frame_latency"), ("drive_delay", "frame_latency"), "time the drive's"),
+        (("encoder_wrap", "reception_stamp"), ("encoder_wrap", "frame_jitter"), "stamp frames"),
+        (("lateral_slip",), ("drive_lag", "lateral_slip"), "time the drive's answer"),
+    ],
+)
+def test_what_the_motion_does_not_tell_apart_gets_no_drive_and_is_said(winner, rival, look):
+    (only,) = advice(named(winner, rival), lesson_with_slip())
+    assert only.separates == (winner, rival)
+    assert only.scenario_file is None
+    assert only.expected_gain == 0.0
+    assert only.sentence.startswith("No manoeuvre")
+    assert look in only.sentence
+
+
+def test_what_the_motion_shows_is_told_apart_whatever_acts_beside_it_elsewhere():
+    winner = named(("drive_lag", "lateral_slip"), ("drive_lag", "reference_lever_arm"))
+    (only,) = advice(winner, lesson_with_slip())
+    assert only.scenario_file is not None
+    assert only.expected_gain > 0.9
+
+
+def test_without_any_motion_it_is_said_as_well():
     winner = named(("drive_lag",), ("drive_delay",))
-    assert advice(winner, lesson_with_slip()) == ()
+    (only,) = advice(winner, replace(lesson_with_slip(), motion=None))
+    assert only.sentence.startswith("No manoeuvre")
 
 
 @pytest.mark.parametrize("separation", [0.0, 1.0, 9.0, 29.0, 400.0])
