@@ -21,6 +21,8 @@ from hil_harness.toml_source import TomlSource, parse_toml, shorten
 
 _VALUE: Final = r"[-+0-9._eExXobA-Fa-f]+"
 _DIGITS: Final = 9
+_RIVALS: Final = 3
+"""So many other explanations are named on a changed line; explained.toml names all."""
 
 
 def effects_text(
@@ -54,7 +56,8 @@ def effects_text(
 def robot_text(diagnosis: Diagnosis, robot: Robot) -> str:
     """Return the file of `robot` with its correctable constants corrected, all else as it was.
 
-    Each changed line says from, to, ± and from which log.
+    Each changed line says from, to, ± and from which log; and from what the data cannot tell the
+    effect that it corrects, if there is any other explanation.
     """
     source = _source_of(robot)
     lines = _text_of(source).split("\n")
@@ -136,7 +139,16 @@ def _text_of(source: TomlSource) -> str:
 
 def _history(correction: Correction, diagnosis: Diagnosis) -> str:
     after, before = _number(correction.after), _number(correction.before)
-    return f"from {before} to {after} ± {correction.sd:.2g}, diagnosed from {_logs(diagnosis)}"
+    words = f"from {before} to {after} ± {correction.sd:.2g}, diagnosed from {_logs(diagnosis)}"
+    group = diagnosis.which[0].ambiguous_with
+    rivals = [" + ".join(one) for one in group if correction.effect not in one]
+    if not rivals:
+        return words
+    more = f" and {len(rivals) - _RIVALS} more" if len(rivals) > _RIVALS else ""
+    return (
+        f"{words}; this data cannot tell {diagnosis.verdict.replace('+', ' + ')} from "
+        f"{', '.join(rivals[:_RIVALS])}{more}"
+    )
 
 
 def _logs(diagnosis: Diagnosis) -> str:

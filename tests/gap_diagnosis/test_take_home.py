@@ -220,3 +220,17 @@ def test_a_strangers_file_name_cannot_write_lines() -> None:
     found = samples.diagnosis(inputs=(evil,))
     assert "\n[wheels]\nradius_m = 9" not in effects_text(found)
     assert "\nradius_m = 9" not in robot_text(found, load_robot())
+
+
+def test_a_changed_line_says_from_what_the_data_cannot_tell_its_cause(tmp_path: Path) -> None:
+    """A corrected radius looked as sure as one that no count of ticks could explain."""
+    robot = own_robot(tmp_path)
+    line = next(
+        one
+        for one in robot_text(samples.diagnosis(), robot).split("\n")
+        if one.startswith("radius_m=")
+    )
+    assert line.endswith(
+        "diagnosed from run.log; this data cannot tell radius_mismatch + radius_scale from "
+        "radius_mismatch + ticks_per_rev"
+    )
