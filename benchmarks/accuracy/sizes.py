@@ -114,6 +114,8 @@ def drawn_beyond_limit(
         truth = _stepped(model, effect, draw)
         return None if truth is None else (truth, math.nan)
     chosen = _choices(model, effect, draw)
+    if not model.columns.terms:
+        return None  # this drive gives the effect no place
     term = nearest(model.columns.terms, chosen)
     sight = sight_of(model.columns, model.gram(world.levels), model.prior)
     told = TOLD_AS.get(effect, effect)
