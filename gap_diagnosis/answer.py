@@ -194,6 +194,10 @@ def stage_probabilities(ranking: Ranking, stage_of: Mapping[str, str]) -> dict[S
     return {stage: value / total for stage, value in stages.items()}
 
 
+_NEAREST: Final = {"reversal": "direction"}
+"""What a leftover goes with, by the name of the listed variable that is nearest to it."""
+
+
 def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | None) -> Unknown:
     """Describe the leftover: on what it depends, and how far that would close the gap."""
     depends: dict[Variable, float] = {}
@@ -210,7 +214,8 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
             seen = analysis.traces.get(stage)
             windows += own[0].windows if own else () if seen is None else seen.windows
             windows += analysis.lost.windows if stage == "reference" else ()
-        for variable, share in pairs:
+        for named, share in pairs:
+            variable = _NEAREST.get(named, named)
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)
                 depends[known] = max(depends.get(known, 0.0), float(share))

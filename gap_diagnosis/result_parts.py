@@ -33,7 +33,6 @@ Variable: TypeAlias = Literal[
     "turn_rate",
     "lateral_acceleration",
     "direction",
-    "reversal",
     "wheel_angle_left",
     "wheel_angle_right",
     "heading",

@@ -11,6 +11,7 @@ from fake_blocks import STAGE, FakeBlock, analysis, ranked
 
 from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
 from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.motion.unknown import Alternative
 from gap_diagnosis.ranking import Ranking
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, NumberEstimate
@@ -164,3 +165,11 @@ def test_stages_count_an_unlisted_cause_and_no_gap() -> None:
     assert stages["none"] == pytest.approx(0.4 / 0.42, rel=1e-3)
     assert stages["wheel"] == pytest.approx(0.02 / 0.42, rel=1e-3)
     assert math.fsum(stages.values()) == pytest.approx(1)
+
+
+def test_what_comes_after_a_reversal_goes_by_a_listed_name() -> None:
+    """The schema promises fifteen variables, and a sixteenth was written."""
+    kicks = Alternative("wheel", "reversal", 50.0, 60.0, 0.5)
+    made = replace(analysis(LOG, FakeBlock({"gyro_bias": 0.0})), alternatives=(kicks,))
+    found = unknown_part([made], "wheel", None).depends_on
+    assert [(one.variable, one.share) for one in found] == [("direction", 0.5)]
