@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -87,12 +87,14 @@ class Judgement:
         value: the gap in the bound's terms, SI.
         holds: whether it is within.
         scaled: length of the windows [m or s] from which `value` was scaled; None where it was not.
+        log: the one of several logs that has this gap; empty where there is but one.
     """
 
     bound: Bound
     value: float
     holds: bool
     scaled: float | None
+    log: str = ""
 
 
 def parse_criterion(text: str) -> Bound:
@@ -137,21 +139,44 @@ def parse_bound(metric: str, text: str) -> Bound:
 def judge(bound: Bound, diagnosis: Diagnosis) -> Judgement:
     """Hold `bound` against the gap as it is before any effect is switched on.
 
-    Raises DiagnosisError where this data does not have the metric.
+    Of several logs the one with the largest gap counts. Raises DiagnosisError where this data, or
+    one of the logs, does not have the metric.
     """
-    name = METRICS[bound.metric]
+    if any(log.metrics for log in diagnosis.logs):
+        found = [
+            _held_against(bound, log.metrics, [log], name)
+            for log, name in zip(diagnosis.logs, _told_apart(diagnosis.logs), strict=True)
+        ]
+        return max(found, key=lambda one: one.value)
     metrics = {} if diagnosis.gap is None else diagnosis.gap.all
+    return _held_against(bound, metrics, diagnosis.logs)
+
+
+def _told_apart(logs: Sequence[LogFacts]) -> list[str]:
+    """Return the logs' names, with their places where a name is given twice, as of two folders."""
+    names = [log.name for log in logs]
+    return [
+        name if names.count(name) == 1 else f"{name} (log {place})"
+        for place, name in enumerate(names, 1)
+    ]
+
+
+def _held_against(
+    bound: Bound, metrics: Mapping[str, Metric], logs: Sequence[LogFacts], log: str = ""
+) -> Judgement:
+    name = METRICS[bound.metric]
     if name not in metrics:
         needs = " (it needs a reference)" if name.startswith("odometry") else ""
         known = [word for word, metric in METRICS.items() if metric in metrics]
         has = f"it has {', '.join(known)}" if known else "nothing was held out to measure on"
-        raise DiagnosisError(f"this data has no gap in {bound.metric}{needs}: {has}")
+        where = f"{log}: " if log else ""
+        raise DiagnosisError(f"{where}this data has no gap in {bound.metric}{needs}: {has}")
     metric = metrics[name]
     if bound.per is None:
-        return Judgement(bound, metric.before, metric.before <= bound.limit, None)
-    window = _window(bound, metric, diagnosis.logs)
+        return Judgement(bound, metric.before, metric.before <= bound.limit, None, log)
+    window = _window(bound, metric, logs)
     value = metric.before * bound.per / window
-    return Judgement(bound, value, value <= bound.limit, window)
+    return Judgement(bound, value, value <= bound.limit, window, log)
 
 
 def _window(bound: Bound, metric: Metric, logs: Sequence[LogFacts]) -> float:

@@ -16,7 +16,7 @@ from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
-from gap_diagnosis.how_far import Shrink, shrink
+from gap_diagnosis.how_far import Shrink, shrink, shrink_each
 from gap_diagnosis.lost_tracking import with_tracking
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.priors import Prior, default_prior, with_library
@@ -26,7 +26,7 @@ from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import with_reference_put_right
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
-from gap_diagnosis.result_parts import InputFile, StageOrNone, Where
+from gap_diagnosis.result_parts import InputFile, Metric, StageOrNone, Where
 from gap_diagnosis.structure import structure_of
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import catalogue
@@ -136,7 +136,7 @@ def diagnose_recordings(
     verdict = "+".join(ordered[0].effects)
     stages = stage_probabilities(ranking, stage_of)
     stage = _stage(verdict, ranking, stages)
-    found = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
+    found, metrics = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
     progress("what to drive next", 0.95)
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -166,7 +166,9 @@ def diagnose_recordings(
             ),
         ),
         contradicting=tuple(one.parameter for one in split),
-        logs=tuple(log_facts(one.recording, robot) for one in analyses),
+        logs=tuple(
+            log_facts(one.recording, robot, own) for one, own in zip(analyses, metrics, strict=True)
+        ),
         inputs=tuple(inputs),
         version=version("chiplog"),
         seconds=time.monotonic() - started,
@@ -213,6 +215,9 @@ def _shrink(
     robot: Robot,
     wire: Wire,
     held: Recording | None,
-) -> Shrink:
+) -> tuple[Shrink, list[dict[str, Metric]]]:
+    """Return how far the gap shrinks, on *held* or else on one log, and each log's metrics."""
     effects = frozenset() if verdict in {NO_GAP, UNKNOWN} else frozenset(verdict.split("+"))
-    return shrink(analyses[0], effects, stage, robot, wire, held)
+    if held is not None or len(analyses) == 1:
+        return shrink(analyses[0], effects, stage, robot, wire, held), [{} for _ in analyses]
+    return shrink_each(analyses, effects, stage, robot, wire)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,7 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import InputFile, LogFacts
+from gap_diagnosis.result_parts import InputFile, LogFacts, Metric
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
@@ -70,8 +70,8 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def log_facts(recording: Recording, robot: Robot) -> LogFacts:
-    """Return what a log holds."""
+def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric]) -> LogFacts:
+    """Return what a log holds, with its own gap, where it has one."""
     rad = 2 * np.pi / robot.plant.encoder.ticks_per_rev
     steps = [
         np.abs(np.diff(ticks[np.isfinite(ticks)])).sum() * rad * robot.plant.wheels.radius_m
@@ -93,6 +93,7 @@ def log_facts(recording: Recording, robot: Robot) -> LogFacts:
         clock_skew=float(skew) if np.isfinite(skew) else None,
         lost_ticks=int(recording.tick[-1] - recording.tick[0] + 1 - len(recording.tick))
         + int(np.isnan(recording.left_ticks).sum()),
+        metrics=dict(metrics),
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations
 from typing import Final
@@ -36,7 +36,7 @@ from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import Gap, Segment, StageOrNone, Waterfall, WaterfallStep
+from gap_diagnosis.result_parts import Gap, Metric, Segment, StageOrNone, Waterfall, WaterfallStep
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
@@ -161,6 +161,25 @@ def shrink(
         segments=segments,
         pictures=pictures_of(where, model, windows, settings, motion=motion, robot=robot),
     )
+
+
+def shrink_each(
+    analyses: Sequence[Analysis], effects: Effects, stage: StageOrNone, robot: Robot, wire: Wire
+) -> tuple[Shrink, list[dict[str, Metric]]]:
+    """Return how far the gap shrinks on the first of several logs that has one, and every metric
+    of each log, on its own held-out stretches."""
+    names = [one.recording.name for one in analyses]
+    found = [shrink(one, effects, stage, robot, wire, None) for one in analyses]
+    shown = next((place for place, one in enumerate(found) if one.gap is not None), 0)
+    notes = [
+        f"{name}: {note}" for name, one in zip(names, found, strict=True) for note in one.notes
+    ]
+    notes.append(
+        f"{names[shown]}: the gap, its waterfall, where it arises and the pictures are of this log "
+        f"alone, number {shown + 1} of {len(names)}. A bound is held against every log."
+    )
+    metrics = [{} if one.gap is None else one.gap.all for one in found]
+    return replace(found[shown], notes=tuple(notes)), metrics
 
 
 def _acting(stage: StageOrNone, own: Effects) -> StageOrNone:

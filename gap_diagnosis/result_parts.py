@@ -267,6 +267,11 @@ class LogFacts(Part):
     has_odometry: bool = False
     clock_skew: float | None = Field(default=None, description="ECU clock rate over log's − 1")
     lost_ticks: int = 0
+    metrics: dict[str, Metric] = Field(
+        default_factory=dict,
+        description="every gap metric on its held-out stretches, where several logs are given and "
+        "none is held out",
+    )
 
 
 class InputFile(Part):

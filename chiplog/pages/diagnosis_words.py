@@ -263,7 +263,8 @@ def judgement_sentence(judgement: Judgement) -> str:
     unit = {"heading": "rad", "turn": "rad", "timing": "s"}.get(bound.metric, "m")
     per = "" if bound.per is None else f" per {bound.per:g} {bound.span}"
     verb = "within" if judgement.holds else "more than"
-    text = f"{bound.metric}: {quantity(judgement.value, unit)}{per}, "
+    where = f" in {judgement.log}" if judgement.log else ""
+    text = f"{bound.metric}{where}: {quantity(judgement.value, unit)}{per}, "
     text += f"{verb} the {quantity(bound.limit, unit)}{per} allowed"
     if judgement.scaled is not None:
         text += f" (scaled from windows of {judgement.scaled:.3g} {bound.span})"

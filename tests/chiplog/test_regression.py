@@ -13,6 +13,7 @@ import pytest
 import chiplog
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.pictures import Report
+from gap_diagnosis.result_parts import LogFacts
 
 
 @pytest.fixture
@@ -68,3 +69,15 @@ def test_several_logs_are_given_together(asked: dict[str, Any]) -> None:
     chiplog.assert_gap_below(["a.log", "b.log"], reference=["a.tum", "b.tum"], position="1 m")
     assert asked["logs"] == [Path("a.log"), Path("b.log")]
     assert asked["references"] == [Path("a.tum"), Path("b.tum")]
+
+
+def test_a_failure_names_the_log_whose_gap_is_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+    gaps = {"a.log": samples.gap(before=0.003).all, "b.log": samples.gap(before=0.2).all}
+    logs = tuple(
+        LogFacts(name=name, duration_s=40.0, ticks=4000, metrics=gap) for name, gap in gaps.items()
+    )
+    report = Report(samples.diagnosis(logs=logs), samples.report().pictures)
+    answer = SimpleNamespace(diagnose=lambda *_, **__: report)
+    monkeypatch.setitem(sys.modules, "gap_diagnosis.diagnose", answer)
+    with pytest.raises(AssertionError, match=r"position in b\.log: 200 mm, more than the 5.00 mm"):
+        chiplog.assert_gap_below(["a.log", "b.log"], position="5 mm")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gap_diagnosis.criterion import METRICS, Bound, judge, parse_bound, parse_criterion
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import LogFacts
+from gap_diagnosis.result_parts import LogFacts, Metric
 
 SIZES = st.floats(1e-9, 1e9)
 BOUNDS = st.builds(
@@ -116,6 +116,36 @@ def test_windows_of_unknown_length_are_those_of_the_mean_speed(
     found = samples.diagnosis(gap=whole.model_copy(update={"all": bare}), logs=(facts,))
     assert judge(parse_bound("position", "1 m per m"), found).scaled == window_m
     assert judge(parse_bound("position", "1 m per s"), found).scaled == window_s
+
+
+def _on_logs(*gaps: dict[str, Metric]) -> Diagnosis:
+    """Return a diagnosis of logs a.log, b.log, ... each with its own gap."""
+    logs = tuple(
+        LogFacts(name=f"{name}.log", duration_s=40.0, ticks=4000, metrics=metrics)
+        for name, metrics in zip("abc", gaps, strict=False)
+    )
+    return samples.diagnosis(logs=logs)
+
+
+def test_of_several_logs_the_worst_counts_wherever_it_stands() -> None:
+    small, large = samples.gap(before=0.003).all, samples.gap(before=0.2).all
+    for gaps, name in (([small, large], "b.log"), ([large, small, small], "a.log")):
+        judgement = judge(parse_bound("position", "5 mm"), _on_logs(*gaps))
+        assert not judgement.holds
+        assert (judgement.value, judgement.log) == (0.2, name)
+    assert judge(parse_bound("position", "5 mm"), _on_logs(small, small)).holds
+
+
+def test_logs_of_one_name_are_told_apart_by_their_place() -> None:
+    both = _on_logs(samples.gap(before=0.003).all, samples.gap(before=0.2).all)
+    same = tuple(log.model_copy(update={"name": "bus.log"}) for log in both.logs)
+    found = both.model_copy(update={"logs": same})
+    assert judge(parse_bound("position", "5 mm"), found).log == "bus.log (log 2)"
+
+
+def test_a_log_that_does_not_have_the_metric_does_not_pass_in_silence() -> None:
+    with pytest.raises(DiagnosisError, match=r"b\.log: this data has no gap in position"):
+        judge(parse_bound("position", "1 m"), _on_logs(samples.gap().all, {}))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from structure_cases import ROBOT, WIRE, analysis_of, drive
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.firmware import firmware_block
-from gap_diagnosis.how_far import shrink
+from gap_diagnosis.how_far import shrink, shrink_each
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -109,6 +109,21 @@ def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
     assert shrunk.gap.metric in {"odometry_position_m", "turn_difference_rad"}
     assert sum(shrunk.stages.values()) == pytest.approx(1)
     assert set(shrunk.stages) > {"wheel", "gyro"}
+
+
+def test_every_one_of_several_logs_has_its_own_gap() -> None:
+    mismatch = EffectSetting("radius_mismatch", (("mismatch", 0.02),))
+    logs = [
+        replace(drive("figure8", *effects), name=name)
+        for name, effects in (("good.log", ()), ("bad.log", (mismatch,)))
+    ]
+    found, (good, bad) = shrink_each(
+        [analysis_of(log) for log in logs], frozenset({"radius_mismatch"}), "wheel", ROBOT, WIRE
+    )
+    assert bad["turn_difference_rad"].before > 10 * good["turn_difference_rad"].before
+    assert found.gap is not None
+    assert found.gap.all == good
+    assert any(note.startswith("good.log: the gap") for note in found.notes)
 
 
 def test_without_a_gap_no_stage_carries_it() -> None:
