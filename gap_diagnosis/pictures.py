@@ -31,13 +31,13 @@ class ResidualSeries:
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Which stage's residual arises when.
+    """When each residual arises; rows do not compare, for each is a share of itself.
 
     Attributes:
         edges_s: float64[w + 1], borders of the time windows.
         stages: the rows' names.
-        shares: float64[stages, w], share of the whole error's energy that arises in a cell; may be
-            negative, sums to 1.
+        shares: float64[stages, w], share of the row's own energy that arises in a time window;
+            each row sums to 1.
     """
 
     edges_s: Floats

@@ -78,7 +78,7 @@ def _from_zero(values: Floats) -> Floats:
 
 
 def _map(series: Sequence[ResidualSeries]) -> ResidualMap | None:
-    """Return how much of each residual arises in which twelfth of the log."""
+    """Return in which twelfth of the log how much of each residual's own energy arises."""
     if not series:
         return None
     t_s = series[0].t_s
@@ -93,8 +93,7 @@ def _map(series: Sequence[ResidualSeries]) -> ResidualMap | None:
             rows[one.name] = energy / total
     if not rows:
         return None
-    shares = np.array(list(rows.values()))
-    return ResidualMap(edges, tuple(rows), shares / shares.sum())
+    return ResidualMap(edges, tuple(rows), np.array(list(rows.values())))
 
 
 def _longest(windows: Sequence[Window]) -> list[Window]:

@@ -226,7 +226,7 @@ def pictures(points: int = 500) -> Pictures:
         residual_map=ResidualMap(
             np.linspace(0.0, 60.0, 7),
             ("wheel", "gyro"),
-            np.array([[0.1, 0.2, 0.3, 0.1, 0.1, 0.24], [0, 0, -0.04, 0, 0, 0]]),
+            np.array([[0.1, 0.2, 0.3, 0.1, 0.1, 0.2], [0, 0, 1.0, 0, 0, 0]]),
         ),
         paths=(HeldOutPath("20 to 40 s", circle, 1.05 * circle, 1.002 * circle),),
     )

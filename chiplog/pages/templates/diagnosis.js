@@ -159,14 +159,14 @@
 
   function mapChart(host) {
     const { edges, stages, shares } = data.map;
-    const largest = Math.max(...shares.flat().map(Math.abs)) || 1;
+    const largest = Math.max(...shares.flat()) || 1;
     const rows = stages.length + (data.segments.length ? 1 : 0), first = rows - stages.length;
     // Names that leave no room for the cells stand on them.
     const nameWidth = 14 + 7.2 * Math.max(9, ...stages.map((stage) => stage.length));
     const isOnCells = nameWidth > 0.3 * host.clientWidth;
     const rowName = (plot, y, name) => element(plot.svg, "text",
       isOnCells ? { x: plot.area.left + 6, y, style: "fill:var(--ink)" } : { x: nameWidth - 8, y, "text-anchor": "end" }, name);
-    const options = { name: "map", label: "Share of the error per stage and time window", xName: "time [s]", left: isOnCells ? 10 : nameWidth,
+    const options = { name: "map", label: "When each residual arises: its energy by time window", xName: "time [s]", left: isOnCells ? 10 : nameWidth,
       hint: "Point at a cell for its share. Drag to zoom in on time, double-click for all.",
       height: () => 54 + 34 * rows, view: () => ({ x: shown, y: [rows, 0] }) };
     function draw(plot) {
@@ -185,7 +185,7 @@
         shares[row].forEach((share, column) => {
           const x = plot.toX(edges[column]), w = plot.toX(edges[column + 1]) - x;
           element(plot.inside, "rect", { x: x + 0.5, width: Math.max(0.5, w - 1), y: y + 1, height: 32, style:
-            `fill:var(${share < 0 ? "--orange" : "--blue"});opacity:${(0.06 + 0.94 * Math.abs(share) / largest).toFixed(3)}` });
+            `fill:var(--blue);opacity:${(0.06 + 0.94 * share / largest).toFixed(3)}` });
         });
         rowName(plot, y + 21, stage);
       });
@@ -194,8 +194,8 @@
       crossAt(here.x);
       const row = Math.floor(here.y) - first, column = edges.findIndex((edge, i) => edge <= here.x && here.x < edges[i + 1]);
       if (row < 0 || row >= stages.length || column < 0) return "";
-      const share = minus((100 * shares[row][column]).toFixed(1));
-      return `${stages[row]}, ${edges[column].toFixed(1)} to ${edges[column + 1].toFixed(1)} s: ${share} % of the error's energy arises here`;
+      const share = (100 * shares[row][column]).toFixed(1);
+      return `${stages[row]}, ${edges[column].toFixed(1)} to ${edges[column + 1].toFixed(1)} s: ${share} % of this residual's energy arises here`;
     }
     timed.push(frame(host, options, draw, moved, dragTime, wholeTime));
   }
