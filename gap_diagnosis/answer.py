@@ -15,11 +15,9 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.ranking import Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import (
-    CLOSABLE,
     Candidate,
     ChoiceEstimate,
     Dependence,
-    Gap,
     NumberEstimate,
     ParameterEstimate,
     StageOrNone,
@@ -198,8 +196,8 @@ _NEAREST: Final = {"reversal": "direction"}
 """What a leftover goes with, by the name of the listed variable that is nearest to it."""
 
 
-def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | None) -> Unknown:
-    """Describe the leftover: on what it depends, and how far that would close the gap."""
+def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
+    """Describe the leftover: when it is there, and on what it depends."""
     depends: dict[Variable, float] = {}
     windows: tuple[tuple[float, float], ...] = ()
     names = set(get_args(Variable))
@@ -223,12 +221,8 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone, gap: Gap | No
         first, last = analyses[0].recording.t_s[[0, -1]]
         windows = ((float(first), float(last)),)
     ordered = sorted(depends.items(), key=lambda item: -item[1])
-    # What lies within the floor cannot be closed, whatever the residual goes with.
-    open_gap = gap is not None and gap.floor is not None and gap.before >= CLOSABLE * gap.floor
-    closes = ordered[0][1] if ordered and open_gap else None
     return Unknown(
         stage=stage,
         windows=windows,
         depends_on=tuple(Dependence(variable=name, share=share) for name, share in ordered),
-        closes=closes,
     )

@@ -145,7 +145,7 @@ def diagnose_recordings(
         which=ordered,
         other=other,
         where=Where(stages=found.stages, segments=found.segments),
-        unknown=unknown_part(analyses, stage, found.gap) if verdict == UNKNOWN else None,
+        unknown=unknown_part(analyses, stage) if verdict == UNKNOWN else None,
         gap=found.gap,
         waterfall=found.waterfall,
         structure=structure_of(analyses),

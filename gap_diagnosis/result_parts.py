@@ -167,7 +167,9 @@ class Unknown(Part):
     windows: tuple[Interval, ...] = ()
     depends_on: tuple[Dependence, ...] = ()
     closes: float | None = Field(
-        default=None, description="share of the gap that modelling this dependence would close"
+        default=None,
+        description="share of the gap that modelling this dependence would close; null: not "
+        "measured",
     )
 
 

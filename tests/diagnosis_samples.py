@@ -208,7 +208,6 @@ def unlisted() -> Diagnosis:
             stage="wheel",
             windows=((10.0, 30.0),),
             depends_on=(Dependence(variable="wheel_angle_left", share=0.8),),
-            closes=0.7,
         ),
     )
 

@@ -173,8 +173,6 @@ def unknown_sentence(diagnosis: Diagnosis) -> str:
             f"{one.variable.replace('_', ' ')} ({100 * one.share:.0f} % of it)"
             for one in found.depends_on
         )
-    if found.closes is not None:
-        text += f"; modelling that would close {100 * found.closes:.0f} % of the gap"
     return text + "."
 
 

@@ -155,7 +155,7 @@ def test_stages_share_the_probability_of_a_pair() -> None:
 
 
 def test_an_unlisted_cause_without_windows_of_its_own_acts_all_along() -> None:
-    found = unknown_part([analysis(LOG, FakeBlock({"gyro_bias": 0.0}))], "wheel", None)
+    found = unknown_part([analysis(LOG, FakeBlock({"gyro_bias": 0.0}))], "wheel")
     assert found.windows == ((0.0, 0.01),)
 
 
@@ -171,5 +171,7 @@ def test_what_comes_after_a_reversal_goes_by_a_listed_name() -> None:
     """The schema promises fifteen variables, and a sixteenth was written."""
     kicks = Alternative("wheel", "reversal", 50.0, 60.0, 0.5)
     made = replace(analysis(LOG, FakeBlock({"gyro_bias": 0.0})), alternatives=(kicks,))
-    found = unknown_part([made], "wheel", None).depends_on
+    told = unknown_part([made], "wheel")
+    assert told.closes is None  # a share of energy said that modelling it would close as much
+    found = told.depends_on
     assert [(one.variable, one.share) for one in found] == [("direction", 0.5)]
