@@ -20,7 +20,8 @@ SEARCH_S: Final = 0.5
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
 _ALIKE: Final = 0.8
-"""A gyro that shows the wheels' turns at all agrees with them so well at the right shift."""
+"""A gyro that shows the wheels' turns at all agrees with them so well at the right shift, and a
+reference along the right line."""
 
 
 def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
@@ -51,7 +52,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
         theirs = _smooth_steps(np.interp(grid, reference.t_s, reference.heading_rad))
         ours = [_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
     drift = max((drift_of(one, theirs, SEARCH_S, _STEP_S) for one in ours), key=lambda it: it.alike)
-    if drift.rate != 0.0:
+    # Along a line through noise something is always a little more alike.
+    if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
     return timely + max((_shift(one, theirs) for one in ours), key=lambda found: found[1])[0]
 

@@ -76,7 +76,9 @@ def test_a_drag_over_the_map_zooms_all_charts_over_time_and_a_double_click_undoe
 def test_pointing_at_a_cell_of_the_map_tells_its_share(shown: Tab) -> None:
     shown.mouse("mouseMoved", "#map g[clip-path] rect:nth-of-type(4)", 0.5)
     shown.settle()
-    assert "wheel, 10.0 to 20.0 s: 20.0 % of the error" in " ".join(shown.texts(".readout"))
+    assert "wheel, 10.0 to 20.0 s: 20.0 % of this residual's energy" in " ".join(
+        shown.texts(".readout")
+    )
 
 
 def test_a_path_is_hidden_and_shown_by_its_button(shown: Tab) -> None:

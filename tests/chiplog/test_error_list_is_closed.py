@@ -78,7 +78,7 @@ UNLISTED = {
         "precision_study/ranges/envelope.py:of",
     },
     "a diagnosis was made, and its answer printed, before this can be said": {
-        "gap_diagnosis/criterion.py:judge",
+        "gap_diagnosis/criterion.py:_held_against",
         "gap_diagnosis/take_home.py:_changed",
         "gap_diagnosis/take_home.py:_effect_table",
     },
