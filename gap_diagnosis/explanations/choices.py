@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.explanations.variant import Scatter, Value, Variant
 from gap_diagnosis.prediction import Motion, Prediction
@@ -222,7 +223,7 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
     ends = {motion.gyro_code.min(), motion.gyro_code.max()}
     same = np.diff(motion.gyro_code, prepend=np.nan) == 0
     bends = np.diff(motion.gyro_code, 2)
-    noise_lsb = float(np.median(np.abs(bends))) / (_NORMAL_MAD * math.sqrt(6.0))
+    noise_lsb = noise_by_bends(bends)
     turning = motion.right_rate_rad_s - motion.left_rate_rad_s
     return [
         (first, last)
@@ -237,8 +238,6 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
 
 
 _FROZEN_RATE: Final = 0.02
-_NORMAL_MAD: Final = 0.6745
-"""Median of a normal's size over its standard deviation."""
 _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.motion.course import dead_reckoned
 from gap_diagnosis.motion.smoothing import sharpened, smoothed
 from gap_diagnosis.prediction import Motion, Prediction
@@ -25,7 +26,6 @@ from gap_diagnosis.recording import Floats, Reference
 
 _BLOCK_S: Final = 0.05
 _MOST_NODES: Final = 12_000
-_NORMAL_MAD: Final = 0.6745
 _SHARP_S: Final = 0.015
 _SHARP_COUNTS: Final = 8.0
 _MOST_S: Final = 0.1
@@ -202,7 +202,7 @@ def make_nodes(
 def _white(left: Floats) -> float:
     """Return the white noise of a series, by its second differences: what is smooth has none."""
     bends = np.diff(left, 2)
-    return float(np.median(np.abs(bends))) / _NORMAL_MAD / math.sqrt(6.0)
+    return noise_by_bends(bends)
 
 
 CHANNELS: Final = 4

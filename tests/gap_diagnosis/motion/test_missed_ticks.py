@@ -96,8 +96,8 @@ def only_missed(log: Recording) -> MotionModel:
 
 
 def test_counts_scatter_by_chance_where_they_are_lost_and_nowhere_else() -> None:
-    """A threshold that was sought off its grid kept the scatter of the grid's own: of a truth that
-    it missed by 0.1 rad/s it cost 3 to 400 nats, and half of all wrong intervals were such."""
+    """A threshold that was sought off its grid kept the scatter of the grid's own: at true speeds
+    a true threshold stood 9 and 12 nats below another, with its own scatter 2 and 4."""
     model = only_missed(losing())
     motion = model.nodes.motion
     for term in (one for one in model.columns.terms if one.variant.report["side"] == "left"):
