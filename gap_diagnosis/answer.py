@@ -197,32 +197,38 @@ _NEAREST: Final = {"reversal": "direction"}
 
 
 def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
-    """Describe the leftover: when it is there, and on what it depends."""
-    depends: dict[Variable, float] = {}
+    """Describe the leftover: when it is there, and on what it depends, the likeliest first.
+
+    What explains a share of it and speaks against itself by more, as a function of many bends may,
+    is nothing that it depends on.
+    """
+    shares: dict[Variable, float] = {}
+    likely: dict[Variable, float] = {}
     windows: tuple[tuple[float, float], ...] = ()
     names = set(get_args(Variable))
     for analysis in analyses:
         if stage == "firmware" and analysis.firmware is not None:
             left = analysis.firmware.leftover()
             windows = left.windows
-            pairs = list(left.depends_on)
+            found = [(variable, share, share) for variable, share in left.depends_on]
         else:
             own = [one for one in analysis.alternatives if one.stage == stage][:3]
-            pairs = [(one.variable, one.share) for one in own]
+            found = [(one.variable, one.share, one.log_evidence) for one in own]
             seen = analysis.traces.get(stage)
             windows += own[0].windows if own else () if seen is None else seen.windows
             windows += analysis.lost.windows if stage == "reference" else ()
-        for named, share in pairs:
+        for named, share, evidence in found:
             variable = _NEAREST.get(named, named)
             if variable in names and share >= _LEAST_SHARE:
                 known = cast(Variable, variable)
-                depends[known] = max(depends.get(known, 0.0), float(share))
+                shares[known] = max(shares.get(known, 0.0), float(share))
+                likely[known] = likely.get(known, 0.0) + evidence
     if not windows:  # it acts all along
         first, last = analyses[0].recording.t_s[[0, -1]]
         windows = ((float(first), float(last)),)
-    ordered = sorted(depends.items(), key=lambda item: -item[1])
+    ordered = sorted((one for one in likely if likely[one] > 0), key=lambda one: -likely[one])
     return Unknown(
         stage=stage,
         windows=windows,
-        depends_on=tuple(Dependence(variable=name, share=share) for name, share in ordered),
+        depends_on=tuple(Dependence(variable=name, share=shares[name]) for name in ordered),
     )

@@ -165,7 +165,7 @@ class Unknown(Part):
 
     stage: StageOrNone
     windows: tuple[Interval, ...] = ()
-    depends_on: tuple[Dependence, ...] = ()
+    depends_on: tuple[Dependence, ...] = Field(default=(), description="the likeliest first")
     closes: float | None = Field(
         default=None,
         description="share of the gap that modelling this dependence would close; null: not "

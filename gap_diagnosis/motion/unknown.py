@@ -103,6 +103,10 @@ def _lateral(p: Prediction, f: Floats) -> None:
     p.lateral_m = p.lateral_m + f * 0.5 * (np.abs(p.left_m) + np.abs(p.right_m))
 
 
+def _aslant(p: Prediction, f: Floats) -> None:
+    p.lateral_m = p.lateral_m + np.abs(p.forward_m) * f
+
+
 def _left(p: Prediction, f: Floats) -> None:
     p.left_m = p.left_m * (1 + f)
 
@@ -176,8 +180,13 @@ _WEARING: Final = (Way("wheel", _forward, 1e-3, 0.1, 2.5e-4), *_WAYS["wheel"][1:
 _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     ("wheel", "time"): _WEARING,
     ("wheel", "distance"): _WEARING,
-    # Backing uphill, wheels go too far as they go forward downhill.
-    ("wheel", "heading"): (Way("wheel", _downhill, 1e-3, 0.1, 5e-4), *_WAYS["wheel"][1:]),
+    # Backing uphill, wheels go too far as they go forward downhill; and what slides down a slope
+    # as it drives across does not while it spins on the spot.
+    ("wheel", "heading"): (
+        Way("wheel", _downhill, 1e-3, 0.1, 5e-4),
+        *_WAYS["wheel"][1:3],
+        Way("wheel", _aslant, 1e-3, 0.1, 5e-4, needs_reference=True),
+    ),
     # Tyres slide outward: half a tolerance of that slip, in a turn of 1 rad/s.
     ("wheel", "lateral_acceleration"): (
         *_WAYS["wheel"][:3],

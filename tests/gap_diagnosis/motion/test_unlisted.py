@@ -155,13 +155,15 @@ def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on
         ("gyro_nonlinearity", (("quadratic", -0.02), ("cubic", 0.02)), "turn_rate"),
         ("gyro_g_sensitivity", (("x", 0.002), ("y", -0.002)), "lateral_acceleration"),
         ("extra_ticks", (("side", "right"), ("rate", 4.0)), "time"),
+        ("cross_slope_drift", (("ratio", 0.01), ("direction", 0.5)), "heading"),
     ],
 )
 def test_a_cause_with_a_way_of_its_own_loses_little_for_want_of_its_name(
     effect: str, values: tuple[tuple[str, float | str], ...], variable: str
 ) -> None:
     """Hats alone left a third of a gyro's bend to noise, a pull across three quarters of one
-    aslant, and slip half of what counts come with time: wrong names came before them."""
+    aslant, slip half of what counts come with time, and sliding while a robot spins on the spot
+    most of what slides as it drives across a slope: wrong names came before them."""
     model = MotionModel(drive(EffectSetting(effect, values)), ROBOT, default_prior())
     levels = model.no_effect_levels
     terms = [one for one in model.columns.terms if one.variant.effect == effect]
