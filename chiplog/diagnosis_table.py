@@ -13,11 +13,15 @@ from gap_diagnosis.result import Diagnosis
 
 _WIDTH = 80
 _CANDIDATES = 3
+_CANDIDATE_ROWS = 8
 _NOTES = 3
 
 
-def show_diagnosis(found: Diagnosis, files: Sequence[Path] = ()) -> None:
-    """Print the verdict, the gap before and after, candidates, ambiguities and what to drive."""
+def show_diagnosis(
+    found: Diagnosis, files: Sequence[Path] = (), scenarios: Sequence[Path] = ()
+) -> None:
+    """Print the verdict, the gap before and after, candidates, ambiguities and what to drive;
+    *files* and *scenarios* to drive were written."""
     show_line(words.headline(found))
     show_line()
     show_line(fill("".join(part.text for part in words.verdict(found)), _WIDTH))
@@ -25,17 +29,20 @@ def show_diagnosis(found: Diagnosis, files: Sequence[Path] = ()) -> None:
         if sentence:
             show_line(fill(sentence, _WIDTH))
     show_line()
-    show_table(
-        ["probability", "explanation", "estimate", "95 % interval"],
-        words.candidate_rows(found, _CANDIDATES),
-        words=2,
-    )
+    candidates = words.candidate_rows(found, _CANDIDATES)
+    if len(candidates) > _CANDIDATE_ROWS:
+        candidates = words.candidate_rows(found, _CANDIDATES - 1)
+    show_table(["probability", "explanation", "estimate", "95 % interval"], candidates, words=2)
     show_line()
     rows = [["cannot tell", sentence] for sentence in words.ambiguity_sentences(found)[:_NOTES]]
-    rows += [["drive next", advice.sentence] for advice in found.advice[:_NOTES]]
+    own = [one for one in found.advice if one.about == "verdict"][:_NOTES]
+    rows += [["drive next", advice.sentence] for advice in own]
     rows += [["note", note] for note in found.notes[:_NOTES]]
     rows += [["took", f"{q.duration(found.seconds)} for {words.logs_clause(found)}"]]
-    rows += [["wrote", str(path)] for path in files]
+    wrote = [str(path) for path in (*files, *scenarios[:1])]
+    if len(scenarios) > 1:
+        wrote[-1] += f" and {len(scenarios) - 1} more to drive beside it"
+    rows += [["wrote", ", ".join(wrote)]] if wrote else []
     show_table(["", ""], _once(rows), words=2)
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.contest import Hypothesis, View, bits, restraint_of, view
+from gap_diagnosis.contest import Contest, Hypothesis, contest_of
+from gap_diagnosis.explanations.twins import twins_of
+from gap_diagnosis.log_questions import imitations, unseen
 from gap_diagnosis.manoeuvres import Described, Equipment, Manoeuvre, equipment_of, sights
 from gap_diagnosis.motion.block import MotionBlock, aliased
 from gap_diagnosis.motion.whitening import LEVELS
-from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
-from gap_diagnosis.result_parts import Advice, Candidate, EffectSet
+from gap_diagnosis.result_parts import About, Advice, Candidate, EffectSet, Structure
 from gap_diagnosis.structure import sights_of, twins_on
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import catalogue
@@ -24,6 +25,8 @@ from hil_harness.robot import Robot
 
 _MOST_RIVALS: Final = 8
 _MOST_ADVICE: Final = 3
+_LEAST_PROBABILITY: Final = 0.05
+"""Another candidate's group is worth a drive from here on."""
 _WORTH_BITS: Final = 0.5
 """A manoeuvre that is expected to tell less is not worth the drive."""
 _PER_S: Final = 1e-4
@@ -36,6 +39,7 @@ _CAMERA: Final = {
     "reference_slow_heading_rad": 5e-4,
 }
 """Noise of a reference that was not there: of a motion capture room."""
+_WITH_REFERENCE: Final = "With a reference (motion capture, or marks on the floor): "
 _LOOKS: Final = {
     "actuation": "time the drive's answer to a step of its command",
     "wheel": "measure wheels and axle",
@@ -50,121 +54,240 @@ _LOOKS: Final = {
 
 
 @dataclass(frozen=True)
-class Rival:
-    """Another account of the logs.
+class Question:
+    """What one group of explanations leaves open.
 
     Attributes:
-        effects: its names.
-        hypothesis: how it would act.
-        known: what the logs see of it.
-        restraint: of its sizes.
+        about: whose group it is.
+        contests: what a drive may tell, the most important first.
+        alike: sets that leave the same data whatever is driven.
+        elsewhere: what the motion does not tell from the first of them.
+        is_ranked: whether the first contests matter more; else all matter as much, and only the
+            best drive is named.
     """
 
-    effects: EffectSet
-    hypothesis: Hypothesis
-    known: View
-    restraint: Floats
+    about: About
+    contests: tuple[Contest, ...] = ()
+    alike: tuple[tuple[EffectSet, ...], ...] = ()
+    elsewhere: tuple[EffectSet, ...] = ()
+    is_ranked: bool = True
+
+
+@dataclass(frozen=True)
+class Menu:
+    """All manoeuvres, and what each is worth.
+
+    Attributes:
+        drives: the manoeuvres.
+        contests: what is to be told.
+        gains: float64[d, c] of each contest [bit].
+        has_reference_more: whether they were to be driven with a reference that was not there.
+    """
+
+    drives: tuple[Manoeuvre, ...]
+    contests: tuple[Contest, ...]
+    gains: Floats
+    has_reference_more: bool = False
+
+    def answers(self, question: Question, first: Mapping[EffectSet, EffectSet]) -> Iterator[Advice]:
+        """Yield the drives that answer a question, the most telling first.
+
+        Of sets that no drive tells apart the *first* stands for all.
+        """
+        columns = [place for place, one in enumerate(self.contests) if one in question.contests]
+        if not columns:
+            return
+        table = self.gains[:, columns]
+        weights = 1.0 / (1.0 + np.arange(len(columns)) * question.is_ranked)
+        lengths = np.array([one.scenario.duration_s for one in self.drives])
+        still = table.max(axis=0) >= _WORTH_BITS
+        for _ in range(_MOST_ADVICE if question.is_ranked else 1):
+            if not np.any(still):
+                return
+            best = int(np.argmax((table * weights * still).sum(axis=1) - _PER_S * lengths))
+            told = np.flatnonzero(still & (table[best] >= _WORTH_BITS))
+            chosen = [self.contests[columns[index]] for index in told.tolist()]
+            sets = [first.get(each, each) for one in chosen for each in (one.truth, one.rival)]
+            drive = self.drives[best]
+            sentence = drive.scenario.description
+            if self.has_reference_more:
+                sentence = f"{_WITH_REFERENCE}{sentence[0].lower()}{sentence[1:]}"
+            yield Advice(
+                separates=tuple(dict.fromkeys(sets)),
+                scenario_file=drive.file,
+                sentence=sentence,
+                expected_gain=float(table[best, told].mean()),
+                scenario=drive.text,
+                about=question.about,
+            )
+            still[told] = False
+
+    @property
+    def left(self) -> tuple[Contest, ...]:
+        """The contests that no manoeuvre answers."""
+        most = self.gains.max(axis=0, initial=0.0)
+        return tuple(
+            one for one, gain in zip(self.contests, most, strict=True) if gain < _WORTH_BITS
+        )
 
 
 def advice_for(
-    winner: Candidate, robot: Robot, wire: Wire, analyses: Sequence[Analysis]
+    which: Sequence[Candidate],
+    robot: Robot,
+    wire: Wire,
+    analyses: Sequence[Analysis],
+    structure: Structure | None = None,
 ) -> tuple[Advice, ...]:
-    """Return what to drive to tell the winner from its group, the most telling first.
+    """Return what to drive to tell the winner, which[0], from its group, the most telling first.
 
-    The separation to be expected is that of the winner, as large as found, from the best fit of a
-    rival to the logs and to the new drive together, beyond what the logs alone give.
+    With *structure*, then also what tells other candidates of some probability from theirs and from
+    the winner, and what these logs cannot tell apart, or see, whatever is at work.
     """
+    recordings = [one.recording for one in analyses]
     motions = [one.motion for one in analyses if one.motion is not None]
-    if not winner.ambiguous_with or winner.effects[0] in {NO_GAP, UNKNOWN}:
-        return ()
-    twins = twins_on([one.recording for one in analyses], with_reference=True)
-    rivals_named = [one for one in winner.ambiguous_with if not _are_twins(winner, one, twins)]
-    hopeless = [one for one in winner.ambiguous_with if _are_twins(winner, one, twins)]
-    truth = _truth(winner.effects, motions[0]) if motions else None
-    advice: list[Advice] = []
-    # What the motion cannot speak of, no drive is planned for.
-    unseen = [
-        one
-        for one in rivals_named
-        if truth is None or not _is_seen(one, winner.effects, motions[0])
+    twins = twins_on(recordings, with_reference=True)
+    questions = [
+        _of_candidate(about, one, others, motions, twins)
+        for about, one, others in _groups(which, with_others=structure is not None)
     ]
-    if truth is not None:
-        rivals = _rivals(truth, [one for one in rivals_named if one not in unseen], motions)
-        levels = motions[0].levels
-        equipment = equipment_of(motions[0].model.recording)
-        plan = Plan(winner.effects, truth, robot, _drivable(wire), motions[0].model.prior)
-        left, advice = plan.against(rivals, equipment, levels)
-        if left and equipment.reference_hz is None:
-            assumed = levels.copy()
-            for name, level in _CAMERA.items():
-                assumed[LEVELS.index(name)] = level
-            fitted = replace(_REFERENCE, has_gyro=equipment.has_gyro)
-            left, more = plan.against(left, fitted, assumed)
-            advice += [_with_reference(one) for one in more]
-        hopeless = [one.effects for one in left] + hopeless
-    if hopeless:
-        advice.append(_in_vain(winner.effects, hopeless))
-    if unseen:
-        advice.append(_elsewhere(winner.effects, unseen))
-    return tuple(advice)
+    if structure is not None and motions:
+        questions += [
+            Question("log", contests, _always_alike(group), is_ranked=False)
+            for group, contests in imitations(motions, structure)
+        ]
+        questions.append(Question("log", unseen(motions, structure)))
+    contests = tuple(one for each in questions for one in each.contests)
+    menus: list[Menu] = []
+    if contests:
+        menus = _menus(contests, Described(robot, _drivable(wire), motions[0].model.prior), motions)
+    return tuple(advice for one in questions for advice in _answers(one, menus))
+
+
+def _groups(
+    which: Sequence[Candidate], *, with_others: bool
+) -> Iterator[tuple[About, Candidate, tuple[EffectSet, ...]]]:
+    """Yield the winner with its group, then other probable candidates that are in no group yet."""
+    winner = which[0]
+    none = {(NO_GAP,), (UNKNOWN,)}
+    if winner.effects not in none:
+        yield "verdict", winner, winner.ambiguous_with
+    done = {winner.effects, *winner.ambiguous_with, *none}
+    for one in which[1:] if with_others else ():
+        if one.effects not in done and one.group_probability >= _LEAST_PROBABILITY:
+            beside = () if winner.effects in none else (winner.effects,)
+            yield "candidate", one, tuple(dict.fromkeys((*beside, *one.ambiguous_with)))
+            done |= {one.effects, *one.ambiguous_with}
+
+
+def _of_candidate(
+    about: About,
+    candidate: Candidate,
+    others: Sequence[EffectSet],
+    motions: Sequence[MotionBlock],
+    twins: Sequence[frozenset[str]],
+) -> Question:
+    """Return what is open between a candidate, as large as found, and other sets."""
+    effects = candidate.effects
+    hopeless = [one for one in others if _are_twins(effects, one, twins)]
+    named = [one for one in others if one not in hopeless]
+    truth = _truth(effects, motions[0]) if motions and others else None
+    # What the motion cannot speak of, no drive is planned for.
+    apart = [] if truth is None else [one for one in named if _is_seen(one, effects, motions[0])]
+    contests: tuple[Contest, ...] = ()
+    if truth is not None and apart:
+        logs = sights_of([(one.model, one.levels) for one in motions]).logs
+        scan = motions[0].scan
+        for one in apart[:_MOST_RIVALS]:
+            terms = scan.found[_on_motion(one, motions[0])].terms
+            account = Hypothesis(tuple(term.variant for term in terms))
+            contests += (contest_of(logs, effects, truth, one, account),)
+    return Question(
+        about,
+        contests,
+        ((effects, *hopeless),) if hopeless else (),
+        (effects, *(one for one in named if one not in apart)),
+    )
+
+
+def _menus(
+    contests: tuple[Contest, ...], described: Described, motions: Sequence[MotionBlock]
+) -> list[Menu]:
+    """Return what each manoeuvre is worth; without a reference, then what with one."""
+    levels = motions[0].levels
+    equipment = equipment_of(motions[0].model.recording)
+    menus = [_menu(contests, described, equipment, levels)]
+    left = menus[0].left
+    if left and equipment.reference_hz is None:
+        assumed = levels.copy()
+        for name, level in _CAMERA.items():
+            assumed[LEVELS.index(name)] = level
+        fitted = replace(_REFERENCE, has_gyro=equipment.has_gyro)
+        more = _menu(left, described, fitted, assumed)
+        menus.append(replace(more, has_reference_more=True))
+    return menus
+
+
+def _menu(
+    contests: tuple[Contest, ...], described: Described, equipment: Equipment, levels: Floats
+) -> Menu:
+    needed = frozenset[str]().union(
+        *(each.effects for one in contests for each in (one.acts, one.account))
+    )
+    found = [
+        (manoeuvre, [one.gain(sight) for one in contests])
+        for manoeuvre, sight in sights(described, equipment, levels, needed)
+    ]
+    gains = np.array([gain for _, gain in found]).reshape(len(found), len(contests))
+    return Menu(tuple(manoeuvre for manoeuvre, _ in found), contests, gains)
+
+
+def _answers(question: Question, menus: Sequence[Menu]) -> Iterator[Advice]:
+    """Yield drives, then what no drive tells, then where else to look."""
+    left = [one for one in question.contests if menus and one in menus[-1].left]
+    told = {(one.rival, one.truth) for one in question.contests if one not in left}
+    # What does not show at all in any drive is nobody's double.
+    pairs = [
+        (one.truth, one.rival)
+        for one in left
+        if one.rival != (NO_GAP,) and (one.truth, one.rival) not in told
+    ]
+    alike = _joined([*pairs, *question.alike])
+    asked = {one.truth for one in question.contests}
+    first: dict[EffectSet, EffectSet] = {}
+    for sets in () if question.is_ranked else alike:
+        first |= dict.fromkeys(sets, next((one for one in sets if one in asked), sets[0]))
+    for menu in menus:
+        yield from menu.answers(question, first)
+    for sets in alike:
+        yield _in_vain(question.about, sets[0], sets[1:])
+    if len(question.elsewhere) > 1:
+        yield _elsewhere(question.about, question.elsewhere[0], question.elsewhere[1:])
+
+
+def _joined(groups: Sequence[tuple[EffectSet, ...]]) -> list[tuple[EffectSet, ...]]:
+    """Return groups that have no member in common, each in the order in which it was named."""
+    joined: list[tuple[EffectSet, ...]] = []
+    for group in groups:
+        same = [one for one in joined if set(one) & set(group)]
+        members = dict.fromkeys(each for one in (*same, group) for each in one)
+        joined = [*(one for one in joined if one not in same), tuple(members)]
+    return joined
+
+
+def _always_alike(group: EffectSet) -> tuple[tuple[EffectSet, ...], ...]:
+    """Return pairs of a group that leave the same data in any log."""
+    return tuple(
+        ((effect,), (twin,))
+        for effect in group
+        for twin in twins_of(effect)
+        if effect < twin and twin in group
+    )
 
 
 def _drivable(wire: Wire) -> Wire:
     """Return a wire that a simulated loop can use: wheels' speeds can only be read from a log."""
     is_speed = wire.signal_map["left_count"].quantity in ("speed", "turn rate")
     return load_wire() if is_speed else wire
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What may be driven to tell a truth from its rivals."""
-
-    winner: EffectSet
-    truth: Hypothesis
-    robot: Robot
-    wire: Wire
-    prior: Prior
-
-    def against(
-        self, rivals: Sequence[Rival], equipment: Equipment, levels: Floats
-    ) -> tuple[list[Rival], list[Advice]]:
-        """Return the rivals that no manoeuvre tells from the truth, and advice for the others."""
-        if not rivals:
-            return [], []
-        drives: list[Manoeuvre] = []
-        gains: list[list[float]] = []
-        needed = frozenset(self.truth.effects).union(*(one.hypothesis.effects for one in rivals))
-        described = Described(self.robot, self.wire, self.prior)
-        for manoeuvre, sight in sights(described, equipment, levels, needed):
-            drives.append(manoeuvre)
-            gains.append(
-                [_gain(rival, view(sight, self.truth, rival.hypothesis)) for rival in rivals]
-            )
-        table = np.array(gains)
-        weights = 1.0 / (1.0 + np.arange(len(rivals)))
-        lengths = np.array([one.scenario.duration_s for one in drives])
-        still = table.max(axis=0) >= _WORTH_BITS
-        beyond = [rival for rival, told in zip(rivals, still, strict=True) if not told]
-        advice: list[Advice] = []
-        while np.any(still) and len(advice) < _MOST_ADVICE:
-            best = int(np.argmax((table * weights * still).sum(axis=1) - _PER_S * lengths))
-            told = np.flatnonzero(still & (table[best] >= _WORTH_BITS))
-            advice.append(
-                Advice(
-                    separates=(self.winner, *(rivals[index].effects for index in told.tolist())),
-                    scenario_file=drives[best].file,
-                    sentence=drives[best].scenario.description,
-                    expected_gain=float(table[best, told].mean()),
-                    scenario=drives[best].text,
-                )
-            )
-            still[told] = False
-        return beyond, advice
-
-
-def _gain(rival: Rival, new: View) -> float:
-    known = rival.known.separation(rival.restraint)
-    return bits((rival.known + new).separation(rival.restraint) - known)
 
 
 def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:
@@ -175,25 +298,6 @@ def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:
     found = motion.scan.found[own]
     fitted = found.refitted or motion.model.refit(found.terms, found.levels, free_levels=False)
     return Hypothesis(tuple(term.variant for term in found.terms), fitted.coefficients)
-
-
-def _rivals(
-    truth: Hypothesis, named: Sequence[EffectSet], motions: Sequence[MotionBlock]
-) -> list[Rival]:
-    """Return the first rivals, all of them seen by the motion."""
-    logs = sights_of([(one.model, one.levels) for one in motions]).logs
-    scan = motions[0].scan
-    found: list[Rival] = []
-    for effects in named:
-        if len(found) == _MOST_RIVALS:
-            break
-        own = scan.found[_on_motion(effects, motions[0])]
-        hypothesis = Hypothesis(tuple(term.variant for term in own.terms))
-        known = view(logs[0], truth, hypothesis)
-        for log in logs[1:]:
-            known = known + view(log, truth, hypothesis)
-        found.append(Rival(effects, hypothesis, known, restraint_of(logs[0], hypothesis)))
-    return found
 
 
 def _on_motion(effects: EffectSet, motion: MotionBlock) -> frozenset[str]:
@@ -211,9 +315,9 @@ def _is_seen(rival: EffectSet, winner: EffectSet, motion: MotionBlock) -> bool:
     return beside == ours and shown[0] in motion.scan.found
 
 
-def _are_twins(winner: Candidate, rival: EffectSet, twins: Sequence[frozenset[str]]) -> bool:
+def _are_twins(winner: EffectSet, rival: EffectSet, twins: Sequence[frozenset[str]]) -> bool:
     """Tell whether two sets differ by effects only that leave the same data."""
-    ours, theirs = set(winner.effects) - set(rival), set(rival) - set(winner.effects)
+    ours, theirs = set(winner) - set(rival), set(rival) - set(winner)
     if len(ours) != 1 or len(theirs) != 1:
         return False
     known: set[str] = set(ours)
@@ -224,14 +328,7 @@ def _are_twins(winner: Candidate, rival: EffectSet, twins: Sequence[frozenset[st
         known = more
 
 
-def _with_reference(advice: Advice) -> Advice:
-    sentence = advice.sentence[0].lower() + advice.sentence[1:]
-    return advice.model_copy(
-        update={"sentence": f"With a reference (motion capture, or marks on the floor): {sentence}"}
-    )
-
-
-def _in_vain(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
+def _in_vain(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
     names = ", ".join("+".join(one) for one in rivals)
     return Advice(
         separates=(winner, *rivals),
@@ -242,10 +339,11 @@ def _in_vain(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
         ),
         expected_gain=0.0,
         scenario=None,
+        about=about,
     )
 
 
-def _elsewhere(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
+def _elsewhere(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
     """Return where to look for what wheels, gyro and reference do not tell apart."""
     known = catalogue()
     apart = {effect for rival in rivals for effect in set(winner) ^ set(rival)}
@@ -261,4 +359,5 @@ def _elsewhere(winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
         ),
         expected_gain=0.0,
         scenario=None,
+        about=about,
     )

@@ -14,6 +14,7 @@ from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import EDGES
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.result_parts import EffectSet
 from gap_diagnosis.visibility import Sight
 
 _WINDOW: Final = ("start_s", "stop_s")
@@ -80,6 +81,51 @@ def view(sight: Sight, truth: Hypothesis, alternative: Hypothesis) -> View:
     columns = np.array(free).reshape(len(free), count)
     across = columns @ inner
     return View(float(done @ inner @ done), across @ done, across @ columns.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """A truth that logs do not tell from another account of them.
+
+    Attributes:
+        truth: names of the effects taken for true.
+        acts: how they act, as large as they are.
+        rival: names of the other account.
+        account: how that may act.
+        known: what the logs see of the two.
+        restraint: float64[f], of the other account's sizes.
+    """
+
+    truth: EffectSet
+    acts: Hypothesis
+    rival: EffectSet
+    account: Hypothesis
+    known: View
+    restraint: Floats
+
+    def gain(self, new: Sight) -> float:
+        """Return what another drive is worth [bit].
+
+        The separation to be expected is that of the truth from the rival's best fit to the logs and
+        to the new drive together, beyond what the logs alone give.
+        """
+        known = self.known.separation(self.restraint)
+        both = self.known + view(new, self.acts, self.account)
+        return bits(both.separation(self.restraint) - known)
+
+
+def contest_of(
+    logs: Sequence[Sight],
+    truth: EffectSet,
+    acts: Hypothesis,
+    rival: EffectSet,
+    account: Hypothesis,
+) -> Contest:
+    """Return the contest of two accounts of these logs."""
+    known = view(logs[0], acts, account)
+    for log in logs[1:]:
+        known = known + view(log, acts, account)
+    return Contest(truth, acts, rival, account, known, restraint_of(logs[0], account))
 
 
 def restraint_of(sight: Sight, alternative: Hypothesis) -> Floats:

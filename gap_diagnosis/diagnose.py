@@ -46,9 +46,11 @@ def diagnose(
     holdout_reference: Path | None = None,
     effect_library: Path | None = None,
     progress: Progress = lambda step, share: None,
+    every_drive: bool = False,
 ) -> Report:
     """Diagnose recorded logs; *progress* is told the step and the share that is done.
 
+    *every_drive*: advice beyond the verdict's group too, as in `advice_for`.
     Raises DiagnosisError, CanBusError or HarnessError in one line for what cannot be read.
     """
     started = time.monotonic()
@@ -77,6 +79,7 @@ def diagnose(
         inputs=inputs,
         started=started,
         progress=progress,
+        every_drive=every_drive,
     )
 
 
@@ -92,9 +95,10 @@ def diagnose_recordings(
     started: float | None = None,
     progress: Progress = lambda step, share: None,
     without: frozenset[str] = frozenset(),
+    every_drive: bool = False,
 ) -> Report:
     """Diagnose recordings that are read already; *without* withholds effects from the library,
-    *library* adds a user's own."""
+    *library* adds a user's own, *every_drive* asks for advice beyond the verdict's group."""
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
     if held is not None:
@@ -138,6 +142,7 @@ def diagnose_recordings(
     stage = _stage(verdict, ranking, stages)
     found, metrics = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
     progress("what to drive next", 0.95)
+    structure = structure_of(analyses)
     diagnosis = Diagnosis(
         verdict=verdict,
         stage=stage,
@@ -148,8 +153,8 @@ def diagnose_recordings(
         unknown=unknown_part(analyses, stage) if verdict == UNKNOWN else None,
         gap=found.gap,
         waterfall=found.waterfall,
-        structure=structure_of(analyses),
-        advice=advice_for(ordered[0], robot, wire, analyses),
+        structure=structure,
+        advice=advice_for(ordered, robot, wire, analyses, structure if every_drive else None),
         assumptions=ASSUMPTIONS,
         notes=(
             *contradiction(

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sights
@@ -24,16 +25,21 @@ class Truth:
     """An effect of a certain size, to be told from others.
 
     Attributes:
-        effect: its name.
+        variant: how it acts.
         rows: its coefficients in the inner products.
         cases: float64[c, k]: their sizes, several where a phase or direction may be any.
         is_positive: whether the opposite sizes make no sense.
     """
 
-    effect: str
+    variant: Variant
     rows: tuple[int, ...]
     cases: Floats
     is_positive: bool
+
+    @property
+    def effect(self) -> str:
+        """Its name."""
+        return self.variant.effect
 
 
 @dataclass(frozen=True)
@@ -102,10 +108,15 @@ class Imitators:
             for variant in range(len(terms))
         ]
         self._owners = np.array([effect for effect, _ in variants], dtype=str)
+        self._variants = [sights.terms[effect][place].variant for effect, place in variants]
         self._singles = _sets(sights, variants)
 
     def of(self, truth: Truth) -> list[Effects]:
         """Return single effects that imitate *truth*, or else pairs, the best first."""
+        return [frozenset(one.effect for one in each) for each in self.accounts(truth)]
+
+    def accounts(self, truth: Truth) -> list[tuple[Variant, ...]]:
+        """Return the same as ways in which they act."""
         others = np.flatnonzero(self._owners != truth.effect)
         if len(others) == 0:
             return []
@@ -114,15 +125,15 @@ class Imitators:
         order = others[np.argsort(left, kind="stable")]
         names, first = np.unique(self._owners[order], return_index=True)
         best = dict(zip(order[first].tolist(), names.tolist(), strict=True))
-        alone = [name for place, name in best.items() if left[others == place][0] < THRESHOLD]
+        alone = [place for place in best if left[others == place][0] < THRESHOLD]
         if alone or len(best) < 2:
-            return [frozenset({name}) for name in alone]
+            return [(self._variants[place],) for place in alone]
         places = np.array(list(best))
         one, two = (places[side] for side in np.triu_indices(len(places), 1))
         pairs = self._singles.at(one).beside(self._singles.at(two))
         left = pairs.separations(inner, truth)
         return [
-            frozenset({best[int(one[place])], best[int(two[place])]})
+            (self._variants[one[place]], self._variants[two[place]])
             for place in np.argsort(left, kind="stable")
             if left[place] < THRESHOLD
         ]

@@ -26,6 +26,7 @@ STAGES: Final[tuple[StageOrNone, ...]] = (
     "reference",
     "setup",
 )
+About: TypeAlias = Literal["verdict", "candidate", "log"]
 Kind: TypeAlias = Literal["rest", "straight", "arc", "spin", "accelerate", "brake", "reverse"]
 Variable: TypeAlias = Literal[
     "speed",
@@ -253,6 +254,11 @@ class Advice(Part):
     sentence: str = Field(description="for a person to drive")
     expected_gain: float = Field(description="expected information on which of them it is [bit]")
     scenario: str | None = Field(default=None, description="content of the scenario file (TOML)")
+    about: About = Field(
+        default="verdict",
+        description="whose group it is: the verdict's, that of another candidate of at least 5 %, "
+        "or one that this log could not tell apart or see, whatever is at work",
+    )
 
 
 class LogFacts(Part):

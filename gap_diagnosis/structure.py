@@ -132,7 +132,7 @@ def _visible(sights: Sights, effect: str) -> Visible | None:
     rows = tuple(sights.rows(effect, chosen))
     sizes = np.diag(_TIMES * own)
     cases = [sizes] if term.variant.polar else [sizes[[i]] for i in np.flatnonzero(own <= high)]
-    truths = tuple(Truth(effect, rows, case, term.variant.is_positive) for case in cases)
+    truths = tuple(Truth(term.variant, rows, case, term.variant.is_positive) for case in cases)
     return Visible(float(own[np.argmin(own / high)]), truths)
 
 
@@ -148,15 +148,16 @@ def _limits(sights: Sights, effect: str, variant: int, inner: Floats) -> Floats:
 
 def _there_or_not(sights: Sights, effect: str, inner: Floats) -> Visible | None:
     """Return the mildest variant that shows: of a limit, the highest."""
-    shown: list[tuple[float, int]] = []
+    shown: list[tuple[float, int, int]] = []
     for variant, term in enumerate(sights.terms[effect]):
         (row,) = sights.rows(effect, variant)
         if inner[row, row] >= THRESHOLD:
-            shown.append((float(term.variant.fixed.get("limit", 0.0)), row))
+            shown.append((float(term.variant.fixed.get("limit", 0.0)), row, variant))
     if not shown:
         return None
-    limit, row = max(shown)
-    return Visible(limit, (Truth(effect, (row,), np.ones((1, 1)), True),))
+    limit, row, chosen = max(shown)
+    mildest = sights.terms[effect][chosen].variant
+    return Visible(limit, (Truth(mildest, (row,), np.ones((1, 1)), True),))
 
 
 def twins_on(recordings: Sequence[Recording], *, with_reference: bool = False) -> list[Effects]:

@@ -111,6 +111,8 @@ def command(
         holdout=holdout,
         holdout_reference=holdout_reference,
         effect_library=effect_library,
+        # The terminal has no room for more than the verdict's.
+        every_drive=any(one is not None for one in (json_file, html, advice_dir)),
     )
     found = report.diagnosis
     if json_file is not None and json_file != STANDARD_OUTPUT:
@@ -128,7 +130,7 @@ def command(
 
             files = (json_file, html, write_effects, write_robot)
             made = [path for path in files if path is not None and path.exists()]
-            show_diagnosis(found, [*made, *written])
+            show_diagnosis(found, made, written)
     if not _hold(bounds, found, quiet=json_file == STANDARD_OUTPUT):
         raise typer.Exit(1)
 
@@ -143,8 +145,9 @@ def diagnose_shown(
     holdout: Path | None = None,
     holdout_reference: Path | None = None,
     effect_library: Path | None = None,
+    every_drive: bool = False,
 ) -> Report:
-    """Diagnose with a progress bar on the terminal."""
+    """Diagnose with a progress bar on the terminal; see `gap_diagnosis.diagnose.diagnose`."""
     from chiplog.terminal import progress
     from gap_diagnosis.diagnose import diagnose
 
@@ -164,6 +167,7 @@ def diagnose_shown(
             holdout_reference=holdout_reference,
             effect_library=effect_library,
             progress=show,
+            every_drive=every_drive,
         )
 
 
@@ -197,7 +201,7 @@ def _write_advice(found: Diagnosis, folder: Path | None) -> list[Path]:
             path = folder / Path(advice.scenario_file).name
             path.write_text(advice.scenario, encoding="utf-8")
             written.append(path)
-    return written
+    return list(dict.fromkeys(written))
 
 
 def _take_home(

@@ -15,7 +15,7 @@ from chiplog.pages import quantities as q
 from chiplog.pages.diagnosis_data import embedded
 from chiplog.pages.rendering import render
 from gap_diagnosis.pictures import Report
-from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.result import NO_GAP, Diagnosis
 from gap_diagnosis.result_parts import (
     STAGES,
     Advice,
@@ -68,7 +68,8 @@ def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) ->
             "metric_rows": _metric_rows(found),
             "ambiguities": words.ambiguity_sentences(found),
             "notes": list(found.notes),
-            "advices": [_advice(one) for one in found.advice],
+            "advices": [_advice(one) for one in found.advice if one.about != "log"],
+            "log_advices": [_advice(one) for one in found.advice if one.about == "log"],
             "detectable_rows": _detectable_rows(found),
             "assumptions": found.assumptions,
             "data": Markup(embedded(report)),
@@ -218,9 +219,13 @@ def _value(value: float | None, metric: Metric) -> str:
 
 
 def _advice(one: Advice) -> dict[str, Any]:
+    named = [words.set_name(effects) for effects in one.separates if effects != (NO_GAP,)]
+    tells = f"Tells {' and '.join(named)} apart"
+    if one.about == "log" and len(named) < len(one.separates):
+        tells = f"Shows {', '.join(named)}, which this log could not have shown"
     return {
         "sentence": one.sentence,
-        "separates": " and ".join(words.set_name(effects) for effects in one.separates),
+        "tells": tells,
         "gain": q.fixed(one.expected_gain, 2),
         "file": one.scenario_file or "",
         "scenario": one.scenario or "",

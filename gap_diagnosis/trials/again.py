@@ -80,7 +80,8 @@ def _recommended(folder: Path, case: Case) -> Manoeuvre | None:
     if not case.true_effects or not path.exists():
         return None
     told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    files = [one["scenario_file"] for one in told.get("advice", ())]
+    own = [one for one in told.get("advice", ()) if one.get("about", "verdict") == "verdict"]
+    files = [one["scenario_file"] for one in own]
     menu = {one.file: one for one in manoeuvres()}
     return next((menu[file] for file in files if file in menu), None)
 

@@ -92,7 +92,38 @@ def test_flags_reach_the_diagnosis(asked: Asked, chiplog: Chiplog, tmp_path: Pat
         "holdout": Path("c.log"),
         "holdout_reference": Path("c.tum"),
         "effect_library": Path("my.py"),
+        "every_drive": False,
     }
+
+
+@pytest.mark.parametrize("flag", ["--json", "--html", "--advice-dir"])
+def test_what_to_drive_for_every_group_is_asked_for_where_there_is_room_for_the_answer(
+    asked: Asked, chiplog: Chiplog, flag: str
+) -> None:
+    assert chiplog("diagnose", "run.log", flag, "out").status == 0
+    assert asked.arguments["every_drive"] is True
+
+
+def test_many_drives_leave_the_terminal_short_and_are_all_written(
+    asked: Asked, chiplog: Chiplog, tmp_path: Path
+) -> None:
+    """The verdict's are told there; the others are in OUT.json, on the page and in files."""
+    (own,) = samples.diagnosis().advice
+    more = [
+        own.model_copy(
+            update={"scenario_file": f"drive_{n}.toml", "sentence": f"Drive {n}.", "about": "log"}
+        )
+        for n in range(9)
+    ]
+    with_diagnosis(asked, samples.diagnosis(advice=(own, *more, more[0])))
+    said = chiplog("diagnose", "run.log", "--json", "OUT.json", "--html", "OUT.html")
+    lines = said.out.splitlines()
+    assert len(lines) < 24
+    assert not any("Drive 3." in line for line in lines)
+    assert any("and 9 more to drive beside it" in line for line in lines)
+    assert all((tmp_path / f"drive_{n}.toml").exists() for n in range(9))
+    page = (tmp_path / "OUT.html").read_text(encoding="utf-8")
+    assert page.count("Drive 3.") == 1
 
 
 def test_json_page_and_scenarios_are_written(

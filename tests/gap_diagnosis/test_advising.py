@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from gap_diagnosis.manoeuvres import manoeuvres
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.result_parts import Advice, Candidate
+from gap_diagnosis.structure import structure_of
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import Wire
 from hil_harness.effects import EffectSetting
@@ -38,8 +40,35 @@ def lesson_with_slip() -> Analysis:
     return analysis_of(drive("lesson", EffectSetting("lateral_slip", (("compliance", 0.05),))))
 
 
+@cache
+def with_nothing(name: str, *, heading: bool = True) -> Analysis:
+    return analysis_of(drive(name, heading=heading))
+
+
+@cache
+def of_the_log(name: str, *, heading: bool = True) -> tuple[Advice, ...]:
+    """Return what is advised after a drive in which nothing is wrong."""
+    analysis = with_nothing(name, heading=heading)
+    found = advice_for([named(("no_gap",))], ROBOT, WIRE, [analysis], structure_of([analysis]))
+    assert {one.about for one in found} == {"log"}
+    return found
+
+
+def driven(advised: Advice, folder: Path, *effects: EffectSetting, heading: bool) -> MotionBlock:
+    """Drive what is advised as `chiplog run --scenario` would, with these effects."""
+    path = folder / str(advised.scenario_file)
+    path.write_text(str(advised.scenario), encoding="utf-8")
+    recording = synthetic_recording(
+        ROBOT, WIRE, load_scenario(path), effects, 5, reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )  # fmt: skip
+    if recording.reference is not None and not heading:
+        recording = replace(recording, reference=replace(recording.reference, heading_rad=None))
+    return MotionBlock(MotionModel(recording, ROBOT, PRIOR))
+
+
 def advice(winner: Candidate, analysis: Analysis, wire: Wire = WIRE) -> tuple[Advice, ...]:
-    return advice_for(winner, ROBOT, wire, [analysis])
+    return advice_for([winner], ROBOT, wire, [analysis])
 
 
 def with_speeds(wire: Wire) -> Wire:
@@ -77,6 +106,80 @@ def test_the_drive_that_is_proposed_does_tell_them_apart(tmp_path):
     block = MotionBlock(MotionModel(recording, ROBOT, PRIOR))
     slip, lever = (block.fit(frozenset({e})) for e in ("lateral_slip", "reference_lever_arm"))
     assert 2 * (lever.log_likelihood - slip.log_likelihood) > 29
+
+
+def test_after_a_square_with_pure_spins_the_drive_that_is_advised_shows_lateral_slip(tmp_path):
+    """As large as the middle of what is believed: the square shows none of any size."""
+    (only,) = (one for one in of_the_log("square") if ("lateral_slip",) in one.separates)
+    assert ("no_gap",) in only.separates
+    known = PRIOR.of("lateral_slip", "compliance")
+    size = math.sqrt(known.tolerance * known.high)
+    slip = EffectSetting("lateral_slip", (("compliance", size),))
+    block = driven(only, tmp_path, slip, heading=True)
+    assert 2 * block.fit(frozenset({"lateral_slip"})).log_likelihood > 29
+
+
+def test_after_the_lessons_run_the_drive_that_is_advised_tells_slip_lever_arm_and_offset_apart(
+    tmp_path,
+):
+    """Twice as large as the lesson's run shows it, slip is what no other of the group explains."""
+    group = {"lateral_slip", "reference_lever_arm", "reference_time_offset"}
+    (only,) = (
+        one
+        for one in of_the_log("lesson", heading=False)
+        if {(effect,) for effect in group} <= set(one.separates)
+    )
+    structure = structure_of([with_nothing("lesson", heading=False)])
+    limit = structure.detectable["lateral_slip"]
+    assert any(group <= set(one) for one in structure.groups)
+    assert limit is not None
+    slip = EffectSetting("lateral_slip", (("compliance", 2 * limit),))
+    block = driven(only, tmp_path, slip, heading=False)
+    best = block.fit(frozenset({"lateral_slip"})).log_likelihood
+    for rival in group - {"lateral_slip"}:
+        assert 2 * (best - block.fit(frozenset({rival})).log_likelihood) > 29
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_every_group_that_the_log_leaves_open_gets_a_drive_or_a_word(heading):
+    structure = structure_of([with_nothing("lesson", heading=heading)])
+    advised = of_the_log("lesson", heading=heading)
+    for group in structure.groups:
+        of_it = [
+            one for one in advised if {each for s in one.separates for each in s} <= set(group)
+        ]
+        assert of_it, group
+        assert sum(one.scenario_file is not None for one in of_it) <= 1
+        assert all(one.expected_gain > 0.5 for one in of_it if one.scenario_file is not None)
+
+
+def test_of_what_no_drive_tells_apart_one_stands_for_all_where_a_drive_tells_it_from_others():
+    for one in of_the_log("lesson"):
+        hopeless = [each for each in of_the_log("lesson") if each.scenario_file is None]
+        if one.scenario_file is not None:
+            assert all(len(set(one.separates) & set(each.separates)) <= 1 for each in hopeless)
+
+
+def test_another_candidate_of_five_percent_is_told_from_the_winner_and_from_its_group():
+    winner = named(("gyro_scale",))
+    other = Candidate(
+        effects=("lateral_slip",),
+        probability=0.05,
+        group_probability=0.06,
+        ambiguous_with=(("reference_lever_arm",),),
+    )
+    analysis = lesson_with_slip()
+    (only,) = (
+        one
+        for one in advice_for([winner, other], ROBOT, WIRE, [analysis], structure_of([analysis]))
+        if one.about == "candidate"
+    )
+    sets = {("gyro_scale",), ("lateral_slip",), ("reference_lever_arm",)}
+    assert set(only.separates) <= sets
+    assert ("reference_lever_arm",) in only.separates
+    rare = other.model_copy(update={"group_probability": 0.04})
+    less = advice_for([winner, rare], ROBOT, WIRE, [analysis], structure_of([analysis]))
+    assert {one.about for one in less} == {"log"}
 
 
 def test_twins_are_named_as_what_no_drive_tells_apart():
