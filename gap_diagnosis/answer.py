@@ -12,12 +12,14 @@ from gap_diagnosis.analysis import Analysis, Reduced
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.modelled import LEAST_SHARE, known_variable
 from gap_diagnosis.ranking import Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import (
     Candidate,
     ChoiceEstimate,
     Dependence,
+    Modelled,
     NumberEstimate,
     ParameterEstimate,
     StageOrNone,
@@ -29,7 +31,6 @@ from hil_harness.effects import Effect, catalogue
 _LISTED: Final = 12
 _DETAILED: Final = 4
 _MOST_AMBIGUOUS: Final = 40
-_LEAST_SHARE: Final = 0.02
 _EXACT: Final = 1e-100
 """What is known to the last digit is as sure as this; its square is still a number."""
 
@@ -192,12 +193,14 @@ def stage_probabilities(ranking: Ranking, stage_of: Mapping[str, str]) -> dict[S
     return {stage: value / total for stage, value in stages.items()}
 
 
-_NEAREST: Final = {"reversal": "direction"}
-"""What a leftover goes with, by the name of the listed variable that is nearest to it."""
-
-
-def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
-    """Describe the leftover: when it is there, and on what it depends, the likeliest first.
+def unknown_part(
+    analyses: Sequence[Analysis],
+    stage: StageOrNone,
+    modelled: Modelled | None = None,
+    why_not: str | None = None,
+) -> Unknown:
+    """Describe the leftover: when it is there, on what it depends, the likeliest first, and how far
+    a model of the first closes the gap.
 
     What explains a share of it and speaks against itself by more, as a function of many bends may,
     is nothing that it depends on.
@@ -205,7 +208,6 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
     shares: dict[Variable, float] = {}
     likely: dict[Variable, float] = {}
     windows: tuple[tuple[float, float], ...] = ()
-    names = set(get_args(Variable))
     for analysis in analyses:
         if stage == "firmware" and analysis.firmware is not None:
             left = analysis.firmware.leftover()
@@ -218,9 +220,8 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
             windows += own[0].windows if own else () if seen is None else seen.windows
             windows += analysis.lost.windows if stage == "reference" else ()
         for named, share, evidence in found:
-            variable = _NEAREST.get(named, named)
-            if variable in names and share >= _LEAST_SHARE:
-                known = cast(Variable, variable)
+            known = known_variable(named)
+            if known is not None and share >= LEAST_SHARE:
                 shares[known] = max(shares.get(known, 0.0), float(share))
                 likely[known] = likely.get(known, 0.0) + evidence
     if not windows:  # it acts all along
@@ -231,4 +232,7 @@ def unknown_part(analyses: Sequence[Analysis], stage: StageOrNone) -> Unknown:
         stage=stage,
         windows=windows,
         depends_on=tuple(Dependence(variable=name, share=shares[name]) for name in ordered),
+        closes=None if modelled is None else modelled.closed,
+        modelled=modelled,
+        why_not=why_not,
     )

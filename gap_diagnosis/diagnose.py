@@ -150,7 +150,9 @@ def diagnose_recordings(
         which=ordered,
         other=other,
         where=Where(stages=found.stages, segments=found.segments),
-        unknown=unknown_part(analyses, stage) if verdict == UNKNOWN else None,
+        unknown=unknown_part(analyses, stage, found.modelled, found.why_not)
+        if verdict == UNKNOWN
+        else None,
         gap=found.gap,
         waterfall=found.waterfall,
         structure=structure,

@@ -29,6 +29,14 @@ from gap_diagnosis.gap.on_recording import (
 )
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+from gap_diagnosis.modelled import (
+    ANOTHER_LOG,
+    NO_GAP_MEASURED,
+    Model,
+    modelled_on,
+    told_apart,
+    unseen_dropped,
+)
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
@@ -36,7 +44,15 @@ from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import Gap, Metric, Segment, StageOrNone, Waterfall, WaterfallStep
+from gap_diagnosis.result_parts import (
+    Gap,
+    Metric,
+    Modelled,
+    Segment,
+    StageOrNone,
+    Waterfall,
+    WaterfallStep,
+)
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
@@ -58,6 +74,8 @@ class Shrink:
         segments: the same, manoeuvre by manoeuvre; none without a gap.
         pictures: to draw from.
         notes: what could not be measured.
+        modelled: the gap with a model of what an unlisted cause goes with; None with listed ones.
+        why_not: in a few words why it is not known how far that closes the gap; None if it is.
     """
 
     gap: Gap | None = None
@@ -66,6 +84,8 @@ class Shrink:
     segments: tuple[Segment, ...] = ()
     pictures: Pictures = field(default_factory=Pictures)
     notes: tuple[str, ...] = ()
+    modelled: Modelled | None = None
+    why_not: str | None = NO_GAP_MEASURED
 
 
 def shrink(
@@ -84,6 +104,8 @@ def shrink(
         return Shrink(notes=("Neither gyro nor reference: the gap of the pose is not measured.",))
     own = analysis.motion.moving(effects)
     model, where = analysis.motion.model, analysis.recording
+    unlisted: Model | None = None
+    why_not: str | None = ANOTHER_LOG
     if held is None:
         kinds = kinds_of(where, robot)
         sides = hold_out(where.t_s, kinds)
@@ -91,8 +113,12 @@ def shrink(
             return Shrink(
                 stages={}, notes=(sides.why_not,), pictures=pictures_of(where, model, [], ())
             )
-        apart = MotionModel(where, robot, model.prior, keep=sides.fit)
+        is_unlisted = not effects and stage != "none"
+        seen = unseen_dropped(where, sides.fit) if is_unlisted else where
+        apart = MotionModel(seen, robot, model.prior, keep=sides.fit)
         fitted = _refitted(apart, analysis.motion, own)
+        if is_unlisted:
+            unlisted, why_not = modelled_on(apart, analysis, stage)
         motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held
@@ -113,14 +139,19 @@ def shrink(
         robot,
         motion,
         windows,
-        effects=settings,
-        draws=drawn,
-        levels=levels_of(analysis.motion.levels, robot, motion),
+        effects=settings if unlisted is None else unlisted.settings,
+        draws=drawn if unlisted is None else unlisted.drawn,
+        levels=levels_of((unlisted or analysis.motion).levels, robot, motion),
         drive=None if drive is None else drive.replayed,
         firmware=None if firmware is None else firmware.replayed,
         clock_skew=skew if on_bus else None,
     )
     gap = gap_of(metrics, _acting(stage, own), "stretches" if held is None else "log")
+    modelled = None
+    if gap is None:
+        why_not = NO_GAP_MEASURED
+    elif unlisted is not None:
+        gap, modelled, why_not = told_apart(gap, unlisted)
     named = gap.metric if gap is not None and gap.metric in _ODOMETRY else None
     waterfall = None
     behind = {"drive_position_m": drive, "firmware_position_m": firmware}
@@ -160,6 +191,8 @@ def shrink(
         stages=shares,
         segments=segments,
         pictures=pictures_of(where, model, windows, settings, motion=motion, robot=robot),
+        modelled=modelled,
+        why_not=why_not,
     )
 
 

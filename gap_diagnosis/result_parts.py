@@ -161,19 +161,6 @@ class Dependence(Part):
     share: float = Field(description="of the leftover's energy that it explains")
 
 
-class Unknown(Part):
-    """What no listed effect explains: where, when, and what it goes with."""
-
-    stage: StageOrNone
-    windows: tuple[Interval, ...] = ()
-    depends_on: tuple[Dependence, ...] = Field(default=(), description="the likeliest first")
-    closes: float | None = Field(
-        default=None,
-        description="share of the gap that modelling this dependence would close; null: not "
-        "measured",
-    )
-
-
 class Metric(Part):
     """One gap metric on held-out data: an RMS over windows of 5 m, but 5 to 10 s."""
 
@@ -195,6 +182,37 @@ class Metric(Part):
         small = self.floor is not None and self.before < CLOSABLE * self.floor
         if small and self.closed is not None:
             raise ValueError("closed is given where before is below 1.2 floors")
+        return self
+
+
+class Modelled(Metric):
+    """The gap with a model of what an unlisted cause goes with: a smooth function of one variable,
+    fitted on the rest of the log and held against stretches that the fit never saw."""
+
+    variable: Variable
+    metric: str
+
+
+class Unknown(Part):
+    """What no listed effect explains: where, when, and what it goes with."""
+
+    stage: StageOrNone
+    windows: tuple[Interval, ...] = ()
+    depends_on: tuple[Dependence, ...] = Field(default=(), description="the likeliest first")
+    closes: float | None = Field(
+        default=None,
+        description="share of the gap that modelling this dependence closes on held-out stretches: "
+        "closed of `modelled`; null where that was not measured",
+    )
+    modelled: Modelled | None = Field(default=None, description="the gap before and after")
+    why_not: str | None = Field(
+        default=None, description="in a few words why `closes` is null; else null"
+    )
+
+    @model_validator(mode="after")
+    def _closes_what_was_measured(self) -> Self:
+        if self.closes != (None if self.modelled is None else self.modelled.closed):
+            raise ValueError("closes: expected what `modelled` closed")
         return self
 
 

@@ -17,6 +17,7 @@ from gap_diagnosis.result_parts import (
     InputFile,
     LogFacts,
     Metric,
+    Modelled,
     NumberEstimate,
     Segment,
     Structure,
@@ -208,6 +209,18 @@ def unlisted() -> Diagnosis:
             stage="wheel",
             windows=((10.0, 30.0),),
             depends_on=(Dependence(variable="wheel_angle_left", share=0.8),),
+            closes=0.9,
+            modelled=Modelled(
+                variable="wheel_angle_left",
+                metric="odometry_position_m",
+                unit="m",
+                before=0.048,
+                after=0.0066,
+                floor=0.002,
+                closed=0.9,
+                ci95=(0.8, 0.95),
+                windows=4,
+            ),
         ),
     )
 

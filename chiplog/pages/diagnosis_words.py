@@ -17,6 +17,7 @@ from gap_diagnosis.result_parts import (
     Metric,
     NumberEstimate,
     ParameterEstimate,
+    Unknown,
 )
 from hil_harness.effects import catalogue
 
@@ -173,7 +174,33 @@ def unknown_sentence(diagnosis: Diagnosis) -> str:
             f"{one.variable.replace('_', ' ')} ({100 * one.share:.0f} % of it)"
             for one in found.depends_on
         )
-    return text + "."
+    return f"{text}. {_modelled_sentence(found)}"
+
+
+def _modelled_sentence(found: Unknown) -> str:
+    """Return how far a model of what the leftover goes with closes the gap, or why none says."""
+    model = found.modelled
+    if model is None or model.after is None:
+        because = "" if found.why_not is None else f": {found.why_not}"
+        return f"How far a model of it would close the gap is not measured{because}."
+    text = (
+        f"Modelling it as a function of {model.variable.replace('_', ' ')} would take the "
+        f"{metric_name(model.metric)} on held-out stretches from "
+        f"{quantity(model.before, model.unit)} to {quantity(model.after, model.unit)}"
+    )
+    if model.closed is None:
+        return f"{text}; {found.why_not}." if found.why_not else f"{text}."
+    return f"{text}: {_share_closed(model)}."
+
+
+def _share_closed(metric: Metric) -> str:
+    """Return `88 % closed (95 %: 80 to 93 %)`; and that it may be chance where it may."""
+    share = q.fixed(100 * (metric.closed or 0.0), 0)
+    if metric.ci95 is None:
+        return f"{share} % closed"
+    low, high = (q.fixed(100 * bound, 0) for bound in metric.ci95)
+    doubt = "" if metric.ci95[0] > 0 else ", which may be chance"
+    return f"{share} % closed (95 %: {low} to {high} %){doubt}"
 
 
 def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:

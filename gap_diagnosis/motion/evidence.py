@@ -44,6 +44,7 @@ class Gram:
         data: float64[c]: of the base columns with each other and with the data.
         full_inner, full_data: before the tolerances were marginalised.
         restraint: inverse variance beforehand of each column that a tolerance is.
+        left_over: square of the data beside the best tolerances.
     """
 
     levels: Floats
@@ -53,6 +54,7 @@ class Gram:
     full_inner: Floats
     full_data: Floats
     restraint: Mapping[int, float] = field(default_factory=dict)
+    left_over: float = 0.0
 
 
 def make_gram(columns: Columns, course: Course, levels: Floats, ticks: Floats) -> Gram:
@@ -80,7 +82,7 @@ def gram_of(
     precision = np.array([sd**-2 for _, sd in nuisances])
     log_nothing = -0.5 * (whole[0, 0] + float(log_variance.sum()) + len(white) * math.log(math.tau))
     if len(index) == 0:
-        return Gram(levels, log_nothing, inner, data, inner, data)
+        return Gram(levels, log_nothing, inner, data, inner, data, left_over=float(whole[0, 0]))
     # Scaled by the prior, so that the Cholesky factor stays well conditioned.
     scale = 1 / np.sqrt(precision)
     small = np.eye(len(index)) + scale[:, None] * inner[np.ix_(index, index)] * scale
@@ -88,7 +90,8 @@ def gram_of(
     across = scale[:, None] * inner[index]
     solved = cho_solve(factor, across)
     solved_data = cho_solve(factor, scale * data[index])
-    log_nothing += 0.5 * float((scale * data[index]) @ solved_data)
+    explained = float((scale * data[index]) @ solved_data)
+    log_nothing += 0.5 * explained
     log_nothing -= float(np.log(np.diag(factor[0])).sum())
     return Gram(
         levels,
@@ -98,6 +101,7 @@ def gram_of(
         inner,
         data,
         {column: float(one) for column, one in zip(index, precision, strict=True)},
+        float(whole[0, 0]) - explained,
     )
 
 

@@ -33,7 +33,7 @@ _WORTH_LEVELS: Final = 6.0
 """What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
 _LIKELY: Final = 1.0
 """So does what is likelier than no effect by more than this [nat], however few its columns."""
-_CODE: Final = ("adc_code", "turn_rate")
+CODE: Final = ("adc_code", "turn_rate")
 """Which code there should be, the wheels' turn rate says: a function of the codes that there are
 would explain their noise with itself."""
 
@@ -242,7 +242,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True)
-class _Plan:
+class Plan:
     """Where the columns of one stage and variable stand, and how they may act.
 
     Attributes:
@@ -250,6 +250,7 @@ class _Plan:
         columns: int64[k], where all of its columns stand.
         scales: float64[k, 3], their usual sizes, from and to, and those that are no gap.
         shapes: float64[k, s] each, combinations of the columns that are weighed.
+        ways, functions: of every way in turn, all functions: what the columns stand for.
     """
 
     stage: str
@@ -257,31 +258,47 @@ class _Plan:
     columns: NDArray[np.int64]
     scales: Floats
     shapes: list[Floats]
+    ways: Sequence[Way]
+    functions: list[Floats]
+
+    def act(self, prediction: Prediction, sizes: Floats) -> None:
+        """Change *prediction* by so much of each column, float64[k]."""
+        for way, own in zip(self.ways, np.split(sizes, len(self.ways)), strict=True):
+            way.act(prediction, np.tensordot(own, np.array(self.functions), axes=1))
 
 
 @dataclass(frozen=True)
-class _Laid:
+class Laid:
     """Data, nuisances and columns of alternatives: float64[4, m, 1 + c] and where they stand."""
 
     values: Floats
     nuisances: list[tuple[int, float]]
-    plans: list[_Plan]
+    plans: list[Plan]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Sizes of an alternative's columns: log evidence, mean float64[k] and covariance."""
+
+    log_evidence: float
+    mean: Floats
+    covariance: Floats
 
 
 def alternatives(
     model: MotionModel, levels: Floats, settings: tuple[Setting, ...] = ()
 ) -> list[Alternative]:
     """Return every stage and variable with its evidence beside *settings*, best first."""
-    laid, smooth = _lay_out(model, settings), model.nodes.smooth
+    laid, smooth = lay_out(model, settings), model.nodes.smooth
     white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
     gram = gram_of(white, log_variance, laid.nuisances, levels)
-    above_noise = max(float(white[:, 0] @ white[:, 0]) - len(white), 1.0)
+    above_noise = max(gram.left_over - len(white), 1.0)
     found = []
     plans = [*laid.plans]
     if smooth.gyro_code is not None:
         # What is proportional to the code is a scale, and said of the turn rate already.
-        turns = [one for one in plans if (one.stage, one.variable) == ("gyro", _CODE[1])]
-        plans += [replace(one, variable=_CODE[0], shapes=one.shapes[:1]) for one in turns]
+        turns = [one for one in plans if (one.stage, one.variable) == ("gyro", CODE[1])]
+        plans += [replace(one, variable=CODE[0], shapes=one.shapes[:1]) for one in turns]
     for plan in plans:
         evidence, likelihood, within = _gain(gram, plan)
         share = min(2 * likelihood / above_noise, 1)
@@ -314,8 +331,8 @@ def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats
 
     At the levels of no effect, noise has taken what the alternative explains.
     """
-    variable = _CODE[1] if one.variable == _CODE[0] else one.variable
-    laid = _lay_out(model, (), only=(one.stage, variable))
+    variable = CODE[1] if one.variable == CODE[0] else one.variable
+    laid = lay_out(model, (), only=(one.stage, variable))
     gains = one.log_evidence > _LIKELY
     if laid.plans and not gains:
         gains = one.log_likelihood > 0.5 * len(laid.plans[0].columns) + _WORTH_LEVELS
@@ -330,9 +347,9 @@ def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats
     return best_levels(weigh, model.level_prior, start)
 
 
-def _lay_out(
+def lay_out(
     model: MotionModel, settings: tuple[Setting, ...], only: tuple[str, str] | None = None
-) -> _Laid:
+) -> Laid:
     """Return the columns of all alternatives, or of one stage and variable."""
     nodes = model.nodes
     smooth = nodes.smooth
@@ -342,7 +359,7 @@ def _lay_out(
                           model.columns.nuisances)]  # fmt: skip
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     lead_s = 0.5 * model.robot.tolerance.time_offset_s  # half of a tolerance is no gap
-    plans: list[_Plan] = []
+    plans: list[Plan] = []
     for stage, ways in _WAYS.items():
         for variable in _VARIABLES[stage]:
             if only is not None and (stage, variable) != only:
@@ -359,12 +376,12 @@ def _lay_out(
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
             plans.append(_planned(stage, variable, first, usable, base, lead_s))
-    return _Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
+    return Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
 
 
 def _planned(
     stage: str, variable: str, first: int, ways: Sequence[Way], base: Basis, lead_s: float
-) -> _Plan:
+) -> Plan:
     """Return a plan: all ways together, each by itself, and the simplest shapes of each."""
     count = len(base.functions)
     whole = np.eye(count * len(ways))
@@ -377,10 +394,11 @@ def _planned(
     if base.within_per_s:
         within = lead_s * np.tile(base.within_per_s, len(ways))
         scales[:, 2] = np.maximum(scales[:, 2], within)
-    return _Plan(stage, variable, np.arange(first, first + len(whole)), scales, shapes)
+    columns = np.arange(first, first + len(whole))
+    return Plan(stage, variable, columns, scales, shapes, ways, base.functions)
 
 
-def _gain(gram: Gram, plan: _Plan) -> tuple[float, float, float]:
+def _gain(gram: Gram, plan: Plan) -> tuple[float, float, float]:
     """Return log evidence and log likelihood of an alternative, and the log evidence of so little
     of it that it is no gap, less those of none."""
     evidences, likelihoods, withins = np.array([_gain_of(gram, plan, one) for one in plan.shapes]).T
@@ -389,11 +407,36 @@ def _gain(gram: Gram, plan: _Plan) -> tuple[float, float, float]:
     return evidence, float(likelihoods.max()), float(np.logaddexp.reduce(withins)) - count
 
 
-def _gain_of(gram: Gram, plan: _Plan, shape: Floats) -> tuple[float, float, float]:
+def fit_of(gram: Gram, plan: Plan) -> Fitted:
+    """Return the likeliest shape and usual size of an alternative with its sizes."""
+    best: Fitted | None = None
+    for shape in plan.shapes:
+        inner, data = _seen_by(gram, plan, shape)
+        for scale in _usual(plan, shape)[:-1]:
+            evidence = _gain_at(inner, data, scale)[0]
+            if best is None or evidence > best.log_evidence:
+                spread = np.linalg.inv(inner + np.diag(scale**-2.0))
+                best = Fitted(evidence, shape @ spread @ data, shape @ spread @ shape.T)
+    if best is None:
+        raise ValueError(f"{plan.stage}, {plan.variable}: expected at least one shape")
+    return best
+
+
+def _seen_by(gram: Gram, plan: Plan, shape: Floats) -> tuple[Floats, Floats]:
+    """Return the inner products of a shape's columns with each other and with the data."""
     place = np.ix_(plan.columns, plan.columns)
-    inner, data = shape.T @ gram.inner[place] @ shape, shape.T @ gram.data[plan.columns]
+    return shape.T @ gram.inner[place] @ shape, shape.T @ gram.data[plan.columns]
+
+
+def _usual(plan: Plan, shape: Floats) -> list[Floats]:
+    """Return usual sizes of a shape's columns, float64[s] each; last those that are no gap."""
     low, high, within = plan.scales[np.argmax(shape != 0, axis=0)].T
-    usual = [low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)]
+    return [*(low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)), within]
+
+
+def _gain_of(gram: Gram, plan: Plan, shape: Floats) -> tuple[float, float, float]:
+    inner, data = _seen_by(gram, plan, shape)
+    *usual, within = _usual(plan, shape)
     found = [_gain_at(inner, data, scale) for scale in usual]
     evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(_SCALES)
     likelihood = max(0.0, *(one for _, one in found))

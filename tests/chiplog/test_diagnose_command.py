@@ -237,3 +237,25 @@ def test_robot_and_effects_together_say_each_thing_once(
 def test_the_schema_of_the_diagnosis_is_printed(chiplog: Chiplog) -> None:
     schema = json.loads(chiplog("schema", "diagnosis").out)
     assert {"verdict", "which", "where", "gap"} <= schema["properties"].keys()
+
+
+def test_how_far_a_model_of_an_unlisted_cause_would_go_is_told_or_why_not(
+    asked: Asked, chiplog: Chiplog
+) -> None:
+    found = samples.unlisted()
+    with_diagnosis(asked, found)
+    said = " ".join(chiplog("diagnose", "run.log").out.split())
+    assert (
+        "Modelling it as a function of wheel angle left would take the position of the odometry on "
+        "held-out stretches from 48.0 mm to 6.60 mm: 90 % closed (95 %: 80 to 95 %)." in said
+    )
+    assert found.unknown is not None
+    lost = found.unknown.model_copy(
+        update={"closes": None, "modelled": None, "why_not": "it goes with no variable"}
+    )
+    with_diagnosis(asked, found.model_copy(update={"unknown": lost}))
+    said = " ".join(chiplog("diagnose", "run.log").out.split())
+    assert (
+        "How far a model of it would close the gap is not measured: it goes with no variable."
+        in said
+    )

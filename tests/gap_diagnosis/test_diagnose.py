@@ -133,3 +133,15 @@ def test_a_log_with_nothing_to_compare_the_wheels_with_is_refused() -> None:
     )
     with pytest.raises(DiagnosisError, match="nothing to compare the wheels with"):
         diagnose_recordings([bare], ROBOT, WIRE)
+
+
+def test_how_far_a_model_of_an_unlisted_cause_closes_the_gap_was_measured() -> None:
+    found = diagnosed("withheld").unknown
+    assert found is not None
+    model = found.modelled
+    assert model is not None
+    assert model.variable == found.depends_on[0].variable
+    assert found.closes == model.closed
+    assert found.closes is not None
+    assert found.closes > 0.5
+    assert found.why_not is None

@@ -1,0 +1,123 @@
+"""How far the gap shrinks if what an unlisted cause goes with is modelled.
+
+The stand-in that weighed the cause is fitted on one part of the log and tried on the rest, as a
+listed explanation is. Where there is none, or no rest, nothing is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.stand_in import stand_in
+from gap_diagnosis.motion.unknown import Alternative
+from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.result_parts import Gap, Metric, Modelled, StageOrNone, Variable
+
+LEAST_SHARE: Final = 0.02
+"""What explains less of the leftover is nothing that it goes with."""
+ANOTHER_LOG: Final = "another log was held out, and a function of this log's variables is of it"
+NO_GAP_MEASURED: Final = "no gap was measured"
+_NEAREST: Final = {"reversal": "direction"}
+"""What a leftover goes with, by the name of the listed variable that is nearest to it."""
+_MODELLED: Final = ("wheel", "encoder", "gyro", "reference")
+
+
+def unseen_dropped(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
+    """Return a recording without the reference's samples outside the ticks *kept*, bool[n].
+
+    A model that leaves them out of its fit has followed them all the same, to know about where the
+    robot was; what a leftover goes with is a function of that.
+    """
+    reference = recording.reference
+    if reference is None:
+        return recording
+    place = np.clip(np.searchsorted(recording.t_s, reference.t_s), 0, len(kept) - 1)
+    seen = kept[place]
+    heading = reference.heading_rad
+    return replace(
+        recording,
+        reference=replace(
+            reference,
+            t_s=reference.t_s[seen],
+            x_m=reference.x_m[seen],
+            y_m=reference.y_m[seen],
+            heading_rad=None if heading is None else heading[seen],
+        ),
+    )
+
+
+def known_variable(name: str) -> Variable | None:
+    """Return the listed variable that *name* is or comes nearest to."""
+    listed = _NEAREST.get(name, name)
+    return cast(Variable, listed) if listed in get_args(Variable) else None
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model of what an unlisted cause goes with, fitted on a part of the log.
+
+    Attributes:
+        variable: of which it is a function.
+        settings, drawn: what acts, with its best sizes and with draws of them.
+        levels: noise levels beside it, float64[9].
+    """
+
+    variable: Variable
+    settings: list[Setting]
+    drawn: list[list[Setting]]
+    levels: Floats
+
+
+def modelled_on(
+    fit_side: MotionModel, analysis: Analysis, stage: StageOrNone
+) -> tuple[Model | None, str | None]:
+    """Return the model of the leftover in a stage by what *fit_side* sees, or why there is none."""
+    if stage not in _MODELLED:
+        return None, f"nothing stands in for an unlisted cause in stage {stage}"
+    own = [one for one in analysis.alternatives if one.stage == stage]
+    if own and own[0].windows:
+        return None, "it comes and goes by chance"
+    chosen = _likeliest(own)
+    variable = None if chosen is None else known_variable(chosen.variable)
+    if analysis.motion is None or chosen is None or variable is None:
+        return None, "it goes with no variable"
+    found = stand_in(fit_side, chosen, analysis.motion.levels)
+    if found is None:
+        return None, f"{variable.replace('_', ' ')} hardly varies"
+    return Model(variable, [found.best], [[one] for one in found.drawn], found.levels), None
+
+
+def _likeliest(own: Sequence[Alternative]) -> Alternative | None:
+    """Return what the leftover depends on first, as the answer lists it."""
+    telling = [one for one in own if one.log_evidence > 0 and one.share >= LEAST_SHARE]
+    return max(telling, key=lambda one: one.log_evidence, default=None)
+
+
+def told_apart(gap: Gap, model: Model) -> tuple[Gap, Modelled, str | None]:
+    """Return the gap without the model, which is no verdict, and the gap with it; and why no share
+    of it closes, if none does."""
+    measured = dict(gap)
+    metric = {name: measured[name] for name in Metric.model_fields}
+    why_not = None
+    if gap.closed is None:
+        near = gap.floor is not None
+        why_not = "the gap is too close to its floor" if near else "its floor is not known"
+    bare = {name: _without_after(one) for name, one in gap.all.items()}
+    return (
+        Gap(**(measured | dict(_without_after(gap)) | {"all": bare})),
+        Modelled(variable=model.variable, metric=gap.metric, **metric),
+        why_not,
+    )
+
+
+def _without_after(metric: Metric) -> Metric:
+    kept = {name: getattr(metric, name) for name in Metric.model_fields}
+    return Metric(**(kept | {"after": None, "closed": None, "ci95": None}))

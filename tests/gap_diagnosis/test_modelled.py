@@ -1,0 +1,108 @@
+"""How far a model of what an unlisted cause goes with closes the gap, where no fit has seen it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
+
+from gap_diagnosis.answer import unknown_part
+from gap_diagnosis.explanations import predict
+from gap_diagnosis.gap import hold_out, kinds_of
+from gap_diagnosis.how_far import shrink
+from gap_diagnosis.modelled import unseen_dropped
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.stand_in import stand_in
+from gap_diagnosis.motion.unknown import Alternative, alternatives
+from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.result_parts import Modelled, StageOrNone
+from hil_harness.effects import EffectSetting
+
+SLIP = EffectSetting("lateral_slip", (("compliance", 0.05),))
+SLIDES = Alternative("wheel", "lateral_acceleration", 0.0, 0.0, 1.0)
+NOTHING: frozenset[str] = frozenset()
+
+
+def modelled(
+    log: Recording, stage: StageOrNone, held: Recording | None = None
+) -> tuple[Modelled | None, str | None]:
+    """Return what is measured where no listed effect is taken for the cause."""
+    motion = analysis_of(log)
+    assert motion.motion is not None
+    model = motion.motion.model
+    found = alternatives(model, model.no_effect_levels)
+    shrunk = shrink(replace(motion, alternatives=tuple(found)), NOTHING, stage, ROBOT, WIRE, held)
+    return shrunk.modelled, shrunk.why_not
+
+
+def test_what_slides_with_the_pull_across_slides_less_where_the_model_never_saw_it() -> None:
+    model, why_not = modelled(drive("calibration", SLIP), "wheel")
+    assert why_not is None
+    assert model is not None
+    assert model.variable == "lateral_acceleration"
+    assert model.metric == "odometry_position_m"
+    assert model.after is not None
+    assert model.after < 0.3 * model.before
+    assert model.closed is not None
+    assert model.closed > 0.8
+    assert model.ci95 is not None
+    assert model.ci95[0] > 0.5
+
+
+def test_where_nothing_is_wrong_no_model_is_said_to_close_anything() -> None:
+    model, why_not = modelled(drive("calibration"), "wheel")
+    assert model is None
+    assert why_not == "it goes with no variable"
+
+
+def test_what_a_model_of_noise_closes_may_be_chance() -> None:
+    """Told that noise goes with the turn rate, it finds nothing there on the other stretches."""
+    made = analysis_of(drive("calibration"))
+    told = replace(made, alternatives=(Alternative("wheel", "turn_rate", 5.0, 9.0, 0.5),))
+    shrunk = shrink(told, NOTHING, "wheel", ROBOT, WIRE, None)
+    assert shrunk.modelled is not None
+    found = shrunk.modelled
+    assert found.after == pytest.approx(found.before, rel=0.1)
+    assert found.closed is None or found.ci95 is None or found.ci95[0] < 0
+
+
+def test_without_a_stretch_held_out_nothing_is_claimed() -> None:
+    log = drive("calibration", SLIP)
+    model, why_not = modelled(log, "wheel", held=log)
+    assert model is None
+    assert why_not is not None
+    assert why_not.startswith("another log was held out")
+    analysis = analysis_of(log)
+    of_the_drive = shrink(analysis, NOTHING, "actuation", ROBOT, WIRE, None)
+    assert of_the_drive.modelled is None
+    assert unknown_part([analysis], "actuation", None, of_the_drive.why_not).closes is None
+
+
+def slide(log: Recording, seen: NDArray[np.bool_]) -> Floats:
+    """Return how far sideways the model has the robot slide, fitted on the ticks *seen*."""
+    model = MotionModel(unseen_dropped(log, seen), ROBOT, PRIOR, keep=seen)
+    found = stand_in(model, SLIDES, model.level_prior.median)
+    assert found is not None
+    return predict(model.nodes.motion, [found.best]).lateral_m
+
+
+def test_the_model_never_sees_what_is_held_out() -> None:
+    """A reference that is wrong there changes nothing; seen, it would."""
+    log = drive("calibration", SLIP)
+    sides = hold_out(log.t_s, kinds_of(log, ROBOT))
+    reference = log.reference
+    assert reference is not None
+    unseen = np.zeros(len(reference.t_s), dtype=np.bool_)
+    for start_s, stop_s in sides.windows:
+        unseen |= (reference.t_s >= start_s) & (reference.t_s <= stop_s)
+    bent = reference.x_m + np.where(unseen, 0.05 * np.sin(reference.t_s), 0.0)
+    other = replace(log, reference=replace(reference, x_m=bent))
+    told = slide(log, sides.fit)
+    assert np.abs(told).sum() > 0.1
+    assert slide(other, sides.fit) == pytest.approx(told, rel=1e-9)
+    everything = np.ones(len(log.t_s), dtype=np.bool_)
+    changed = slide(other, everything) - slide(log, everything)
+    assert np.abs(changed).sum() > 0.1 * np.abs(told).sum()
