@@ -38,8 +38,8 @@ Study = Literal["limit", "exact", "prior"]
 
 ANGLES: Final = ("phase", "direction")
 _STEP: Final = 0.1
-_LOGS: Final = 2
-"""So many logs more tell how sharply levels of noise are told."""
+_LOGS: Final = 8
+"""So many other logs tell how sharply levels of noise are told."""
 
 
 def run_case(
@@ -163,17 +163,24 @@ def _parameters(effect: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 def noise_bounds(world: World, model: MotionModel, effect: str, truth: Truth) -> dict[str, float]:
     """Return the bound of levels of noise: from the curvature at the true levels in the mean over
-    this log and a few more with the same noise. Other levels are free."""
+    other logs with the same noise. Other levels are free.
+
+    Of the log itself the curvature goes with the error: a walk that happened to be wide is told too
+    large, and curves more.
+    """
     levels = noise_levels(world, effect, truth)
-    more = [model_of(one, one.recording(effect, truth), effect) for one in again(world, _LOGS)]
-    curvatures = [noise_curvature(one, levels) for one in (model, *more)]
+    logs = [model_of(one, one.recording(effect, truth), effect) for one in again(world, _LOGS)]
+    curvatures = [noise_curvature(one, levels) for one in logs]
     # A level that does not show (no skid sideways) is held by no more than its prior, but nothing
     # is known of the noise's own.
     known = model.level_prior.spread**-2.0
     known[list(NOISES[effect].places)] = 0.0
-    covariance = np.linalg.inv(sum(curvatures) / len(curvatures) + np.diag(known))
+    information = sum(curvatures) / len(curvatures) + np.diag(known)
+    # Of what no log tells, their mean curvature is as often below nothing as above.
+    is_told = np.linalg.eigvalsh(information)[0] > 0
+    covariance = np.linalg.inv(information) if is_told else np.full_like(information, math.inf)
     return {
-        name: float(truth[name]) * math.sqrt(max(covariance[p, p], 0.0))
+        name: float(truth[name]) * math.sqrt(covariance[p, p])
         for name, level in NOISES[effect].parameters
         for p in (LEVELS.index(level),)
     }

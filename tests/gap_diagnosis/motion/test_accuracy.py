@@ -23,6 +23,7 @@ from accuracy.worlds import draw_world
 from gap_diagnosis.explanations import wheel
 from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion import posterior
 
 EFFECTS = (
     "radius_scale",
@@ -130,3 +131,30 @@ def test_what_is_within_tolerance_beside_a_large_effect_acts_as_it_does_there(ef
     assert told
     for one in told:
         assert abs(one["error"]) < 3 * one["sd"]
+
+
+def test_an_interval_allows_for_what_the_likelihood_takes_for_known(monkeypatch):
+    """Levels of noise are sought, columns are taken from counts: three percent."""
+    told = run_case("limit", "gyro_bias", 0, duration_s=SHORT_S)["found"]["bias"]
+    monkeypatch.setattr(posterior, "_TOO_SURE", 1.0)
+    surer = run_case("limit", "gyro_bias", 0, duration_s=SHORT_S)["found"]["bias"]
+    assert told["value"] == pytest.approx(surer["value"], rel=1e-3)
+    assert told["sd"] / surer["sd"] == pytest.approx(1.03, rel=1e-3)
+
+
+def test_the_bound_of_a_noise_does_not_go_with_the_log_s_own():
+    """A walk that happens to be wide curves more: its own error would be measured by less."""
+    world = draw_world("gyro_bias_walk", np.random.default_rng(1))
+    world = replace(world, scenario=replace(world.scenario, duration_s=10.0))
+    quiet = model_of(world, world.recording(None, {}), "gyro_bias_walk")
+    truth = noise_of(quiet, "gyro_bias_walk", 4.0)
+    narrow, wide = (
+        model_of(
+            world,
+            world.recording("gyro_bias_walk", {"density": by * truth["density"]}),
+            "gyro_bias_walk",
+        )
+        for by in (0.5, 2.0)
+    )
+    bounds = [noise_bounds(world, one, "gyro_bias_walk", truth) for one in (narrow, wide)]
+    assert bounds[0] == bounds[1]
