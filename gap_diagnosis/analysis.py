@@ -24,8 +24,10 @@ from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel, is_far
 from gap_diagnosis.motion.unknown import (
     Alternative,
+    Laid,
     alternatives,
     beyond_tolerance,
+    lay_out,
     levels_beside,
     within_tolerance,
 )
@@ -202,13 +204,14 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
     Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
     and gets no levels.
     """
-    found = _sought_from(motion, motion.levels, gross=gross)
+    laid = lay_out(motion.model)
+    found = _sought_from(motion, motion.levels, laid, gross=gross)
     described = motion.model.level_prior.median
     best = max((one.log_evidence for one in found), default=0.0)
     if not gross and best < max(motion.explained, _LITTLE) and is_far(motion.levels, described):
         # There a reference may wander for minutes, or counts tremble, in the place of what an
         # unlisted cause explains; listed effects are sought from the described levels too.
-        found = _better(found, _sought_from(motion, described))
+        found = _better(found, _sought_from(motion, described, laid))
     found = [_dispersed(one, motion) for one in found]
     tolerated = within_tolerance(found)
     if motion.explained < max(_LITTLE, tolerated):
@@ -235,14 +238,16 @@ def _subject(one: Alternative) -> tuple[str, str]:
     return one.stage, one.variable
 
 
-def _sought_from(motion: MotionBlock, start: Floats, *, gross: bool = False) -> list[Alternative]:
+def _sought_from(
+    motion: MotionBlock, start: Floats, laid: Laid, *, gross: bool = False
+) -> list[Alternative]:
     """Return unlisted causes at these noise levels, or at those that suit the best of them."""
-    found = alternatives(motion.model, start)
-    levels = None if gross or not found else levels_beside(motion.model, found[0], start)
+    found = alternatives(motion.model, start, laid)
+    levels = None if gross or not found else levels_beside(motion.model, found[0], start, laid)
     here = _at(motion, start, found)
     if levels is None:
         return here
-    return _better(here, _at(motion, levels, alternatives(motion.model, levels)))
+    return _better(here, _at(motion, levels, alternatives(motion.model, levels, laid)))
 
 
 def _better(first: Sequence[Alternative], second: Sequence[Alternative]) -> list[Alternative]:

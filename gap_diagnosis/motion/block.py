@@ -160,7 +160,7 @@ class MotionBlock:
     def log_evidence_of_levels(self, levels: Floats) -> float:
         """Return the log evidence of no effect at these noise levels, less that at its own."""
         density = self.model.level_prior.log_density(np.log(levels))
-        return self.model.gram(levels).log_nothing + density - self._nothing.log_evidence
+        return self.model.evidence_at((), levels) + density - self._nothing.log_evidence
 
     def fit(self, effects: frozenset[str]) -> Fit:
         """Return what the search found of a set of effects, without parameters, beyond what is

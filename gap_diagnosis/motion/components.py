@@ -35,21 +35,7 @@ def update(
     solved = np.empty(count)
     for s in range(components):
         scale = scales[s]
-        # 1 + scaled inner products, as lower times its transpose: no pivot is less than 1.
-        log_determinant = 0.0
-        for i in range(count):
-            for j in range(i + 1):
-                value = scale[i] * inner[i, j] * scale[j]
-                if i == j:
-                    value += 1.0
-                for k in range(j):
-                    value -= lower[i, k] * lower[j, k]
-                if i == j:
-                    value = max(value, 1.0)
-                    log_determinant += math.log(value)
-                    lower[i, i] = math.sqrt(value)
-                else:
-                    lower[i, j] = value / lower[j, j]
+        log_determinant = _factor(inner, scale, lower)
         for column in range(count):  # of the inverse of lower
             for i in range(column, count):
                 value = 1.0 if i == column else 0.0
@@ -75,6 +61,66 @@ def update(
         news = _news(means[s], covariances[s], scale, tolerances, widths, is_positive)
         log_parts[s] = 0.5 * (power - log_determinant) + news
     return means, covariances, log_parts
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def gains(inner: Any, data: Any, scales: Any) -> tuple[Any, Any]:
+    """Return log evidences and log likelihoods, float64[s], of coefficients within no tolerance.
+
+    Args:
+        inner: float64[k, k], inner products of the coefficients' columns.
+        data: float64[k], those with the data.
+        scales: float64[s, k], the prior's standard deviations in each component.
+    """
+    components, count = scales.shape
+    evidences, likelihoods = np.empty(components), np.empty(components)
+    lower = np.zeros((count, count))
+    solved, mean = np.empty(count), np.empty(count)
+    for s in range(components):
+        scale = scales[s]
+        log_determinant = _factor(inner, scale, lower)
+        power = 0.0
+        for i in range(count):
+            value = scale[i] * data[i]
+            for k in range(i):
+                value -= lower[i, k] * solved[k]
+            solved[i] = value / lower[i, i]
+            power += solved[i] * solved[i]
+        for i in range(count - 1, -1, -1):
+            value = solved[i]
+            for k in range(i + 1, count):
+                value -= lower[k, i] * solved[k]
+            solved[i] = value / lower[i, i]
+            mean[i] = scale[i] * solved[i]
+        evidences[s] = 0.5 * (power - log_determinant)
+        likelihoods[s] = 0.0
+        for i in range(count):
+            pull = data[i]
+            for j in range(count):
+                pull -= 0.5 * inner[i, j] * mean[j]
+            likelihoods[s] += mean[i] * pull
+    return evidences, likelihoods
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _factor(inner: Any, scale: Any, lower: Any) -> float:
+    """Write 1 + scaled inner products as *lower* times its transpose; return the logarithm of the
+    determinant. No pivot is less than 1."""
+    log_determinant = 0.0
+    for i in range(len(scale)):
+        for j in range(i + 1):
+            value = scale[i] * inner[i, j] * scale[j]
+            if i == j:
+                value += 1.0
+            for k in range(j):
+                value -= lower[i, k] * lower[j, k]
+            if i == j:
+                value = max(value, 1.0)
+                log_determinant += math.log(value)
+                lower[i, i] = math.sqrt(value)
+            else:
+                lower[i, j] = value / lower[j, j]
+    return log_determinant
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

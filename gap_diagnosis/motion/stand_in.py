@@ -53,7 +53,7 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
     """
     is_of_codes = one.variable == CODE[0]
     variable = CODE[1] if is_of_codes else one.variable
-    laid = lay_out(model, (), only=(one.stage, variable))
+    laid = lay_out(model, only=(one.stage, variable))
     if not laid.plans:
         return None
     plan = laid.plans[0]
@@ -69,7 +69,7 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
 
     tried = [start]
     for begin in (start, model.level_prior.median):
-        beside = levels_beside(model, one, begin)
+        beside = levels_beside(model, one, begin, laid)
         tried += [] if beside is None else [beside]
     scored = [(*fitted(levels), levels) for levels in tried]
     _, best, levels = max(scored, key=lambda each: each[0])

@@ -12,14 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.bases import Basis, basis, turns
+from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
@@ -241,6 +241,18 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 
 
+class Shape(NamedTuple):
+    """A combination of columns that is weighed.
+
+    Attributes:
+        mix: float64[k, s], what to multiply the columns by.
+        sizes: float64[_SCALES + 1, s], usual sizes from small to large, last those that are no gap.
+    """
+
+    mix: Floats
+    sizes: Floats
+
+
 @dataclass(frozen=True)
 class Plan:
     """Where the columns of one stage and variable stand, and how they may act.
@@ -248,16 +260,14 @@ class Plan:
     Attributes:
         stage, variable: of the alternative.
         columns: int64[k], where all of its columns stand.
-        scales: float64[k, 3], their usual sizes, from and to, and those that are no gap.
-        shapes: float64[k, s] each, combinations of the columns that are weighed.
+        shapes: combinations of the columns that are weighed.
         ways, functions: of every way in turn, all functions: what the columns stand for.
     """
 
     stage: str
     variable: str
     columns: NDArray[np.int64]
-    scales: Floats
-    shapes: list[Floats]
+    shapes: list[Shape]
     ways: Sequence[Way]
     functions: list[Floats]
 
@@ -269,11 +279,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Laid:
-    """Data, nuisances and columns of alternatives: float64[4, m, 1 + c] and where they stand."""
+    """Data, nuisances and columns of alternatives: float64[4, m, 1 + c] and where they stand.
+
+    They are the same at all noise levels, and each takes a prediction of the whole log.
+    """
 
     values: Floats
     nuisances: list[tuple[int, float]]
     plans: list[Plan]
+
+    def only(self, stage: str, variable: str) -> Laid:
+        """Return what there is of one stage and variable."""
+        plans = [one for one in self.plans if (one.stage, one.variable) == (stage, variable)]
+        first = 1 + len(self.nuisances)
+        columns = [1 + place for one in plans for place in one.columns]
+        kept = self.values[..., [*range(first), *columns]]
+        moved = [
+            replace(one, columns=np.arange(first - 1, first - 1 + len(one.columns)))
+            for one in plans
+        ]
+        return Laid(np.ascontiguousarray(kept), self.nuisances, moved)
 
 
 @dataclass(frozen=True)
@@ -285,11 +310,9 @@ class Fitted:
     covariance: Floats
 
 
-def alternatives(
-    model: MotionModel, levels: Floats, settings: tuple[Setting, ...] = ()
-) -> list[Alternative]:
-    """Return every stage and variable with its evidence beside *settings*, best first."""
-    laid, smooth = lay_out(model, settings), model.nodes.smooth
+def alternatives(model: MotionModel, levels: Floats, laid: Laid | None = None) -> list[Alternative]:
+    """Return every stage and variable with its evidence, best first."""
+    laid, smooth = laid or lay_out(model), model.nodes.smooth
     white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
     gram = gram_of(white, log_variance, laid.nuisances, levels)
     above_noise = max(gram.left_over - len(white), 1.0)
@@ -325,38 +348,37 @@ def within_tolerance(found: Sequence[Alternative]) -> float:
     return float(np.logaddexp.reduce([one.within for one in found])) - math.log(len(found))
 
 
-def levels_beside(model: MotionModel, one: Alternative, start: Floats) -> Floats | None:
+def levels_beside(
+    model: MotionModel, one: Alternative, start: Floats, laid: Laid | None = None
+) -> Floats | None:
     """Return the noise levels that suit an alternative best, sought from *start*; None where it
     gains no more than columns gain from noise.
 
     At the levels of no effect, noise has taken what the alternative explains.
     """
     variable = CODE[1] if one.variable == CODE[0] else one.variable
-    laid = lay_out(model, (), only=(one.stage, variable))
-    gains = one.log_evidence > _LIKELY
-    if laid.plans and not gains:
-        gains = one.log_likelihood > 0.5 * len(laid.plans[0].columns) + _WORTH_LEVELS
-    if not gains:
+    own = (laid or lay_out(model, only=(one.stage, variable))).only(one.stage, variable)
+    is_likely = one.log_evidence > _LIKELY
+    if own.plans and not is_likely:
+        is_likely = one.log_likelihood > 0.5 * len(own.plans[0].columns) + _WORTH_LEVELS
+    if not is_likely:
         return None
 
     def weigh(levels: Floats) -> Weighed:
-        white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
-        gram = gram_of(white, log_variance, laid.nuisances, levels)
-        return Weighed(gram.log_nothing + _gain(gram, laid.plans[0])[0], white, log_variance)
+        white, log_variance = whiten(own.values, model.course, levels, model.nodes.ticks)
+        gram = gram_of(white, log_variance, own.nuisances, levels)
+        return Weighed(gram.log_nothing + _gain(gram, own.plans[0])[0], white, log_variance)
 
     return best_levels(weigh, model.level_prior, start)
 
 
-def lay_out(
-    model: MotionModel, settings: tuple[Setting, ...], only: tuple[str, str] | None = None
-) -> Laid:
+def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
     """Return the columns of all alternatives, or of one stage and variable."""
     nodes = model.nodes
     smooth = nodes.smooth
-    nominal = residuals(nodes, predict(smooth, settings))
-    data = model.columns.values[..., 0] + nominal - residuals(nodes, predict(smooth))
-    columns = [data, *(model.columns.values[..., index + 1] for index, _ in
-                          model.columns.nuisances)]  # fmt: skip
+    nominal = residuals(nodes, predict(smooth))
+    taken = [0, *(index + 1 for index, _ in model.columns.nuisances)]
+    columns = [model.columns.values[..., place] for place in taken]
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     lead_s = 0.5 * model.robot.tolerance.time_offset_s  # half of a tolerance is no gap
     plans: list[Plan] = []
@@ -372,7 +394,7 @@ def lay_out(
             for way in usable:
                 step = math.sqrt(way.low * way.high)
                 for function in base.functions:
-                    prediction = predict(smooth, settings)
+                    prediction = predict(smooth)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
             plans.append(_planned(stage, variable, first, usable, base, lead_s))
@@ -385,71 +407,54 @@ def _planned(
     """Return a plan: all ways together, each by itself, and the simplest shapes of each."""
     count = len(base.functions)
     whole = np.eye(count * len(ways))
-    shapes = [whole]
+    mixes = [whole]
     for place in range(len(ways)):
         own = whole[:, place * count : (place + 1) * count]
-        shapes += [own] if len(ways) > 1 else []
-        shapes += [own @ one for one in base.simple]
+        mixes += [own] if len(ways) > 1 else []
+        mixes += [own @ one for one in base.simple]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
     if base.within_per_s:
         within = lead_s * np.tile(base.within_per_s, len(ways))
         scales[:, 2] = np.maximum(scales[:, 2], within)
+    shapes = []
+    for mix in mixes:
+        low, high, least = scales[np.argmax(mix != 0, axis=0)].T
+        usual = [low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)]
+        shapes.append(Shape(mix, np.array([*usual, least])))
     columns = np.arange(first, first + len(whole))
-    return Plan(stage, variable, columns, scales, shapes, ways, base.functions)
+    return Plan(stage, variable, columns, shapes, ways, base.functions)
 
 
 def _gain(gram: Gram, plan: Plan) -> tuple[float, float, float]:
     """Return log evidence and log likelihood of an alternative, and the log evidence of so little
     of it that it is no gap, less those of none."""
-    evidences, likelihoods, withins = np.array([_gain_of(gram, plan, one) for one in plan.shapes]).T
-    count = math.log(len(plan.shapes))
-    evidence = float(np.logaddexp.reduce(evidences)) - count
-    return evidence, float(likelihoods.max()), float(np.logaddexp.reduce(withins)) - count
+    found = [gains(*_seen_by(gram, plan, mix), sizes) for mix, sizes in plan.shapes]
+    evidences = np.array([one for one, _ in found])
+    likelihood = max(0.0, *(float(one[:_SCALES].max()) for _, one in found))
+    count = math.log(len(found))
+    evidence = float(np.logaddexp.reduce(evidences[:, :_SCALES].ravel())) - math.log(_SCALES)
+    return evidence - count, likelihood, float(np.logaddexp.reduce(evidences[:, _SCALES])) - count
 
 
 def fit_of(gram: Gram, plan: Plan) -> Fitted:
     """Return the likeliest shape and usual size of an alternative with its sizes."""
     best: Fitted | None = None
-    for shape in plan.shapes:
-        inner, data = _seen_by(gram, plan, shape)
-        for scale in _usual(plan, shape)[:-1]:
-            evidence = _gain_at(inner, data, scale)[0]
+    for mix, sizes in plan.shapes:
+        inner, data = _seen_by(gram, plan, mix)
+        usual = sizes[:_SCALES]
+        for scale, evidence in zip(usual, gains(inner, data, usual)[0], strict=True):
             if best is None or evidence > best.log_evidence:
                 spread = np.linalg.inv(inner + np.diag(scale**-2.0))
-                best = Fitted(evidence, shape @ spread @ data, shape @ spread @ shape.T)
+                best = Fitted(float(evidence), mix @ spread @ data, mix @ spread @ mix.T)
     if best is None:
         raise ValueError(f"{plan.stage}, {plan.variable}: expected at least one shape")
     return best
 
 
-def _seen_by(gram: Gram, plan: Plan, shape: Floats) -> tuple[Floats, Floats]:
+def _seen_by(gram: Gram, plan: Plan, mix: Floats) -> tuple[Floats, Floats]:
     """Return the inner products of a shape's columns with each other and with the data."""
     place = np.ix_(plan.columns, plan.columns)
-    return shape.T @ gram.inner[place] @ shape, shape.T @ gram.data[plan.columns]
-
-
-def _usual(plan: Plan, shape: Floats) -> list[Floats]:
-    """Return usual sizes of a shape's columns, float64[s] each; last those that are no gap."""
-    low, high, within = plan.scales[np.argmax(shape != 0, axis=0)].T
-    return [*(low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)), within]
-
-
-def _gain_of(gram: Gram, plan: Plan, shape: Floats) -> tuple[float, float, float]:
-    inner, data = _seen_by(gram, plan, shape)
-    *usual, within = _usual(plan, shape)
-    found = [_gain_at(inner, data, scale) for scale in usual]
-    evidence = float(np.logaddexp.reduce([one for one, _ in found])) - math.log(_SCALES)
-    likelihood = max(0.0, *(one for _, one in found))
-    return evidence, likelihood, _gain_at(inner, data, within)[0]
-
-
-def _gain_at(inner: Floats, data: Floats, scale: Floats) -> tuple[float, float]:
-    """Return log evidence and log likelihood of sizes of which *scale*, float64[k], are usual."""
-    small = np.eye(len(data)) + scale[:, None] * inner * scale
-    solved = np.linalg.solve(small, scale * data)
-    evidence = 0.5 * float((scale * data) @ solved) - 0.5 * float(np.linalg.slogdet(small)[1])
-    mean = scale * solved
-    return evidence, float(data @ mean - 0.5 * mean @ inner @ mean)
+    return mix.T @ gram.inner[place] @ mix, mix.T @ gram.data[plan.columns]
 
 
 def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:

@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal, norm
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of, score
 from gap_diagnosis.priors import default_prior
 
@@ -158,3 +159,19 @@ def test_levels_at_which_the_filter_runs_out_of_digits_explain_nothing() -> None
     found = gram_of(white, log_variance, [(0, 1.0)], np.ones(9))
     assert found.log_nothing < -1e9
     assert np.isfinite(found.inner).all()
+
+
+def test_coefficients_within_no_tolerance_gain_what_their_prior_spreads_the_data_by() -> None:
+    """Marginally, data of unit noise with columns of normal sizes are normal; the gain is over
+    data of noise alone."""
+    random = np.random.default_rng(3)
+    columns, data = random.standard_normal((20, 3)), random.standard_normal(20)
+    scales = np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 0.5]])
+    evidences, likelihoods = gains(columns.T @ columns, columns.T @ data, scales)
+    for scale, evidence, likelihood in zip(scales, evidences, likelihoods, strict=True):
+        spread = np.eye(20) + (columns * scale**2) @ columns.T
+        gained = multivariate_normal(np.zeros(20), spread).logpdf(data)
+        assert evidence == pytest.approx(gained - norm.logpdf(data).sum(), rel=1e-9)
+        mean = np.linalg.solve(columns.T @ columns + np.diag(scale**-2.0), columns.T @ data)
+        left = norm.logpdf(data - columns @ mean).sum()
+        assert likelihood == pytest.approx(left - norm.logpdf(data).sum(), rel=1e-9)

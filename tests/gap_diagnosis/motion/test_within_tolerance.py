@@ -3,15 +3,19 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.analysis import _alternatives, _at
 from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.motion import unknown
 from gap_diagnosis.motion.block import beyond
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance
+from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, lay_out
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -197,6 +201,33 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
         return _alternatives(motion, None, gross=False)[0].log_evidence
 
     assert best_from(wandering) > best_from(suiting) - 1.0
+
+
+def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each takes a prediction of the whole log, and levels of noise change none."""
+    model = MotionModel(drive_with("wheel_toe.angle=0.002"), ROBOT, default_prior())
+    calls: list[int] = []
+
+    def counted(*given: Any) -> Any:
+        calls.append(1)
+        return residuals(*given)
+
+    monkeypatch.setattr(unknown, "residuals", counted)
+    columns = lay_out(model).values.shape[-1] - 1 - len(model.columns.nuisances)
+    once = len(calls)
+    motion = SimpleNamespace(
+        model=model,
+        levels=2.0 * model.level_prior.median,
+        explained=1e6,
+        tolerated=0.0,
+        log_evidence_of_levels=lambda _: 0.0,
+        dispersed=lambda *as_they_are: as_they_are,
+    )
+    _alternatives(motion, None, gross=False)
+    assert once == 1 + columns
+    assert len(calls) == 2 * once
 
 
 def test_effects_must_explain_more_than_what_is_tolerated() -> None:
