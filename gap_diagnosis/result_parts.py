@@ -251,6 +251,18 @@ class Waterfall(Part):
         return self
 
 
+class Foreseen(Part):
+    """What wheels, gyro and reference can tell, before any fit: from a log's manoeuvres and the
+    noise that its robot is described with."""
+
+    detectable: dict[str, float | None] = Field(
+        description="detection limit per effect, in its parameter's unit; null: cannot be seen"
+    )
+    groups: tuple[EffectSet, ...] = Field(
+        default=(), description="effects that such a log cannot tell apart"
+    )
+
+
 class Structure(Part):
     """What this log can tell, whatever is at work: from its manoeuvres and its levels of noise."""
 
@@ -261,6 +273,11 @@ class Structure(Part):
     )
     groups: tuple[EffectSet, ...] = Field(
         default=(), description="effects that this log cannot tell apart"
+    )
+    foreseen: Foreseen | None = Field(
+        default=None,
+        description="the same of wheels, gyro and reference before any fit, at the noise described "
+        "instead of the noise found; null: nothing to compare the wheels with",
     )
 
 

@@ -19,7 +19,7 @@ from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.result_parts import Structure
+from gap_diagnosis.result_parts import Foreseen, Structure
 from gap_diagnosis.visibility import Sights, sight_of
 from hil_harness.effects import catalogue
 
@@ -49,6 +49,8 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
     The limit is the size at which the expected separation from no effect is 29, other effects
     being free within their tolerances; never below the effect's own tolerance. For a phase or
     direction that may be any, separations are averaged; for a window, the median one counts.
+    What the motion shows is told twice: as it was foreseen before any fit, at the described noise,
+    and at the noise that was found.
     """
     recordings = [one.recording for one in analyses]
     motions = [one.motion for one in analyses if one.motion is not None]
@@ -71,12 +73,24 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
     limits |= limits_of_twins(limits, motions[0].model.robot)
     shown = frozenset(effect for effect, limit in limits.items() if limit is not None)
     twins = [twin & shown for twin in twins_on(recordings)]
+    twins = [twin for twin in twins if len(twin) > 1]
     return Structure(
         detectable=dict(sorted(limits.items())),
-        groups=tuple(
-            tuple(sorted(group)) for group in alike(sights, seen, [t for t in twins if len(t) > 1])
-        ),
+        groups=_named(alike(sights, seen, twins)),
+        foreseen=_foreseen(Sights(tuple(one.scan.foreseen for one in motions)), twins),
     )
+
+
+def _foreseen(sights: Sights, twins: Sequence[Effects]) -> Foreseen:
+    seen = visible(sights)
+    limits = {effect: None if one is None else one.limit for effect, one in seen.items()}
+    return Foreseen(
+        detectable=dict(sorted(limits.items())), groups=_named(alike(sights, seen, twins))
+    )
+
+
+def _named(groups: Sequence[Effects]) -> tuple[tuple[str, ...], ...]:
+    return tuple(tuple(sorted(group)) for group in groups)
 
 
 def _limits_of_noise(model: MotionModel, can: frozenset[str]) -> dict[str, float | None]:

@@ -233,7 +233,14 @@ def _advice(one: Advice) -> dict[str, Any]:
 
 
 def _detectable_rows(found: Diagnosis) -> list[list[str]]:
-    return [[name, words.limit(name, size)] for name, size in found.structure.detectable.items()]
+    """Return per effect its limit at the noise found, and as it was foreseen, if it was."""
+    known = found.structure.foreseen
+    foreseen = {} if known is None else known.detectable
+    return [
+        [name, words.limit(name, size)]
+        + ([words.limit(name, foreseen[name])] if name in foreseen else ["–"])
+        for name, size in found.structure.detectable.items()
+    ]
 
 
 def _percent(share: float) -> str:

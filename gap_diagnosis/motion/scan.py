@@ -22,6 +22,7 @@ from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.visibility import Sight, sight_of
 
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
@@ -52,7 +53,13 @@ _UNSURE: Final = 3.0
 
 
 class Scan(Accounts):
-    """The search through one log's motion."""
+    """The search through one log's motion.
+
+    Attributes:
+        foreseen: what the log can show at the described levels of noise, before any fit.
+    """
+
+    foreseen: Sight
 
     def __init__(
         self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
@@ -74,6 +81,7 @@ class Scan(Accounts):
     def _search(self, progress: Callable[[float], None]) -> None:
         model = self.model
         self._add_levels(model.level_prior.median)
+        self.foreseen = sight_of(model.columns, self._grams[0], model.prior)
         greedy = self._greedy(self._grams[0])
         levels = model.levels_for(greedy, model.level_prior.median)
         better = model.better_start(greedy, levels)

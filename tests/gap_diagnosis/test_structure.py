@@ -14,11 +14,12 @@ from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
 from gap_diagnosis.explanations.registry import predict
 from gap_diagnosis.imitation import merged
 from gap_diagnosis.limits_elsewhere import limits_elsewhere
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import FrameTimes
-from gap_diagnosis.structure import structure_of, twins_on
+from gap_diagnosis.structure import sights_of, structure_of, twins_on, visible
 from hil_harness.effects import EffectSetting, catalogue
 
 
@@ -97,10 +98,10 @@ def test_a_reference_that_is_too_long_is_larger_wheels_on_a_wider_axle():
 def test_two_logs_see_at_least_what_each_sees():
     both = seen("square", "lesson")
     for one in (seen("square"), seen("lesson")):
-        for effect, visible in one.items():
+        for effect, own in one.items():
             # A gyro that clips shows the sooner, the lower its limit is.
-            if visible is not None and effect != "gyro_saturation":
-                assert both[effect].limit <= visible.limit * 1.3
+            if own is not None and effect != "gyro_saturation":
+                assert both[effect].limit <= own.limit * 1.3
 
 
 def test_a_second_drive_tells_apart_what_the_first_could_not():
@@ -132,10 +133,10 @@ def test_at_the_limit_the_separation_is_29(effect):
 
 
 def test_no_limit_lies_below_its_tolerance_or_beyond_what_is_believed():
-    for effect, visible in seen("calibration").items():
+    for effect, own in seen("calibration").items():
         known = PRIOR.parameters.get(effect, {}).get("all")
-        if visible is not None and known is not None:
-            assert visible.limit <= known.high
+        if own is not None and known is not None:
+            assert own.limit <= known.high
 
 
 def test_the_answer_lists_every_effect_once_with_its_limit():
@@ -150,6 +151,27 @@ def test_the_answer_lists_every_effect_once_with_its_limit():
     )
     assert all(list(group) == sorted(set(group)) for group in structure.groups)
     assert not any(set(one) < set(other) for one, other in combinations(structure.groups, 2))
+
+
+def test_what_is_foreseen_is_of_the_drive_and_the_description_alone():
+    """No fit has a say in it: a model that was never fitted says the same."""
+    log = drive("square", EffectSetting("gyro_scale", (("scale", 0.03),)))
+    unfitted = MotionModel(log, ROBOT, PRIOR)
+    told = visible(sights_of([(unfitted, unfitted.level_prior.median)]))
+    foreseen = structure_of([analysis_of(log)]).foreseen
+    assert foreseen is not None
+    assert foreseen.detectable == {name: one and one.limit for name, one in told.items()}
+    assert foreseen.detectable["lateral_slip"] is None
+
+
+def test_louder_noise_than_described_shows_less_than_was_foreseen():
+    loud = drive("calibration", EffectSetting("gyro_noise", (("density", 1e-2),)))
+    structure = structure_of([analysis_of(loud)])
+    assert structure.foreseen is not None
+    for effect in ("gyro_nonlinearity", "gyro_vibration"):
+        foreseen, found = structure.foreseen.detectable[effect], structure.detectable[effect]
+        assert foreseen is not None
+        assert found is None or found > foreseen
 
 
 def test_bounds_of_the_drive_are_seen_as_far_as_commands_reach():
