@@ -139,7 +139,7 @@ def diagnose_recordings(
     ordered = sort_candidates(which)
     verdict = "+".join(ordered[0].effects)
     stages = stage_probabilities(ranking, stage_of)
-    stage = _stage(verdict, ranking, stages)
+    stage = _stage(verdict, ranking, stages, has_frames=_has_frames(analyses))
     found, metrics = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
     progress("what to drive next", 0.95)
     structure = structure_of(analyses)
@@ -203,15 +203,34 @@ def _unknown(analyses: Sequence[Analysis]) -> dict[str, float]:
     return total
 
 
-def _stage(verdict: str, ranking: Ranking, stages: Mapping[StageOrNone, float]) -> StageOrNone:
-    """Return the most probable stage that goes with the verdict."""
+def _has_frames(analyses: Sequence[Analysis]) -> bool:
+    return any(one.recording.frames for one in analyses)
+
+
+def _stage(
+    verdict: str,
+    ranking: Ranking,
+    stages: Mapping[StageOrNone, float],
+    *,
+    has_frames: bool,
+) -> StageOrNone:
+    """Return the most probable stage that goes with the verdict.
+
+    Of a table's clock and late columns nothing shows but what they do to the motion: beside a cause
+    of another stage, theirs is not where the gap lies.
+    """
     if verdict == NO_GAP:
         return "none"
     if verdict == UNKNOWN:
         named = {name: ranking.unknown.get(name, 0.0) for name in stages if name != "none"}
         return max(named, key=lambda name: named[name])
     real = {name: value for name, value in stages.items() if name != "none"}
-    return max(real, key=lambda name: real[name])
+    first = max(real, key=lambda name: real[name])
+    known = catalogue()
+    own = {known[one].stage for one in verdict.split("+") if one in known}
+    if first == "bus" and not has_frames and own - {"bus"}:
+        return max((name for name in real if name != "bus"), key=lambda name: real[name])
+    return first
 
 
 def _shrink(

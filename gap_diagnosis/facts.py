@@ -20,7 +20,7 @@ ASSUMPTIONS: Final = (
     "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m).",
     "The reference is off by white noise and by noise that lasts about a second, levels estimated.",
     "Constants within the tolerances of robot.toml are no news.",
-    "At most six effects act, or one that is not in the library.",
+    "At most six effects act, and one of the bus beside them, or one that is not in the library.",
     "Start pose and small offsets of clocks are free in every fit.",
 )
 

@@ -146,7 +146,7 @@ def shrink(
         firmware=None if firmware is None else firmware.replayed,
         clock_skew=skew if on_bus else None,
     )
-    gap = gap_of(metrics, _acting(stage, own), "stretches" if held is None else "log")
+    gap = gap_of(metrics, _acting(stage, own, where), "stretches" if held is None else "log")
     modelled = None
     if gap is None:
         why_not = NO_GAP_MEASURED
@@ -215,14 +215,16 @@ def shrink_each(
     return replace(found[shown], notes=tuple(notes)), metrics
 
 
-def _acting(stage: StageOrNone, own: Effects) -> StageOrNone:
+def _acting(stage: StageOrNone, own: Effects, where: Recording) -> StageOrNone:
     """Return the stage whose metrics speak of *own*, the effects that the motion shows.
 
-    What lies behind the motor, which is counted, is the drive's; but it is odometry that errs.
+    What lies behind the motor, which is counted, is the drive's; but it is odometry that errs. So
+    it is where a table's columns are late: there are no frames whose beat would tell.
     """
     known = catalogue()
     behind = any(one in known and known[one].stage == "actuation" for one in own)
-    return "wheel" if stage == "actuation" and behind else stage
+    is_table = stage == "bus" and not where.frames
+    return "wheel" if is_table or (stage == "actuation" and behind) else stage
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:

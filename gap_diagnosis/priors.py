@@ -71,6 +71,13 @@ class Prior:
         known = self.parameters[effect]
         return known.get(coefficient) or known["all"]
 
+    def chance_of(self, count: int) -> float:
+        """Return the probability of so many effects; beyond the list it falls on as it ended."""
+        last = len(self.effects) - 1
+        if count <= last:
+            return self.effects[count]
+        return self.effects[last] * (self.effects[last] / self.effects[last - 1]) ** (count - last)
+
 
 @dataclass(frozen=True)
 class Stated:

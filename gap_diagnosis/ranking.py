@@ -267,7 +267,7 @@ def _with_one_apart(
     log_prior: Mapping[str, float],
     several: Sequence[Effects],
 ) -> Scores:
-    """Return several effects of the motion with one that only the drive sees.
+    """Return several effects of the motion with one that only the drive or the bus sees.
 
     On real robots wheels and gyro differ in several ways, and a drive never does as it is told.
     """
@@ -276,11 +276,24 @@ def _with_one_apart(
         effect for effect in log_prior if effect not in seen and singles[effect][0] > _WORTH_ONE
     ]
     apart.sort(key=lambda effect: -singles[effect][0])
-    known = {one for one in several if one in scored and len(one) + 1 < len(prior.effects)}
+    large = {one for one in several if one in scored}
+    known = {one for one in large if len(one) + 1 < len(prior.effects)}
     found: Scores = {}
+    bus = {e for blocks in logs for b in blocks if b.name == "bus" for e in b.effects}
+    # What neither motion nor commands show stands beside every set, the largest too, as it stands
+    # beside none: else a clock takes the place of what the wheels do.
+    for effect in [one for one in apart if one in bus]:
+        evidence, likelihood = singles[effect]
+        for some in large:
+            if not _is_shared(logs, some, effect):
+                gained, likelier, _ = scored[some]
+                weight = _log_prior_of(some | {effect}, prior, log_prior)
+                found[some | {effect}] = gained + evidence, likelier + likelihood, weight
     for some in sorted(known, key=lambda one: -scored[one][0])[:_LARGER]:
         for effect in apart[:_APART]:
             names = some | {effect}
+            if names in found:
+                continue
             weight = _log_prior_of(names, prior, log_prior)
             found[names] = (*total_of(logs, names), weight)
     return found
@@ -290,7 +303,7 @@ def _log_prior_of(effects: Effects, prior: Prior, log_prior: Mapping[str, float]
     """Return the log probability of so many effects, and that they are these in any order."""
     count = len(effects)
     return (
-        math.log(math.factorial(count) * prior.effects[count])
+        math.log(math.factorial(count) * prior.chance_of(count))
         + math.fsum(log_prior[name] for name in effects)
     )  # fmt: skip
 

@@ -348,3 +348,14 @@ def test_what_separate_blocks_say_needs_no_such_allowance() -> None:
         FakeBlock({"gyro_bias": 21_000.0}), FakeBlock({"frame_loss": 30.0}, name="bus")
     )
     assert ranking.best.effects == {"gyro_bias", "frame_loss"}
+
+
+def test_a_clock_takes_no_effects_place_however_many_there_are() -> None:
+    """Six effects were the most: a clock of 1,000 ppm drove a Kobuki's play out of the verdict."""
+    four = ("radius_mismatch", "wheelbase_scale", "gyro_bias", "gyro_scale")
+    motion = FakeBlock(dict.fromkeys(four, 60.0))
+    clock = FakeBlock({"frame_loss": 190.0}, name="bus")
+    assert len(PRIOR.effects) == len(four) + 1
+    found = rank([[motion, clock]], PRIOR, STAGE, {}, [frozenset(four), frozenset(four[:3])])
+    assert found.best.effects == {*four, "frame_loss"}
+    assert found.best.probability > 0.9
