@@ -71,6 +71,10 @@ class Analysis:
     lost: Lost = field(default_factory=Lost)
     late_s: float = 0.0
 
+    def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
+        """Return those of some effects that the motion shows."""
+        return frozenset() if self.motion is None else self.motion.moving(effects)
+
     @property
     def firmware(self) -> FirmwareBlock | None:
         """The block of the odometry frames, if there are any."""

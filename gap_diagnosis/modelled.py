@@ -110,14 +110,15 @@ def told_apart(gap: Gap, model: Model) -> tuple[Gap, Modelled, str | None]:
     if gap.closed is None:
         near = gap.floor is not None
         why_not = "the gap is too close to its floor" if near else "its floor is not known"
-    bare = {name: _without_after(one) for name, one in gap.all.items()}
+    bare = {name: without_after(one) for name, one in gap.all.items()}
     return (
-        Gap(**(measured | dict(_without_after(gap)) | {"all": bare})),
+        Gap(**(measured | dict(without_after(gap)) | {"all": bare})),
         Modelled(variable=model.variable, metric=gap.metric, **metric),
         why_not,
     )
 
 
-def _without_after(metric: Metric) -> Metric:
+def without_after(metric: Metric) -> Metric:
+    """Return a metric of which nothing is said to close any."""
     kept = {name: getattr(metric, name) for name in Metric.model_fields}
     return Metric(**(kept | {"after": None, "closed": None, "ci95": None}))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -99,6 +99,42 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
         window_m=window_m or None,  # over windows at rest no error grows with the way
         window_s=window_s,
     )
+
+
+def pooled(parts: Sequence[Compared]) -> Compared:
+    """Return one metric over the windows of several logs, each numbered as in its own.
+
+    What not every log has, none has. Logs' noise is independent: their draws are joined as they
+    come, those of a log with fewer again from the first on.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    afters = [one.after for one in parts if one.after is not None]
+    floors = [one.floor for one in parts if one.floor is not None]
+    drawn = [one.after_draws for one in parts if one.after_draws is not None]
+    extents = [one.extents for one in parts if one.extents is not None]
+    everywhere = len(parts)
+    return Compared(
+        before=_one_after_another([one.before for one in parts]),
+        after=_one_after_another(afters) if len(afters) == everywhere else None,
+        floor=_side_by_side(floors) if len(floors) == everywhere else None,
+        after_draws=_side_by_side(drawn) if len(drawn) == everywhere else None,
+        extents=np.concatenate(extents) if len(extents) == everywhere else None,
+    )
+
+
+def _one_after_another(parts: Sequence[WindowErrors]) -> WindowErrors:
+    return WindowErrors(
+        np.concatenate([one.window for one in parts]),
+        np.concatenate([one.mean_square for one in parts]),
+        np.concatenate([one.end for one in parts]),
+    )
+
+
+def _side_by_side(draws: Sequence[Floats]) -> Floats:
+    """Return draws float64[d, w] of several logs' windows, as many as the log with the most has."""
+    most = max(len(one) for one in draws)
+    return np.hstack([one[np.arange(most) % len(one)] for one in draws])
 
 
 def bootstrap_interval(mean_square: Floats) -> tuple[float, float] | None:

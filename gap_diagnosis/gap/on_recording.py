@@ -106,6 +106,39 @@ def measure(
 ) -> dict[str, Metric]:
     """Return each metric that the recording allows, by name.
 
+    The arguments are those of `compare_all`.
+    """
+    compared = compare_all(
+        recording,
+        robot,
+        motion,
+        windows,
+        effects=effects,
+        draws=draws,
+        levels=levels,
+        drive=drive,
+        firmware=firmware,
+        clock_skew=clock_skew,
+    )
+    metrics = {name: metric_of(name, one) for name, one in compared.items()}
+    return {name: metric for name, metric in metrics.items() if metric is not None}
+
+
+def compare_all(
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    *,
+    effects: Sequence[Setting] = (),
+    draws: Sequence[Sequence[Setting]] = (),
+    levels: NoiseLevels | None = None,
+    drive: Replayed | None = None,
+    firmware: Replayed | None = None,
+    clock_skew: float | None = None,
+) -> dict[str, Compared]:
+    """Return each metric that the recording allows window by window, by name.
+
     Without *effects* there is no ``after``, without *levels* no floor. *draws* are the same effects
     with values drawn from their posterior; they widen the interval. *drive* and *firmware* are
     simulations of the wheels' motion and of the odometry frames. *clock_skew* is the explained part
@@ -129,11 +162,9 @@ def measure(
             recording.frames, windows, clock_skew or 0.0, explained or clock_skew is not None
         )
     extents = _extents(motion, windows)
-    metrics = {
-        name: metric_of(name, replace(one, extents=extents[one.before.window]))
-        for name, one in compared.items()
+    return {
+        name: replace(one, extents=extents[one.before.window]) for name, one in compared.items()
     }
-    return {name: metric for name, metric in metrics.items() if metric is not None}
 
 
 def compare(

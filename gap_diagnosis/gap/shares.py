@@ -49,6 +49,20 @@ def chain_of(ends: Mapping[StageOrNone, Floats]) -> Chain:
     return Chain(tuple(ends), np.diff(cumulated, axis=0, prepend=0.0))
 
 
+def joined(chains: Sequence[Chain]) -> Chain:
+    """Return the windows of several logs as one chain; a stage that one has not carries nothing."""
+    if len(chains) == 1:
+        return chains[0]
+    kept = [one for one in chains if one.parts.shape[1]] or list(chains[:1])
+    stages = tuple(dict.fromkeys(stage for one in kept for stage in one.stages))
+    parts = []
+    for one in kept:
+        own = np.zeros((len(stages), *one.parts.shape[1:]))
+        own[[stages.index(stage) for stage in one.stages]] = one.parts
+        parts.append(own)
+    return Chain(stages, np.concatenate(parts, axis=1))
+
+
 def shares_of(chain: Chain, window: int | None = None) -> dict[StageOrNone, float]:
     """Return share_k = Σ⟨e_k, e⟩/Σ⟨e, e⟩ over all windows or in one; empty without any error.
 

@@ -36,10 +36,21 @@ def stage_shares(
     effects: Sequence[Setting] = (),
 ) -> dict[StageOrNone, float]:
     """Return each stage's share in the gap of this metric; empty where nothing can be said."""
+    return shares_of(metric_chain(metric, recording, robot, motion, windows, effects))
+
+
+def metric_chain(
+    metric: str,
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    windows: Sequence[Window],
+    effects: Sequence[Setting] = (),
+) -> Chain:
+    """Return the chain whose shares are those of a metric."""
     if metric in _ALONE:
-        return {_ALONE[metric]: 1.0}
-    chain, _ = stage_chain(recording, robot, motion, windows, effects, metric=metric)
-    return shares_of(chain)
+        return Chain((_ALONE[metric],), np.ones((1, 1, 1)))
+    return stage_chain(recording, robot, motion, windows, effects, metric=metric)[0]
 
 
 def stage_chain(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -111,7 +112,7 @@ def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
     assert set(shrunk.stages) > {"wheel", "gyro"}
 
 
-def test_every_one_of_several_logs_has_its_own_gap() -> None:
+def test_the_gap_of_several_logs_is_over_all_their_windows_and_each_has_its_own() -> None:
     mismatch = EffectSetting("radius_mismatch", (("mismatch", 0.02),))
     logs = [
         replace(drive("figure8", *effects), name=name)
@@ -122,8 +123,39 @@ def test_every_one_of_several_logs_has_its_own_gap() -> None:
     )
     assert bad["turn_difference_rad"].before > 10 * good["turn_difference_rad"].before
     assert found.gap is not None
-    assert found.gap.all == good
-    assert any(note.startswith("good.log: the gap") for note in found.notes)
+    for name, both in found.gap.all.items():
+        squares = [one[name].windows * one[name].before ** 2 for one in (good, bad)]
+        assert both.windows == good[name].windows + bad[name].windows
+        assert both.before == pytest.approx(math.sqrt(sum(squares) / both.windows))
+    assert found.gap.closed is not None
+    assert found.gap.closed > 0.9
+    assert found.gap.ci95 is not None
+    fall = found.waterfall
+    assert fall is not None
+    assert fall.before == pytest.approx(found.gap.before)
+    assert fall.after == pytest.approx(found.gap.after)
+    assert sum(found.stages.values()) == pytest.approx(1)
+    (note,) = found.notes
+    assert "over the windows of 2 logs together" in note
+    assert "the pictures are of the one with the largest, bad.log, number 2" in note
+
+
+def test_a_log_on_which_nothing_is_held_out_takes_no_part_in_the_gap_and_says_so() -> None:
+    logs = [
+        replace(synthetic_recording(
+            ROBOT, WIRE, replace(scenario("figure8"), effects=()), (), 3, duration_s=duration_s,
+            reference=ReferenceNoise(),
+        ), name=f"{duration_s:.0f}s.log")
+        for duration_s in (12.0, 60.0)
+    ]  # fmt: skip
+    found, (short, long) = shrink_each(
+        [analysis_of(log) for log in logs], frozenset(), "none", ROBOT, WIRE
+    )
+    assert not short
+    assert found.gap is not None
+    assert found.gap.all == long
+    assert found.notes[0].startswith("12s.log: ")
+    assert "over the windows of 1 log" in found.notes[1]
 
 
 def test_without_a_gap_no_stage_carries_it() -> None:

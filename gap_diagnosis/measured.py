@@ -1,0 +1,264 @@
+"""One log measured with and without effects, on data that the fit of their values never saw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.downstream import Downstream, driven, reprogrammed
+from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.gap.holdout import hold_out
+from gap_diagnosis.gap.how_far import Compared, metric_of
+from gap_diagnosis.gap.manoeuvres import Kinds, kinds_of
+from gap_diagnosis.gap.metrics import clock_skew_of
+from gap_diagnosis.gap.on_recording import (
+    compare_all,
+    levels_of,
+    odometry_rms,
+    replayed_rms,
+    timing_rms,
+    windows_on,
+)
+from gap_diagnosis.gap.shares import Chain
+from gap_diagnosis.gap.where import manoeuvre_segments, metric_chain
+from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.modelled import (
+    ANOTHER_LOG,
+    Model,
+    modelled_on,
+    unseen_dropped,
+    without_after,
+)
+from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.drawing import draw
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.pictures import Pictures
+from gap_diagnosis.picturing import pictures_of
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import Metric, Segment, StageOrNone
+from hil_harness.assembly import Wire
+from hil_harness.effects import catalogue
+from hil_harness.robot import Robot
+
+_DRAWS: Final = 40
+_SKEW: Final = "clock_skew"
+"""Of the bus's effects the one that shifts a beat; what spreads or takes frames leaves it."""
+_ODOMETRY: Final = frozenset({"odometry_position_m", "odometry_heading_rad", "turn_difference_rad"})
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One log with everything that its gap is measured with.
+
+    Attributes:
+        where: the log, or the held-out one.
+        robot: as described.
+        model: of the log that was fitted.
+        motion, windows, kinds: of *where*; windows on its held-out part.
+        settings: the effects that the motion shows, as fitted.
+        compared: each metric, window by window.
+        behind: the drive's and the program's simulation, by metric.
+        on_bus: the winning effects of the bus.
+        skew: the explained part of the ECU's clock error.
+        unlisted: the model of what an unlisted cause goes with; None with listed effects.
+        why_not: in a few words why there is none.
+    """
+
+    where: Recording
+    robot: Robot
+    model: MotionModel
+    motion: Motion
+    windows: tuple[Window, ...]
+    kinds: Kinds
+    settings: tuple[Setting, ...]
+    compared: Mapping[str, Compared]
+    behind: Mapping[str, Downstream | None]
+    on_bus: Effects
+    skew: float
+    unlisted: Model | None = None
+    why_not: str | None = ANOTHER_LOG
+
+    @cached_property
+    def metrics(self) -> dict[str, Metric]:
+        """Each metric of this log alone; a model of an unlisted cause is no explanation."""
+        found = {name: metric_of(name, one) for name, one in self.compared.items()}
+        return {
+            name: metric if self.unlisted is None else without_after(metric)
+            for name, metric in found.items()
+            if metric is not None
+        }
+
+    def acting(self, metric: str) -> Effects | None:
+        """Return the winning effects that act in a metric; None where none was switched on."""
+        if metric in _ODOMETRY:
+            return frozenset(one.effect for one, _ in self.settings)
+        if metric == "timing_s":
+            return self.on_bus
+        downstream = self.behind.get(metric)
+        return None if downstream is None else downstream.effects
+
+    def rms(self, metric: str, effects: Effects) -> float:
+        """Return a metric with some of the winning effects on; NaN where it cannot be."""
+        if metric in _ODOMETRY:
+            chosen = [one for one in self.settings if one[0].effect in effects]
+            return odometry_rms(metric, self.where, self.robot, self.motion, self.windows, chosen)
+        if metric == "timing_s":
+            return timing_rms(self.where, self.windows, self.skew if _SKEW in effects else 0.0)
+        downstream = self.behind.get(metric)
+        path = None if downstream is None else downstream.path(effects)
+        if path is None:
+            return math.nan
+        return replayed_rms(metric, self.where, self.motion, path, self.windows)
+
+    def chain(self, metric: str) -> Chain:
+        """Return which stage's data carries the errors of a metric."""
+        return metric_chain(
+            metric, self.where, self.robot, self.motion, self.windows, self.settings
+        )
+
+    def segments(self, metric: str) -> tuple[Segment, ...]:
+        """Return the same, manoeuvre by manoeuvre."""
+        return manoeuvre_segments(
+            self.where, self.robot, self.motion, self.kinds, self.settings, metric=metric
+        )
+
+    def pictures(self) -> Pictures:
+        """Return what to draw from."""
+        return pictures_of(
+            self.where,
+            self.model,
+            self.windows,
+            self.settings,
+            motion=self.motion,
+            robot=self.robot,
+        )
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """A log whose gap is not measured.
+
+    Attributes:
+        why: in a sentence.
+        pictures: of what there is.
+    """
+
+    why: str
+    pictures: Pictures
+
+
+def measured(
+    analysis: Analysis,
+    effects: Effects,
+    stage: StageOrNone,
+    robot: Robot,
+    wire: Wire,
+    held: Recording | None,
+) -> Measured | Unmeasured:
+    """Measure with and without *effects*, whose values are fitted on the other part; without any,
+    with a model of what an unlisted cause in *stage* goes with.
+
+    With *held*, another log, that is where it is measured; else on held-out stretches.
+    """
+    if analysis.motion is None:
+        return Unmeasured(
+            "Neither gyro nor reference: the gap of the pose is not measured.", Pictures()
+        )
+    own = analysis.motion.moving(effects)
+    model, where = analysis.motion.model, analysis.recording
+    unlisted: Model | None = None
+    why_not: str | None = ANOTHER_LOG
+    if held is None:
+        kinds = kinds_of(where, robot)
+        sides = hold_out(where.t_s, kinds)
+        if sides.why_not is not None:
+            return Unmeasured(sides.why_not, pictures_of(where, model, [], ()))
+        is_unlisted = not effects and stage != "none"
+        seen = unseen_dropped(where, sides.fit) if is_unlisted else where
+        apart = MotionModel(seen, robot, model.prior, keep=sides.fit)
+        fitted = _refitted(apart, analysis.motion, own)
+        if is_unlisted:
+            unlisted, why_not = modelled_on(apart, analysis, stage)
+        motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
+    else:
+        where = held
+        kinds = kinds_of(held, robot)
+        fitted = _refitted(model, analysis.motion, own)
+        motion = estimate_motion(held, robot)
+        mask = np.ones(len(held.t_s), dtype=np.bool_)
+        kept = np.ones(len(analysis.recording.t_s), dtype=np.bool_)
+    settings, drawn = _settings(fitted)
+    windows = windows_on(motion, mask)
+    firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=held is not None)
+    drive = driven(analysis, effects, where, robot, kept if held is None else None)
+    on_bus = frozenset(e for e in effects if e in catalogue() and catalogue()[e].stage == "bus")
+    fitted_on = analysis.recording
+    skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept) if _SKEW in effects else 0.0
+    compared = compare_all(
+        where,
+        robot,
+        motion,
+        windows,
+        effects=settings if unlisted is None else unlisted.settings,
+        draws=drawn if unlisted is None else unlisted.drawn,
+        levels=levels_of((unlisted or analysis.motion).levels, robot, motion),
+        drive=None if drive is None else drive.replayed,
+        firmware=None if firmware is None else firmware.replayed,
+        clock_skew=skew if on_bus else None,
+    )
+    return Measured(
+        where,
+        robot,
+        model,
+        motion,
+        windows,
+        kinds,
+        tuple(settings),
+        compared,
+        {"drive_position_m": drive, "firmware_position_m": firmware},
+        on_bus,
+        skew,
+        unlisted,
+        why_not,
+    )
+
+
+def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:
+    """Fit the values of the chosen effects again on what *model* may see."""
+    if not effects:
+        return None
+    found = motion.scan.account(effects)
+    terms = [
+        model.add(term.variant, term) if model is not motion.model else term for term in found.terms
+    ]
+    return model.refit(terms, found.levels, free_levels=False)
+
+
+def _settings(fitted: Refitted | None) -> tuple[list[Setting], list[list[Setting]]]:
+    """Return the best values and draws from their posterior."""
+    if fitted is None:
+        return [], []
+    terms = fitted.scored.terms
+    best: list[Setting] = [(t.variant, c) for t, c in zip(terms, fitted.coefficients, strict=True)]
+    draws = draw(fitted.scored, [t for t in terms if not t.is_fixed], np.random.default_rng(0))[
+        :_DRAWS
+    ]
+    drawn = []
+    for row in draws:
+        place = 0
+        one: list[Setting] = []
+        for term in terms:
+            width = len(term.variant.coefficients)
+            one.append((term.variant, tuple(row[place : place + width])))
+            place += width
+        drawn.append(one)
+    return best, drawn if draws.shape[1] else []
