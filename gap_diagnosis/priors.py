@@ -58,6 +58,7 @@ class Prior:
         parameters: by effect, one prior for all of its coefficients or one by coefficient.
         ranges: by effect, of thresholds, rates and levels.
         nuisances: by name, what is free beside every effect.
+        laws: by effect, what is believed in words, where the law is in code.
     """
 
     effects: tuple[float, ...]
@@ -65,6 +66,7 @@ class Prior:
     parameters: Mapping[str, Mapping[str, ParameterPrior]]
     ranges: Mapping[str, Mapping[str, Range]] = field(default_factory=dict)
     nuisances: Mapping[str, ParameterPrior] = field(default_factory=dict)
+    laws: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, effect: str, coefficient: str) -> ParameterPrior:
         """Return the prior of one coefficient."""
@@ -164,6 +166,7 @@ def _prior(table: Mapping[str, Any]) -> Prior:
             for effect, spans in table["ranges"].items()
         },
         {name: _size(one) for name, one in table["nuisances"].items()},
+        dict(table["laws"]),
     )
 
 

@@ -118,6 +118,9 @@ def _show_one(effect: Effect, prior: Prior) -> None:
         [[p.name, *_facts(p), *believed[p.name], p.meaning] for p in effect.parameters],
         words=7,
     )
+    if effect.name in prior.laws:
+        show_line()
+        show_line(f"Prior for `chiplog diagnose`: {prior.laws[effect.name]}.")
     if any(any(cells) for cells in believed.values()):
         show_line()
         show_line(_PRIOR_SAID)
@@ -164,6 +167,7 @@ def _as_json(effect: Effect, prior: Prior) -> Any:
         else {**asdict(parameter), "prior": None}
         for parameter in effect.parameters
     ]
+    content["law"] = prior.laws.get(effect.name)
     content["twins"] = [asdict(twins) for twins in effect.twins]
     return _finite(content)
 

@@ -22,7 +22,8 @@ def effects() -> str:
         "data, so that no log can tell them apart. For `chiplog diagnose`, a size up to the "
         "*tolerance* is no news (where `robot.toml` states one, its own is used), and the *prior* "
         "is even over orders of magnitude between the two sizes, without sign; parameters without "
-        "one have a law of their own, or are not looked for.",
+        "one have a law of their own, which is told in words, or are not looked for. All of it "
+        "stands in `gap_diagnosis/data/prior.toml`.",
     ]
     by_stage: dict[str, list[Effect]] = {}
     for effect in catalogue().values():
@@ -38,6 +39,8 @@ def effects() -> str:
             ]
             header = ["parameter", "unit", "meaning", "neutral", "typical", "tolerance", "prior"]
             parts.append(table(header, rows))
+            if effect.name in default_prior().laws:
+                parts.append(f"Prior: {default_prior().laws[effect.name]}.")
             for twins in effect.twins:
                 names = ", ".join(f"`{name}`" for name in twins.effects)
                 condition = f", if {twins.condition}" if twins.condition else ""

@@ -16,6 +16,7 @@ from gap_diagnosis.codes.data import CodeData, code_data
 from gap_diagnosis.codes.frozen import frozen_prior, frozen_run
 from gap_diagnosis.codes.saturation import flat_top
 from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 _SAMPLES: Final = 2000
 _NOTHING_SEEN: Final = -1.0
 """Log evidence of an effect that should show on most logs and left no trace on this one."""
-_LIMITS: Final = 100
-"""A limit is anywhere from a hundredth of the described one up: log-uniform, in steps this fine."""
+_LIMITS: Final = 1.0 / default_prior().ranges["gyro_saturation"]["share"][0]
+"""The described limit over the least that is believed: log-uniform, in steps this fine."""
 
 
 def codes_block(recording: Recording, robot: Robot) -> CodesBlock | None:

@@ -19,6 +19,7 @@ from firmware_model.changes import (
     LIMITED_VARIABLES,
     RESOLVED_VARIABLES,
 )
+from gap_diagnosis.priors import default_prior
 
 EFFECTS: Final = (
     "firmware_truncation",
@@ -210,6 +211,7 @@ class RealParameter:
 
 def smooth(effect: str, described: KernelConfig) -> list[RealParameter]:
     """Return the smooth parameters of an effect, one for each value of its choices."""
+    ranges = default_prior().ranges.get(effect, {})
     match effect:
         case "firmware_constant":
             return [
@@ -221,8 +223,8 @@ def smooth(effect: str, described: KernelConfig) -> list[RealParameter]:
                     low=-0.9,
                     high=9.0,
                     log_prior=-math.log(len(CONSTANTS)),
-                    small=1e-5,
-                    large=2.0,
+                    small=ranges["scale"][0],
+                    large=ranges["scale"][1],
                 )
                 for constant in CONSTANTS
             ]
@@ -236,8 +238,7 @@ def smooth(effect: str, described: KernelConfig) -> list[RealParameter]:
                     -0.5,
                     1.0,
                     0.0,
-                    1e-5,
-                    0.5,
+                    *ranges["scale"],
                 )
             ]
         case "blend_weight" if described.description.mode == "blend":
@@ -251,8 +252,7 @@ def smooth(effect: str, described: KernelConfig) -> list[RealParameter]:
                     -weight,
                     1.0 - weight,
                     0.0,
-                    1e-4,
-                    1.0,
+                    *ranges["weight"],
                 )
             ]
     return []

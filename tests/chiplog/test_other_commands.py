@@ -13,6 +13,10 @@ from command_line import Chiplog
 
 import chiplog as package
 from chiplog.commands import doctor
+from gap_diagnosis.explanations import EXPLAINED
+from gap_diagnosis.limits_elsewhere import limits_elsewhere
+from gap_diagnosis.motion.noise import NOISES
+from gap_diagnosis.priors import default_prior, stated
 from hil_harness.effects import catalogue
 
 
@@ -137,3 +141,25 @@ def test_effects_of_ones_own_are_listed_beside_chiplogs(chiplog: Chiplog, tmp_pa
     assert "worn_hub" in listed
     assert "radius_scale" in listed
     assert "It wobbles." in chiplog("effects", "worn_hub", "--effect-library", str(library)).out
+
+
+def test_every_effect_that_a_diagnosis_names_says_its_prior_in_numbers_or_in_words(
+    chiplog: Chiplog,
+) -> None:
+    """In one place, prior.toml; what is said of an effect is printed with it."""
+    prior, known = default_prior(), catalogue()
+    named = {
+        "drive_gain",
+        "drive_lag",
+        "drive_delay",
+        *limits_elsewhere([], ()),
+        *EXPLAINED,
+        *NOISES,
+    }
+    assert {name for name in named if not stated(prior, known[name])} <= set(prior.laws)
+    assert set(prior.laws) <= set(known)
+    assert not [name for name in prior.laws if stated(prior, known[name])]
+    for name, law in prior.laws.items():
+        assert f"Prior for `chiplog diagnose`: {law}." in chiplog("effects", name).out
+    (one,) = json.loads(chiplog("effects", "stale_heading", "--json", "-").out)
+    assert one["law"] == "even over 1 to 4 cycles"
