@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -80,6 +80,23 @@ class Nodes:
         """The motion at each sample used, moved along the description from its tick to its time:
         x, y [m] and heading [rad], float64[s] each."""
         return self.at_samples(self.sample_t_s)
+
+    @cached_property
+    def described_directions(self) -> tuple[Floats, Floats]:
+        """Cosine and sine of that heading."""
+        heading = self.described_at_samples[2]
+        return np.cos(heading), np.sin(heading)
+
+    @cached_property
+    def gyro_beyond_rad(self) -> Floats | None:
+        """The gyro's turn less the estimated one, float64[n]; None without a gyro."""
+        gyro_turn, heading = self.motion.gyro_turn_rad, self.motion.heading_rad
+        return None if gyro_turn is None else gyro_turn - (heading - heading[0])
+
+    @cached_property
+    def estimated_steps(self) -> Steps:
+        """The estimated motion's steps."""
+        return steps_of(self.motion)
 
     def at_samples(self, true_t_s: Floats) -> tuple[Floats, ...]:
         """Return the same for samples that were taken at other times."""
@@ -216,27 +233,45 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     """
     motion = nodes.motion
     out = np.full((CHANNELS, nodes.count), np.nan)
-    d_x, d_y, d_heading = _deviations(motion, prediction)
-    if motion.gyro_turn_rad is not None:
+    d_x, d_y, d_heading = _deviations(nodes.estimated_steps, prediction)
+    if nodes.gyro_beyond_rad is not None:
         extra = np.cumsum(prediction.gyro_added_rad_s * motion.dt_s)
-        turned = motion.heading_rad - motion.heading_rad[0]
-        compared = nodes.mean(motion.gyro_turn_rad - turned - d_heading - extra)
+        compared = nodes.mean(nodes.gyro_beyond_rad - d_heading - extra)
         out[3] = np.where(nodes.gyro_kept, compared, np.nan)
     if nodes.has_reference:
         _compare_reference(nodes, prediction, d_x, d_y, d_heading, out)
     return out
 
 
-def _deviations(motion: Motion, prediction: Prediction) -> tuple[Floats, Floats, Floats]:
-    """Return how far a prediction leaves the estimated motion: x, y, heading, float64[n] each."""
-    return _deviation(
-        np.diff(motion.x_m, prepend=motion.x_m[0]),
-        np.diff(motion.y_m, prepend=motion.y_m[0]),
-        motion.heading_rad,
-        prediction.forward_m,
-        prediction.lateral_m,
-        prediction.turn_rad,
+class Steps(NamedTuple):
+    """A motion's steps, float64[n] each: in the room [m], and the direction that each was made in;
+    as the body saw them [m], and turns [rad]."""
+
+    x_m: Floats
+    y_m: Floats
+    cosine: Floats
+    sine: Floats
+    forward_m: Floats
+    lateral_m: Floats
+    turn_rad: Floats
+
+
+def steps_of(motion: Motion) -> Steps:
+    """Return the steps of the estimated motion: the same for every prediction."""
+    x_m = np.diff(motion.x_m, prepend=motion.x_m[0])
+    y_m = np.diff(motion.y_m, prepend=motion.y_m[0])
+    before = np.append(motion.heading_rad[0], motion.heading_rad[:-1])
+    turn_rad = motion.heading_rad - before
+    middle = before + 0.5 * turn_rad
+    cosine, sine = np.cos(middle), np.sin(middle)
+    return Steps(
+        x_m, y_m, cosine, sine, cosine * x_m + sine * y_m, -sine * x_m + cosine * y_m, turn_rad
     )
+
+
+def _deviations(known: Steps, prediction: Prediction) -> tuple[Floats, Floats, Floats]:
+    """Return how far a prediction leaves the estimated motion: x, y, heading, float64[n] each."""
+    return _deviation(*known, prediction.forward_m, prediction.lateral_m, prediction.turn_rad)
 
 
 def _described(motion: Motion, step_s: float) -> Floats:
@@ -245,7 +280,9 @@ def _described(motion: Motion, step_s: float) -> Floats:
     Where the way leads is the estimated heading's: the wheels' own may have drifted by turns.
     """
     forward_m = 0.5 * motion.radius_m * (motion.left_step_rad + motion.right_step_rad)
-    heading = motion.heading_rad + _deviations(motion, Prediction(without_jumps(motion)))[2]
+    heading = (
+        motion.heading_rad + _deviations(steps_of(motion), Prediction(without_jumps(motion)))[2]
+    )
     places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading, motion.t_s])
     rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
     usual = math.sqrt(float(np.mean(rates**2))) / motion.rounding_rad
@@ -270,34 +307,33 @@ def _compare_reference(
     tick = nodes.sample_tick
     # Counts that are stamped late see a reference that is early by as much.
     delay_s = _at_stamps(p.reference_delay_s, nodes) - _at(p.encoder_delay_s, tick)
-    is_timely = isinstance(delay_s, float) and delay_s == 0.0
+    is_timely = _is_none(delay_s)
     x_m, y_m, heading = (
         nodes.described_at_samples if is_timely else nodes.at_samples(nodes.sample_t_s - delay_s)
     )
-    # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
-    cosine, sine = np.cos(heading), np.sin(heading)
-    forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
-    point_x = forward * cosine - left * sine
-    point_y = forward * sine + left * cosine
-    # A room's scale stretches the way that the wheels went: in the estimated pose stands the
-    # reference's own noise, and a large room about small wheels would take that away.
-    way_x, way_y = nodes.smooth.x_m[tick], nodes.smooth.y_m[tick]
-    point_x = point_x + p.reference_scale * (way_x + point_x)
-    point_y = point_y + p.reference_scale * (way_y + point_y)
-    x_m, y_m, heading = (
-        x_m + d_x[tick] + point_x,
-        y_m + d_y[tick] + point_y,
-        heading + d_heading[tick],
-    )
+    reached_x_m, reached_y_m = x_m + d_x[tick], y_m + d_y[tick]
+    if not all(map(_is_none, (p.reference_forward_m, p.reference_left_m, p.reference_scale))):
+        # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
+        cosine, sine = (
+            nodes.described_directions if is_timely else (np.cos(heading), np.sin(heading))
+        )
+        forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
+        point_x = forward * cosine - left * sine
+        point_y = forward * sine + left * cosine
+        # A room's scale stretches the way that the wheels went: in the estimated pose stands the
+        # reference's own noise, and a large room about small wheels would take that away.
+        way_x, way_y = nodes.smooth.x_m[tick], nodes.smooth.y_m[tick]
+        reached_x_m += point_x + p.reference_scale * (way_x + point_x)
+        reached_y_m += point_y + p.reference_scale * (way_y + point_y)
 
     def mean(values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, nodes.sample_starts) / nodes.samples)
 
-    out[0, nodes.sample_node] = mean(nodes.sample_x_m - x_m)
-    out[1, nodes.sample_node] = mean(nodes.sample_y_m - y_m)
+    out[0, nodes.sample_node] = mean(nodes.sample_x_m - reached_x_m)
+    out[1, nodes.sample_node] = mean(nodes.sample_y_m - reached_y_m)
     if nodes.has_heading:
         added = _at(p.reference_heading_rad, tick)
-        difference = nodes.sample_heading_rad - heading - added
+        difference = nodes.sample_heading_rad - (heading + d_heading[tick]) - added
         out[2, nodes.sample_node] = mean(difference)
 
 
@@ -306,6 +342,11 @@ def _at_stamps(delay_s: Floats | float, nodes: Nodes) -> Floats | float:
     if isinstance(delay_s, np.ndarray):
         return np.asarray(np.interp(nodes.sample_t_s, nodes.motion.t_s, delay_s))
     return delay_s
+
+
+def _is_none(value: Floats | float) -> bool:
+    """Tell whether nothing is added, at any time."""
+    return isinstance(value, float) and value == 0.0
 
 
 def _at(value: Floats | float, tick: Ints) -> Floats | float:
@@ -317,25 +358,24 @@ def _at(value: Floats | float, tick: Ints) -> Floats | float:
 def _deviation(
     step_x: Floats,
     step_y: Floats,
-    heading: Floats,
+    cosine: Floats,
+    sine: Floats,
+    known_forward: Floats,
+    known_lateral: Floats,
+    known_turn: Floats,
     forward: Floats,
     lateral: Floats,
     turn: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """Add up what predicted steps differ from the estimated motion by, to first order."""
-    count = len(heading)
+    count = len(step_x)
     x, y, angle = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(1, count):
-        known_turn = heading[k] - heading[k - 1]
-        middle = heading[k - 1] + 0.5 * known_turn
-        cosine, sine = np.cos(middle), np.sin(middle)
-        known_forward = cosine * step_x[k] + sine * step_y[k]
-        known_lateral = -sine * step_x[k] + cosine * step_y[k]
-        d_forward = forward[k] - known_forward
-        d_lateral = lateral[k] - known_lateral
-        d_turn = turn[k] - known_turn
+        d_forward = forward[k] - known_forward[k]
+        d_lateral = lateral[k] - known_lateral[k]
+        d_turn = turn[k] - known_turn[k]
         d_middle = angle[k - 1] + 0.5 * d_turn
-        x[k] = x[k - 1] + cosine * d_forward - sine * d_lateral - step_y[k] * d_middle
-        y[k] = y[k - 1] + sine * d_forward + cosine * d_lateral + step_x[k] * d_middle
+        x[k] = x[k - 1] + cosine[k] * d_forward - sine[k] * d_lateral - step_y[k] * d_middle
+        y[k] = y[k - 1] + sine[k] * d_forward + cosine[k] * d_lateral + step_x[k] * d_middle
         angle[k] = angle[k - 1] + d_turn
     return x, y, angle

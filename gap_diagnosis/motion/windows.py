@@ -201,7 +201,14 @@ class _Grid:
         white = self._whitened(values)
         self._data = white[:, 0]
         self._free = white[:, [1 + index for index, _ in free]] * np.array([sd for _, sd in free])
-        self._columns = np.zeros((len(white), 0, 2))
+        loaded = np.eye(self._free.shape[1]) + self._free.T @ self._free
+        self._lower = np.linalg.cholesky(loaded)
+        # Columns in the order in which they came, their products with what is free and, less that,
+        # with each other; by ascending ends, where each smooth column and each detail stands.
+        self._columns: list[Floats] = []
+        self._held = np.zeros((len(loaded), 0))
+        self._products = np.zeros((0, 0))
+        self._smooth = self._details = np.zeros(0, dtype=np.int64)
         self.ends_s = np.zeros(0)
         t_s = model.nodes.motion.t_s
         now = nearest_ticks(
@@ -209,8 +216,9 @@ class _Grid:
         )
         self.add(np.union1d(nearest_ticks(np.linspace(t_s[0], t_s[-1], _PARTS + 1), t_s), now))
         first, last = np.searchsorted(self.ends_s, now)
-        inside = self._columns[:, last] - self._columns[:, first]
-        self._data = self._data - self._size * inside.sum(axis=1)
+        (columns,) = self._columns
+        inside = columns[:, self._details[last]] - columns[:, self._details[first]]
+        self._data = self._data - self._size * inside
 
     def _whitened(self, values: Floats) -> Floats:
         nodes = self._model.nodes
@@ -235,23 +243,34 @@ class _Grid:
                 window = {"start_s": float(nodes.motion.t_s[0]), "stop_s": float(end_s)}
                 acting = [*others, (replace(own, fixed=window), (self._size,))]
                 columns.append((without - residuals(nodes, predict(motion, acting))) / self._size)
-        white = self._whitened(np.stack(columns, axis=-1)).reshape(len(self._data), 2, -1)
-        both = np.concatenate([self._columns, white.transpose(0, 2, 1) * [1.0, -1.0]], axis=1)
+        white, count = self._whitened(np.stack(columns, axis=-1)), len(ends_s)
+        new = np.hstack([white[:, :count], white[:, :count] - white[:, count:]])
+        held = self._held_by(new)
+        among = new.T @ new - held.T @ held
+        known = len(self._products)
+        across = np.zeros((known, 2 * count))
+        if known:
+            across = np.vstack([one.T @ new for one in self._columns]) - self._held.T @ held
+        self._products = np.block([[self._products, across], [across.T, among]])
+        self._columns.append(new)
+        self._held = np.hstack([self._held, held])
         ends = np.concatenate([self.ends_s, ends_s])
         order = np.argsort(ends)
-        self.ends_s, self._columns = ends[order], both[:, order]
+        at = known + np.arange(count)
+        self.ends_s = ends[order]
+        self._smooth = np.concatenate([self._smooth, at])[order]
+        self._details = np.concatenate([self._details, at + count])[order]
+
+    def _held_by(self, columns: Floats) -> Floats:
+        """Return of columns what is free may take up, so that products of it are to be taken off
+        theirs."""
+        return np.asarray(np.linalg.solve(self._lower, self._free.T @ columns))
 
     def compared(self) -> Windows:
         """Return what the log says of every window between two of the ends."""
-        smooth = self._columns[..., 0]
-        details = self._columns.sum(axis=2)
-        loaded = np.eye(self._free.shape[1]) + self._free.T @ self._free
-        lower = np.linalg.cholesky(loaded)
-
-        def inner(one: Floats, other: Floats) -> Floats:
-            held = (np.linalg.solve(lower, self._free.T @ each) for each in (one, other))
-            first, second = held
-            return np.asarray(one.T @ other - first.T @ second)
+        smooth, details = self._smooth, self._details
+        with_data = np.concatenate([one.T @ self._data for one in self._columns])
+        with_data -= self._held.T @ self._held_by(self._data)
 
         def between(products: Floats) -> Floats:
             own = np.diag(products)
@@ -260,11 +279,11 @@ class _Grid:
         def along(products: Floats) -> Floats:
             return np.asarray(products - products[:, None])
 
-        power = np.maximum(between(inner(smooth, smooth)), 0.0)
-        data = along(inner(smooth, self._data))
-        data = data + self._size * between(inner(smooth, details))
-        misfit = 2.0 * self._size * along(inner(details, self._data))
-        misfit = misfit + self._size**2 * between(inner(details, details))
+        power = np.maximum(between(self._products[np.ix_(smooth, smooth)]), 0.0)
+        data = along(with_data[smooth])
+        data = data + self._size * between(self._products[np.ix_(smooth, details)])
+        misfit = 2.0 * self._size * along(with_data[details])
+        misfit = misfit + self._size**2 * between(self._products[np.ix_(details, details)])
         scales = self._scales[:, None, None] ** 2
         variances = scales / (1.0 + scales * power)
         means = variances * data
