@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations
@@ -12,7 +12,7 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
-from gap_diagnosis.gap.how_far import gap_of, metric_of, pooled
+from gap_diagnosis.gap.how_far import Compared, gap_of, metric_of, pooled
 from gap_diagnosis.gap.shares import joined, shares_of
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.measured import Measured, Unmeasured, measured
@@ -121,27 +121,15 @@ def _shrink(
     parts: Sequence[Measured], own: Effects, stage: StageOrNone, *, is_other_log: bool
 ) -> Shrink:
     """Return the gap of all windows together; *own* are the effects that the motion shows."""
-    every = dict.fromkeys(name for one in parts for name in one.compared)
-    metrics = {
-        name: metric
-        for name in every
-        if (
-            metric := metric_of(
-                name, pooled([p.compared[name] for p in parts if name in p.compared])
-            )
-        )
-        is not None
-    }
-    has_frames = any(one.where.frames for one in parts)
-    gap = gap_of(
-        metrics, _acting(stage, own, has_frames=has_frames), "log" if is_other_log else "stretches"
-    )
+    metrics = _together([one.compared for one in parts])
+    acting = _acting(stage, own, has_frames=any(one.where.frames for one in parts))
+    gap = gap_of(metrics, acting, "log" if is_other_log else "stretches")
     if gap is None:
         return Shrink(pictures=parts[0].pictures())
+    gap, modelled, why_not = _modelled(gap, acting, parts)
     name = gap.metric
     having = [one for one in parts if name in one.metrics]
     shown = max(having, key=lambda one: one.metrics[name].before)
-    gap, modelled, why_not = _modelled(gap, having)
     shares: dict[StageOrNone, float] = {}
     segments: tuple[Segment, ...] = ()
     if stage != "none":
@@ -158,16 +146,30 @@ def _shrink(
     )
 
 
-def _modelled(gap: Gap, parts: Sequence[Measured]) -> tuple[Gap, Modelled | None, str | None]:
-    """Return the gap without a model of an unlisted cause, the gap with it, and why there is none:
-    of several logs all must have one, of the same variable."""
+def _together(logs: Sequence[Mapping[str, Compared]]) -> dict[str, Metric]:
+    """Return each metric over the windows of all logs that have it."""
+    found = {}
+    for name in dict.fromkeys(name for one in logs for name in one):
+        metric = metric_of(name, pooled([one[name] for one in logs if name in one]))
+        if metric is not None:
+            found[name] = metric
+    return found
+
+
+def _modelled(
+    gap: Gap, acting: StageOrNone, parts: Sequence[Measured]
+) -> tuple[Gap, Modelled | None, str | None]:
+    """Return the gap, in the metric in which a model of an unlisted cause tells most, the gap with
+    it, and why there is none: of several logs all must have one, of the same variable."""
     models = [one.unlisted for one in parts if one.unlisted is not None]
     if not models:
         return gap, None, parts[0].why_not
-    bare, modelled, why_not = told_apart(gap, models[0])
-    if len(models) == len(parts) and len({one.variable for one in models}) == 1:
-        return bare, modelled, why_not
-    return bare, None, "it does not go with the same variable in all logs"
+    if len(models) < len(parts) or len({one.variable for one in models}) > 1:
+        return gap, None, "it does not go with the same variable in all logs"
+    with_model = gap_of(_together([one.beside for one in parts]), acting, gap.held_out)
+    if with_model is None:
+        return gap, None, NO_GAP_MEASURED
+    return told_apart(gap.all, with_model, models[0].variable)
 
 
 def _acting(stage: StageOrNone, own: Effects, *, has_frames: bool) -> StageOrNone:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -34,7 +34,6 @@ from gap_diagnosis.modelled import (
     Model,
     modelled_on,
     unseen_dropped,
-    without_after,
 )
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.drawing import draw
@@ -71,6 +70,7 @@ class Measured:
         skew: the explained part of the ECU's clock error.
         unlisted: the model of what an unlisted cause goes with; None with listed effects.
         why_not: in a few words why there is none.
+        beside: each metric with that model, window by window; empty without one.
     """
 
     where: Recording
@@ -86,16 +86,13 @@ class Measured:
     skew: float
     unlisted: Model | None = None
     why_not: str | None = ANOTHER_LOG
+    beside: Mapping[str, Compared] = field(default_factory=dict)
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """Each metric of this log alone; a model of an unlisted cause is no explanation."""
+        """Each metric of this log alone."""
         found = {name: metric_of(name, one) for name, one in self.compared.items()}
-        return {
-            name: metric if self.unlisted is None else without_after(metric)
-            for name, metric in found.items()
-            if metric is not None
-        }
+        return {name: metric for name, metric in found.items() if metric is not None}
 
     def acting(self, metric: str) -> Effects | None:
         """Return the winning effects that act in a metric; None where none was switched on."""
@@ -208,13 +205,20 @@ def measured(
         robot,
         motion,
         windows,
-        effects=settings if unlisted is None else unlisted.settings,
-        draws=drawn if unlisted is None else unlisted.drawn,
-        levels=levels_of((unlisted or analysis.motion).levels, robot, motion),
+        effects=settings,
+        draws=drawn,
+        levels=levels_of(analysis.motion.levels, robot, motion),
         drive=None if drive is None else drive.replayed,
         firmware=None if firmware is None else firmware.replayed,
         clock_skew=skew if on_bus else None,
     )
+    beside: Mapping[str, Compared] = {}
+    if unlisted is not None:
+        levels = levels_of(unlisted.levels, robot, motion)
+        beside = compare_all(
+            where, robot, motion, windows,
+            effects=unlisted.settings, draws=unlisted.drawn, levels=levels,
+        )  # fmt: skip
     return Measured(
         where,
         robot,
@@ -229,6 +233,7 @@ def measured(
         skew,
         unlisted,
         why_not,
+        beside,
     )
 
 

@@ -6,7 +6,7 @@ listed explanation is. Where there is none, or no rest, nothing is claimed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, cast, get_args
 
@@ -101,24 +101,18 @@ def _likeliest(own: Sequence[Alternative]) -> Alternative | None:
     return max(telling, key=lambda one: one.log_evidence, default=None)
 
 
-def told_apart(gap: Gap, model: Model) -> tuple[Gap, Modelled, str | None]:
-    """Return the gap without the model, which is no verdict, and the gap with it; and why no share
-    of it closes, if none does."""
-    measured = dict(gap)
-    metric = {name: measured[name] for name in Metric.model_fields}
+def told_apart(
+    metrics: Mapping[str, Metric], with_model: Gap, variable: Variable
+) -> tuple[Gap, Modelled | None, str | None]:
+    """Return the gap without the model, which is no verdict, and the gap with it, in one metric and
+    on the same windows; and why no share of it closes, if none does."""
+    name = with_model.metric
+    gap = Gap(metric=name, held_out=with_model.held_out, all=dict(metrics), **dict(metrics[name]))
+    if with_model.windows < gap.windows:
+        return gap, None, "it moves the robot too little in some windows to compare them"
     why_not = None
-    if gap.closed is None:
-        near = gap.floor is not None
+    if with_model.closed is None:
+        near = with_model.floor is not None
         why_not = "the gap is too close to its floor" if near else "its floor is not known"
-    bare = {name: without_after(one) for name, one in gap.all.items()}
-    return (
-        Gap(**(measured | dict(without_after(gap)) | {"all": bare})),
-        Modelled(variable=model.variable, metric=gap.metric, **metric),
-        why_not,
-    )
-
-
-def without_after(metric: Metric) -> Metric:
-    """Return a metric of which nothing is said to close any."""
-    kept = {name: getattr(metric, name) for name in Metric.model_fields}
-    return Metric(**(kept | {"after": None, "closed": None, "ci95": None}))
+    measured = {field: getattr(with_model, field) for field in Metric.model_fields}
+    return gap, Modelled(variable=variable, metric=name, **measured), why_not

@@ -13,12 +13,12 @@ from gap_diagnosis.answer import unknown_part
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.gap import hold_out, kinds_of
 from gap_diagnosis.how_far import shrink
-from gap_diagnosis.modelled import unseen_dropped
+from gap_diagnosis.modelled import told_apart, unseen_dropped
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.stand_in import stand_in
 from gap_diagnosis.motion.unknown import Alternative, alternatives
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.result_parts import Modelled, StageOrNone
+from gap_diagnosis.result_parts import Gap, Metric, Modelled, StageOrNone
 from hil_harness.effects import EffectSetting
 
 SLIP = EffectSetting("lateral_slip", (("compliance", 0.05),))
@@ -106,3 +106,15 @@ def test_the_model_never_sees_what_is_held_out() -> None:
     everything = np.ones(len(log.t_s), dtype=np.bool_)
     changed = slide(other, everything) - slide(log, everything)
     assert np.abs(changed).sum() > 0.1 * np.abs(told).sum()
+
+
+def test_the_gap_is_the_same_whether_or_not_a_model_of_it_is_tried() -> None:
+    """A lawnmower's gap of 139 mm was told as 84: windows that a model could not be laid on, the
+    worst, were left out of both."""
+    bare = Metric(unit="m", before=0.139, floor=0.01, windows=81)
+    fewer = bare.model_copy(update={"before": 0.084, "after": 0.09, "windows": 78})
+    tried = Gap(metric="odometry_position_m", held_out="stretches", **dict(fewer))
+    gap, model, why_not = told_apart({"odometry_position_m": bare}, tried, "speed")
+    assert gap.before == 0.139
+    assert model is None
+    assert why_not == "it moves the robot too little in some windows to compare them"
