@@ -7,15 +7,19 @@ moves the wheels; a replay is exact to the last digit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Final
 
 from scipy.optimize import brentq
 
+from gap_diagnosis.analysis import Reduced
 from gap_diagnosis.bus import prior as bus
 from gap_diagnosis.bus.stamps import MOST_INDEPENDENT
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.limits import limits_of_answers
+from gap_diagnosis.firmware import FirmwareBlock
+from gap_diagnosis.firmware.candidates import EFFECTS as FIRMWARE
+from gap_diagnosis.firmware.limits import UP_TO
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Recording
@@ -29,8 +33,7 @@ def limits_elsewhere(
 ) -> dict[str, float | None]:
     """Return a limit for every effect that is not the motion's.
 
-    None: no block of these logs can show it. 0: any amount shows, because a replay is exact to the
-    last digit, or because the effect is there or not.
+    None: no block of these logs can show it. 0: it shows whenever it acts, as what is there or not.
     """
     owned = {effect for block in blocks for effect in block.effects}
     found = {
@@ -38,7 +41,23 @@ def limits_elsewhere(
     }
     # What is wrong by a sign or a factor shows wherever anything does.
     found |= dict.fromkeys(_SETUP, 0.0 if owned else None)
-    return found | limits_of_answers([one for one in blocks if isinstance(one, DriveBlock)])
+    return (
+        found
+        | _of_replays(blocks, owned)
+        | limits_of_answers([one for one in blocks if isinstance(one, DriveBlock)])
+    )
+
+
+def _of_replays(blocks: Sequence[Block], owned: Set[str]) -> dict[str, float | None]:
+    """Return the limits of what odometry frames show: of several logs, of the one with the best."""
+    whole = [one.block if isinstance(one, Reduced) else one for one in blocks]
+    logs = [one.limits() for one in whole if isinstance(one, FirmwareBlock)]
+    found: dict[str, float | None] = dict.fromkeys(FIRMWARE)
+    for effect in owned & set(FIRMWARE):
+        known = [limit for one in logs if (limit := one.get(effect)) is not None]
+        if known:
+            found[effect] = max(known) if effect in UP_TO else min(known)
+    return found
 
 
 def limits_of_twins(limits: Mapping[str, float | None], robot: Robot) -> dict[str, float | None]:
@@ -134,18 +153,6 @@ _LIMITS: Final[Mapping[str, Limit]] = {
     "reception_stamp": _at(bus.POLL_PERIOD_S[0]),
     "bus_gap": _ANY,
     "clock_skew": _clock_skew,
-    "firmware_truncation": _ANY,
-    "firmware_resolution": _ANY,
-    "coarse_trig_table": _ANY,
-    "euler_integration": _ANY,
-    "stale_heading": _ANY,
-    "firmware_constant": _ANY,
-    "firmware_overflow": _ANY,
-    "moving_calibration": _ANY,
-    "auto_zero": _ANY,
-    "fixed_tick_period": _ANY,
-    "blend_weight": _ANY,
-    "missed_deadline": _ANY,
 }
 
 

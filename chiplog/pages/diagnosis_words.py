@@ -244,18 +244,33 @@ def quantity(value: float, unit: str) -> str:
     return q.prefixed(value, unit, 3)
 
 
+_WHOLE = {
+    "firmware_resolution": "fewer by {} bit",
+    "firmware_overflow": "up to {} bit",
+    "coarse_trig_table": "up to {} entries",
+    "stale_heading": "{} cycles",
+}
+"""How the whole numbers of effects are told that have nothing smaller."""
+_LEAST_SHARE = 1e-6
+"""What is less is told as a power of ten."""
+
+
 def limit(effect: str, size: float | None) -> str:
     """Return from which size of an effect on a log shows it: with its unit, or that any does."""
     if size is None:
         return "cannot be seen"
     if size == 0:
         return "any"
+    if effect in _WHOLE:
+        return _WHOLE[effect].format(f"{size:.0f}")
     known = catalogue().get(effect)
     numbers = [one for one in known.parameters if one.kind == "real"] if known else []
     if not numbers:
         return f"{size:.3g}"
     unit, is_bound = numbers[0].unit, numbers[0].neutral == math.inf
     value = q.share(size) if unit == "1" else quantity(size, unit)
+    if unit == "1" and size < _LEAST_SHARE:
+        value = f"{size:.0e}"
     return f"up to {value}" if is_bound else value
 
 

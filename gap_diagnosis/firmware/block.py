@@ -15,6 +15,7 @@ from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_score
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
 from gap_diagnosis.firmware.inputs import ReplayInputs, recorded_odometry, replay_inputs
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
+from gap_diagnosis.firmware.limits import replay_limits
 from gap_diagnosis.firmware.pairs import Pairs
 from gap_diagnosis.firmware.replay import Program, Start, find_start, replay
 from gap_diagnosis.firmware.scored import Scored, estimates_of, log_sum
@@ -78,6 +79,10 @@ class FirmwareBlock:
         if effects not in self._fits:
             self._fits[effects] = self._fit(effects)
         return self._fits[effects]
+
+    def limits(self) -> dict[str, float | None]:
+        """Return the smallest size of each effect that this log's replay shows."""
+        return replay_limits(self._bench)
 
     def leftover(self) -> Leftover:
         """Return what the described program, or the nearest float program, leaves."""

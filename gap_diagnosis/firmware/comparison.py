@@ -41,7 +41,7 @@ _LEAST_M: Final = 1e-6
 _LEAST_RAD: Final = 1e-5
 
 _EXACT_QUANTA: Final = 3.0
-_CARRIED_QUANTA: Final = 10.0
+CARRIED_QUANTA: Final = 10.0
 _EQUAL_QUANTA: Final = 0.51
 _EQUAL_NATS: Final = 20.0
 _WHOLE_NATS: Final = 1000.0
@@ -231,7 +231,7 @@ def turn_score(windows: Windows, replayed: Floats) -> float:
 def _window_scores(windows: Windows, off: Floats, equal: NDArray[np.bool_]) -> Floats:
     off = np.where(np.isfinite(off), off, 1e30)
     z = np.abs(off) / windows.floor
-    digits = (_EXACT_QUANTA if windows.from_power_on else _CARRIED_QUANTA) * windows.quantum
+    digits = (_EXACT_QUANTA if windows.from_power_on else CARRIED_QUANTA) * windows.quantum
     equal = equal & windows.from_power_on
     per_digit = np.log(windows.floor / (2.0 * digits))
     log_wild = math.log(_WEIGHT_WILD) + _log_wild(z)
