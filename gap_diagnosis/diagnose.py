@@ -19,6 +19,7 @@ from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each
 from gap_diagnosis.lost_tracking import with_tracking
 from gap_diagnosis.pictures import Report
+from gap_diagnosis.picturing import residual_times
 from gap_diagnosis.priors import Prior, default_prior, with_library
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
@@ -149,7 +150,11 @@ def diagnose_recordings(
         stage_probabilities=sort_stages(stages),
         which=ordered,
         other=other,
-        where=Where(stages=found.stages, segments=found.segments),
+        where=Where(
+            stages=found.stages,
+            segments=found.segments,
+            residuals=residual_times(found.pictures),
+        ),
         unknown=unknown_part(analyses, stage, found.modelled, found.why_not)
         if verdict == UNKNOWN
         else None,

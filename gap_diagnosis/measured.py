@@ -39,11 +39,12 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.pictures import Pictures
+from gap_diagnosis.pictures import Pictures, ResidualSeries
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Metric, Segment, StageOrNone
+from gap_diagnosis.rows_apart import rows_apart
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
@@ -129,7 +130,16 @@ class Measured:
         )
 
     def pictures(self) -> Pictures:
-        """Return what to draw from."""
+        """Return what to draw from; residuals are of the fitted log."""
+        apart: list[ResidualSeries] = []
+        missing = ["wheels − commands, odometry − replay, stamps − beat: another log was held out"]
+        if self.motion is self.model.nodes.motion:
+            drive, program = (
+                None if one is None else one.replayed
+                for one in (self.behind["drive_position_m"], self.behind["firmware_position_m"])
+            )
+            skew = self.skew if _SKEW in self.on_bus else None
+            apart, missing = rows_apart(self.where, self.motion, drive, program, skew)
         return pictures_of(
             self.where,
             self.model,
@@ -137,6 +147,8 @@ class Measured:
             self.settings,
             motion=self.motion,
             robot=self.robot,
+            apart=apart,
+            missing=missing,
         )
 
 

@@ -19,6 +19,7 @@ class ResidualSeries:
         t_s: float64[n], time of the log's clock.
         value: float64[n], as described; NaN where unknown.
         explained: float64[n], with the winning effects on; None where they do not change it.
+        is_sum: it adds up over the log: what arises is its change over a while, not its jitter.
     """
 
     stage: str
@@ -27,6 +28,7 @@ class ResidualSeries:
     t_s: Floats
     value: Floats
     explained: Floats | None = None
+    is_sum: bool = True
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class ResidualMap:
     Attributes:
         edges_s: float64[w + 1], borders of the time windows.
         stages: the rows' names.
+        belongs: whose data each row speaks of.
         shares: float64[stages, w], share of the row's own energy that arises in a time window;
             each row sums to 1.
     """
@@ -43,6 +46,7 @@ class ResidualMap:
     edges_s: Floats
     stages: tuple[str, ...]
     shares: Floats
+    belongs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,17 @@ class HeldOutPath:
 
 @dataclass(frozen=True)
 class Pictures:
-    """All that a report draws; every part may be missing."""
+    """All that a report draws; every part may be missing.
+
+    Attributes:
+        residuals, residual_map, paths: see there.
+        missing: residuals without a row in the map, and why: the log may have no data for them.
+    """
 
     residuals: tuple[ResidualSeries, ...] = ()
     residual_map: ResidualMap | None = None
     paths: tuple[HeldOutPath, ...] = ()
+    missing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

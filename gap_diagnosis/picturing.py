@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.pictures import HeldOutPath, Pictures, ResidualMap, ResidualSeries
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.result_parts import ResidualRow, ResidualTimes, StageOrNone
 from hil_harness.robot import Robot
 
 _PATHS: Final = 6
@@ -30,9 +31,14 @@ def pictures_of(
     *,
     motion: Motion | None = None,
     robot: Robot | None = None,
+    apart: Sequence[ResidualSeries] = (),
+    missing: Sequence[str] = (),
 ) -> Pictures:
-    """Return residuals of the fitted log, and trajectories over *windows* of *recording*."""
-    series = _residuals(model, settings)
+    """Return residuals of the fitted log, and trajectories over *windows* of *recording*.
+
+    *apart* are residuals beside the motion's, *missing* those that the log has no data for.
+    """
+    series = (*_residuals(model, settings), *apart)
     paths: tuple[HeldOutPath, ...] = ()
     if motion is not None and robot is not None:
         paths = tuple(
@@ -40,7 +46,15 @@ def pictures_of(
             for window in _longest(windows)
             if (path := _path(recording, robot, motion, window, settings)) is not None
         )
-    return Pictures(series, _map(series), paths)
+    if not model.nodes.has_reference:
+        missing = ["reference − wheels: no reference", *missing]
+    if not model.nodes.has_gyro:
+        missing = ["gyro heading − wheel heading: no gyro", *missing]
+    known = _map(series)
+    even = [one.name for one in series if known is None or one.name not in known.stages]
+    return Pictures(
+        series, known, paths, (*missing, *(f"{name}: the same all along" for name in even))
+    )
 
 
 _CHANNELS: Final = (
@@ -81,19 +95,44 @@ def _map(series: Sequence[ResidualSeries]) -> ResidualMap | None:
     """Return in which twelfth of the log how much of each residual's own energy arises."""
     if not series:
         return None
-    t_s = series[0].t_s
-    edges = np.linspace(t_s[0], t_s[-1], _WINDOWS + 1)
+    first = series[0].t_s
+    edges = np.linspace(first[0], first[-1], _WINDOWS + 1)
     rows: dict[str, Floats] = {}
+    stages: list[str] = []
     for one in series:
         known = np.isfinite(one.value)
-        at = np.interp(edges, t_s[known], one.value[known])
-        energy = np.diff(at) ** 2
+        if known.sum() < 2:
+            continue
+        t_s, value = one.t_s[known], one.value[known]
+        if one.is_sum:
+            energy = np.diff(np.interp(edges, t_s, value)) ** 2
+        else:
+            place = np.clip(np.searchsorted(edges, t_s[1:]) - 1, 0, _WINDOWS - 1)
+            energy = np.bincount(place, np.diff(value) ** 2, minlength=_WINDOWS)
         total = float(energy.sum())
         if total > 0:
             rows[one.name] = energy / total
+            stages.append(one.stage)
     if not rows:
         return None
-    return ResidualMap(edges, tuple(rows), np.array(list(rows.values())))
+    return ResidualMap(edges, tuple(rows), np.array(list(rows.values())), tuple(stages))
+
+
+def residual_times(pictures: Pictures) -> ResidualTimes | None:
+    """Return the map of residuals as the answer has it; None without one."""
+    known = pictures.residual_map
+    if known is None:
+        return None
+    return ResidualTimes(
+        edges_s=tuple(float(edge) for edge in known.edges_s),
+        rows=tuple(
+            ResidualRow(
+                stage=cast(StageOrNone, stage), residual=name, shares=tuple(map(float, shares))
+            )
+            for stage, name, shares in zip(known.belongs, known.stages, known.shares, strict=True)
+        ),
+        missing=pictures.missing,
+    )
 
 
 def _longest(windows: Sequence[Window]) -> list[Window]:

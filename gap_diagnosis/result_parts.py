@@ -139,6 +139,24 @@ class Segment(Part):
     share: float = Field(description="of that stage in the error that arises here")
 
 
+class ResidualRow(Part):
+    """When one residual arises."""
+
+    stage: StageOrNone = Field(description="whose data it speaks of")
+    residual: str
+    shares: tuple[float, ...] = Field(
+        description="of the residual's own energy, per time window; they sum to 1"
+    )
+
+
+class ResidualTimes(Part):
+    """When each residual arises; rows do not compare in size."""
+
+    edges_s: tuple[float, ...] = Field(description="borders of the time windows")
+    rows: tuple[ResidualRow, ...] = ()
+    missing: tuple[str, ...] = Field(default=(), description="residuals without a row, and why")
+
+
 class Where(Part):
     """Which stage's data carries the gap, over the log and along it."""
 
@@ -146,6 +164,7 @@ class Where(Part):
         description="share per stage: they sum to 1 and may be negative; empty without a gap"
     )
     segments: tuple[Segment, ...] = ()
+    residuals: ResidualTimes | None = None
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:

@@ -58,6 +58,7 @@ def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) ->
             "stage_rows": _stage_rows(found),
             "stage_only_rows": _stage_only_rows(found),
             "has_map": pictures.residual_map is not None,
+            "missing": "; ".join(pictures.missing),
             "residuals": pictures.residuals,
             "candidates": [_candidate(one) for one in shown],
             "rest_rows": [

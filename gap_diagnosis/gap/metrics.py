@@ -150,12 +150,18 @@ def stamp_errors(
     times of a clock that is fast by *clock_skew*. Its start is the mean of the window's first
     second; with *free_rate* its rate is the log's own.
     """
-    t_s, number = frames.t_s, _beats(frames)
-    order = np.argsort(t_s, kind="stable")
-    late_s = (t_s - number * frames.cycle_s / (1 + clock_skew))[order]
+    t_s, late_s = lateness(frames, clock_skew=clock_skew)
     if free_rate:
-        late_s = late_s - np.polyval(np.polyfit(number[order], late_s, 1), number[order])
-    return series_errors(t_s[order], late_s, windows)
+        number = _beats(frames)[np.argsort(frames.t_s, kind="stable")]
+        late_s = late_s - np.polyval(np.polyfit(number, late_s, 1), number)
+    return series_errors(t_s, late_s, windows)
+
+
+def lateness(frames: FrameTimes, *, clock_skew: float = 0.0) -> tuple[Floats, Floats]:
+    """Return a message's stamps in order, float64[f], and how late each is on its beat [s]."""
+    order = np.argsort(frames.t_s, kind="stable")
+    late_s = frames.t_s - _beats(frames) * frames.cycle_s / (1 + clock_skew)
+    return frames.t_s[order], np.asarray(late_s[order])
 
 
 def clock_skew_of(frames: Mapping[str, FrameTimes], t_s: Floats, kept: NDArray[np.bool_]) -> float:
