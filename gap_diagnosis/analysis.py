@@ -21,7 +21,8 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst
 from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
-from gap_diagnosis.motion.model import MotionModel, is_far
+from gap_diagnosis.motion.levels import is_louder
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import (
     Alternative,
     Laid,
@@ -215,9 +216,10 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
     found = _sought_from(motion, motion.levels, laid, gross=gross)
     described = motion.model.level_prior.median
     best = max((one.log_evidence for one in found), default=0.0)
-    if not gross and best < max(motion.explained, _LITTLE) and is_far(motion.levels, described):
+    if not gross and best < max(motion.explained, _LITTLE) and is_louder(motion.levels, described):
         # There a reference may wander for minutes, or counts tremble, in the place of what an
-        # unlisted cause explains; listed effects are sought from the described levels too.
+        # unlisted cause explains; listed effects are sought from the described levels too. Noise
+        # that is no louder than described takes nothing that those would show.
         found = _better(found, _sought_from(motion, described, laid))
     found = [_dispersed(one, motion) for one in found]
     tolerated = within_tolerance(found)

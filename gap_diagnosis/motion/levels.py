@@ -30,6 +30,7 @@ _MOST_DAMPED: Final = 1e4
 _EASED: Final = 5.0
 _RIDGE: Final = 1e-9
 _HIGHEST: Final = 100.0
+_LOUDER: Final = 1.3
 
 
 class Weighed(NamedTuple):
@@ -137,6 +138,17 @@ def best_levels(
                 break
             damping = max(_EASED * damping, _FIRST_DAMPED)
     return np.asarray(np.exp(here))
+
+
+def is_louder(levels: Floats, than: Floats) -> bool:
+    """Tell whether levels, float64[9], hold clearly more of any noise than others at any frequency.
+
+    Slow noise of standard deviation s and correlation time T has the spectral density
+    2 s² T / (1 + (w T)²): s² T decides below its corner, s² / T above.
+    """
+    ratio = levels / than
+    slow, longer = ratio[-3:-1], math.sqrt(float(ratio[-1]))
+    return bool(np.concatenate([ratio[:-3], slow * longer, slow / longer]).max() > _LOUDER)
 
 
 def _step(slope: Floats, information: Floats, damping: float, is_free: NDArray[np.bool_]) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
+from gap_diagnosis import analysis
 from gap_diagnosis.analysis import _alternatives, _at
 from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.motion import unknown
@@ -228,6 +229,35 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
     _alternatives(motion, None, gross=False)
     assert once == 1 + columns
     assert len(calls) == 2 * once
+
+
+@pytest.mark.parametrize(
+    ("changed", "searches"),
+    [((), 1), ((0,), 2), ((6,), 2), ((7, 8), 2)],
+    ids=["quiet", "rough floor", "moving reference", "slowly turning reference"],
+)
+def test_levels_are_sought_anew_only_where_some_noise_is_louder_than_described(
+    monkeypatch: pytest.MonkeyPatch, changed: tuple[int, ...], searches: int
+) -> None:
+    """Where none is, none can stand in the place of an unlisted cause; a search from the described
+    levels took a seventh of a diagnosis and ended beside the first one's end."""
+    model = MotionModel(drive_with("wheel_toe.angle=0.002"), ROBOT, default_prior())
+    levels = 0.5 * model.level_prior.median
+    levels[list(changed)] *= 5.0
+    sought: list[np.ndarray] = []
+    monkeypatch.setattr(
+        analysis, "levels_beside", lambda _model, _one, start, _laid: sought.append(start)
+    )
+    motion = SimpleNamespace(
+        model=model,
+        levels=levels,
+        explained=1e6,
+        tolerated=0.0,
+        log_evidence_of_levels=lambda _: 0.0,
+        dispersed=lambda *as_they_are: as_they_are,
+    )
+    _alternatives(motion, None, gross=False)
+    assert len(sought) == searches
 
 
 def test_effects_must_explain_more_than_what_is_tolerated() -> None:
