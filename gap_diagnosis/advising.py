@@ -108,19 +108,22 @@ class Menu:
             told = np.flatnonzero(still & (table[best] >= _WORTH_BITS))
             chosen = [self.contests[columns[index]] for index in told.tolist()]
             sets = [first.get(each, each) for one in chosen for each in (one.truth, one.rival)]
+            still[told] = False
+            separates = tuple(dict.fromkeys(sets))
+            if len(separates) < 2:  # what it tells apart is alike to a third
+                continue
             drive = self.drives[best]
             sentence = drive.scenario.description
             if self.has_reference_more:
                 sentence = f"{_WITH_REFERENCE}{sentence[0].lower()}{sentence[1:]}"
             yield Advice(
-                separates=tuple(dict.fromkeys(sets)),
+                separates=separates,
                 scenario_file=drive.file,
                 sentence=sentence,
                 expected_gain=float(table[best, told].mean()),
                 scenario=drive.text,
                 about=question.about,
             )
-            still[told] = False
 
     @property
     def left(self) -> tuple[Contest, ...]:
@@ -166,14 +169,20 @@ def advice_for(
 def _groups(
     which: Sequence[Candidate], *, with_others: bool
 ) -> Iterator[tuple[About, Candidate, tuple[EffectSet, ...]]]:
-    """Yield the winner with its group, then other probable candidates that are in no group yet."""
+    """Yield the winner with its group, then other probable candidates that are in no group yet.
+
+    A larger set's group holds all smaller ones that do as well: what is in a group already does not
+    make it probable.
+    """
     winner = which[0]
     none = {(NO_GAP,), (UNKNOWN,)}
     if winner.effects not in none:
         yield "verdict", winner, winner.ambiguous_with
     done = {winner.effects, *winner.ambiguous_with, *none}
+    listed = {one.effects: one.probability for one in which}
     for one in which[1:] if with_others else ():
-        if one.effects not in done and one.group_probability >= _LEAST_PROBABILITY:
+        known = sum(listed.get(each, 0.0) for each in one.ambiguous_with if each in done)
+        if one.effects not in done and one.group_probability - known >= _LEAST_PROBABILITY:
             beside = () if winner.effects in none else (winner.effects,)
             yield "candidate", one, tuple(dict.fromkeys((*beside, *one.ambiguous_with)))
             done |= {one.effects, *one.ambiguous_with}

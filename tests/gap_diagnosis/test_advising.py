@@ -14,9 +14,9 @@ from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
 from typer.testing import CliRunner
 
 from chiplog.cli import app
-from gap_diagnosis.advising import advice_for
+from gap_diagnosis.advising import Menu, Question, advice_for
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.contest import bits
+from gap_diagnosis.contest import Contest, Hypothesis, View, bits
 from gap_diagnosis.manoeuvres import manoeuvres
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
@@ -180,6 +180,30 @@ def test_another_candidate_of_five_percent_is_told_from_the_winner_and_from_its_
     rare = other.model_copy(update={"group_probability": 0.04})
     less = advice_for([winner, rare], ROBOT, WIRE, [analysis], structure_of([analysis]))
     assert {one.about for one in less} == {"log"}
+
+
+def test_a_larger_set_is_not_probable_for_the_smaller_ones_in_its_group():
+    """The winner with an idle effect beside it explains as well: its group is the winner's."""
+    winner = named(("lateral_slip",))
+    idle = Candidate(
+        effects=("gyro_lag", "lateral_slip"),
+        probability=0.01,
+        group_probability=0.51,
+        ambiguous_with=(("lateral_slip",),),
+    )
+    analysis = lesson_with_slip()
+    found = advice_for([winner, idle], ROBOT, WIRE, [analysis], structure_of([analysis]))
+    assert "candidate" not in {one.about for one in found}
+
+
+def test_a_drive_that_tells_apart_what_is_alike_to_a_third_is_not_advised():
+    """Of a, b and c one stands for all: told from itself is nothing told."""
+    nothing = View(0.0, np.zeros(0), np.zeros((0, 0)))
+    one = Contest(("a",), Hypothesis(()), ("b",), Hypothesis(()), nothing, np.zeros(0))
+    menu = Menu((manoeuvres()[0],), (one,), np.array([[0.9]]))
+    question = Question("log", (one,), is_ranked=False)
+    assert [each.separates for each in menu.answers(question, {})] == [(("a",), ("b",))]
+    assert not list(menu.answers(question, {("b",): ("a",)}))
 
 
 def test_twins_are_named_as_what_no_drive_tells_apart():
