@@ -190,13 +190,18 @@ def measured(
         kinds = kinds_of(where, robot)
         sides = hold_out(where.t_s, kinds)
         if sides.why_not is not None:
-            return Unmeasured(sides.why_not, pictures_of(where, model, [], ()))
+            drive = driven(analysis, effects, where, robot, None)
+            firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=False)
+            told, ran = (None if one is None else one.replayed for one in (drive, firmware))
+            apart, missing = rows_apart(where, model.nodes.motion, told, ran, None)
+            known = pictures_of(where, model, [], (), apart=apart, missing=missing)
+            return Unmeasured(sides.why_not, known)
         is_unlisted = not effects and stage != "none"
         seen = unseen_dropped(where, sides.fit) if is_unlisted else where
-        apart = MotionModel(seen, robot, model.prior, keep=sides.fit)
-        fitted = _refitted(apart, analysis.motion, own)
+        fit_side = MotionModel(seen, robot, model.prior, keep=sides.fit)
+        fitted = _refitted(fit_side, analysis.motion, own)
         if is_unlisted:
-            unlisted, why_not = modelled_on(apart, analysis, stage)
+            unlisted, why_not = modelled_on(fit_side, analysis, stage)
         motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held

@@ -24,10 +24,10 @@ SCALED = EffectSetting("firmware_constant", (("constant", "wheel_radius"), ("sca
 LOSES = EffectSetting("frame_loss", (("probability", 0.02), ("frame", "ENCODER")))
 
 
-def drive(*effects: EffectSetting) -> Recording:
+def drive(*effects: EffectSetting, duration_s: float = 30.0) -> Recording:
     return synthetic_recording(
         ROBOT, WIRE, replace(scenario("calibration"), effects=()), effects, 3,
-        reference=ReferenceNoise(), duration_s=30.0,
+        reference=ReferenceNoise(), duration_s=duration_s,
     )  # fmt: skip
 
 
@@ -91,3 +91,15 @@ def test_what_a_log_has_no_data_for_is_said() -> None:
         "odometry − replay: no odometry frames",
         "stamps − beat: no stamped frames",
     )
+
+
+def test_a_log_too_short_to_hold_anything_out_has_its_rows_too() -> None:
+    found = shrunk(drive(LAGS, duration_s=20.0))
+    assert found.gap is None
+    assert {one.stage for one in found.pictures.residuals} == {
+        "wheel",
+        "gyro",
+        "actuation",
+        "firmware",
+        "bus",
+    }
