@@ -151,10 +151,15 @@ def gap_of(
 ) -> Gap | None:
     """Return the gap in the metric in which *stage* acts; None where none of these was measured.
 
-    Of several the first that stands clearly above its floor; without any the one that stands
-    highest, if there is a gap to close (before at least 1.2 floor), or else the first.
+    What the effects leave as it was to the last digit is not theirs (of an odometry by its gyro a
+    wider axle moves nothing), as long as they move another. Of several the first that stands
+    clearly above its floor; without any the one that stands highest, if there is a gap to close
+    (before at least 1.2 floor), or else the first.
     """
     able = [name for name in METRICS_OF_STAGE.get(stage, tuple(UNITS)) if name in metrics]
+    able = [
+        name for name in able if metrics[name].after not in (None, metrics[name].before)
+    ] or able
     if not able:
         return None
     telling = [name for name in able if metrics[name].closed is not None]
