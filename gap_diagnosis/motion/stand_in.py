@@ -12,6 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.motion.evidence import gram_of
+from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import (
     CODE,
@@ -48,8 +49,8 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
     """Return the stand-in of *one* as it suits best what *model* may see of the log; None where the
     log has nothing that it could be a function of.
 
-    Its noise levels are sought beside it from *start*, float64[9], and from the described ones: at
-    those of no effect, noise has taken what it explains.
+    Its noise levels are sought beside it from *start*, float64[9], and where some noise is louder
+    there than described from the described ones too: it may have taken what the stand-in explains.
     """
     is_of_codes = one.variable == CODE[0]
     variable = CODE[1] if is_of_codes else one.variable
@@ -67,8 +68,8 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
         density = model.level_prior.log_density(np.log(levels))
         return gram.log_nothing + found.log_evidence + density, found
 
-    tried = [start]
-    for begin in (start, model.level_prior.median):
+    tried, described = [start], model.level_prior.median
+    for begin in (start, described) if is_louder(start, described) else (start,):
         beside = levels_beside(model, one, begin, laid)
         tried += [] if beside is None else [beside]
     scored = [(*fitted(levels), levels) for levels in tried]
