@@ -79,8 +79,16 @@ class Analysis:
     @property
     def firmware(self) -> FirmwareBlock | None:
         """The block of the odometry frames, if there are any."""
-        whole = (one.block if isinstance(one, Reduced) else one for one in self.blocks)
-        return next((one for one in whole if isinstance(one, FirmwareBlock)), None)
+        return next((one for one in self._whole if isinstance(one, FirmwareBlock)), None)
+
+    @property
+    def drive(self) -> DriveBlock | None:
+        """The block of the commands, if there are any."""
+        return next((one for one in self._whole if isinstance(one, DriveBlock)), None)
+
+    @property
+    def _whole(self) -> list[Block]:
+        return [one.block if isinstance(one, Reduced) else one for one in self.blocks]
 
 
 def analyse(

@@ -213,6 +213,8 @@ def unknown_part(
             left = analysis.firmware.leftover()
             windows = left.windows
             found = [(variable, share, share) for variable, share in left.depends_on]
+        elif stage == "actuation" and analysis.drive is not None:
+            found = [(o.variable, o.share, o.log_evidence) for o in analysis.drive.goes_with]
         else:
             own = [one for one in analysis.alternatives if one.stage == stage][:3]
             found = [(one.variable, one.share, one.log_evidence) for one in own]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.columns import LINEAR, SHARED, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
+from gap_diagnosis.drive.leftover import Dependence, depends_on
 from gap_diagnosis.drive.likelihood import (
     Setting,
     evidence,
@@ -138,6 +139,16 @@ class DriveBlock:
         found, likelihood = unlisted(self._null, self._robot)
         found = self._beside_manner(found, frozenset())
         return Fit((), max(found, self._nameless), max(likelihood, self._nameless))
+
+    @cached_property
+    def goes_with(self) -> list[Dependence]:
+        """What the leftover of the described drive goes with and speaks for itself, likeliest
+        first."""
+        found = [
+            replace(one, log_evidence=self._beside_manner(one.log_evidence, frozenset()))
+            for one in depends_on(self._null, self._robot)
+        ]
+        return [one for one in found if one.log_evidence > 0]
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         silent = {one: self._shapes.log_silent(one) for one in effects & set(BENT)}

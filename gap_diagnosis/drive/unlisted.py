@@ -29,9 +29,9 @@ Floats = NDArray[np.float64]
 
 _GIVES_WAY: Final = 0.006
 """Of its rate a wheel is off under load: what is unlisted must show beyond that."""
-_AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
+AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
-_STANDS: Final = -0.5
+STANDS: Final = -0.5
 """Of its rate a drive that does as it is told gives way by less, however slow that is: one that
 gives way by more stands."""
 
@@ -68,12 +68,16 @@ class Foreign:
 
     Attributes:
         evidence, likelihood: their logarithms, less those of no effect.
+        columns: float64[c, 2, m], what it may add to the angles.
         sizes: of its columns, the best ones.
+        levels: logarithms of the noise levels beside it.
     """
 
     evidence: float
     likelihood: float
+    columns: Floats
     sizes: Floats
+    levels: Floats
 
 
 @dataclass(frozen=True)
@@ -104,18 +108,18 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
     one that answers slow commands in a way of their own, or whose poles show in its rate.
     """
     shapes = Shapes(null.data, robot)
-    does_as_told = off(null.data, robot) < _AS_TOLD
+    does_as_told = off(null.data, robot) < AS_TOLD
     found = []
     for columns in shapes.foreign():
-        one = _foreign(null, robot, columns)
+        one = foreign(null, robot, columns)
         found.append(replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one)
     slow = shapes.slow()
     if len(slow):
-        one = _foreign(null, robot, slow)
-        if not does_as_told or one.sizes.min() < _STANDS:
+        one = foreign(null, robot, slow)
+        if not does_as_told or one.sizes.min() < STANDS:
             found.append(one)
-    poles = _poles(null, robot, shapes.waves())
-    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > _AS_TOLD:
+    poles = poles_of(null, robot, shapes.waves())
+    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > AS_TOLD:
         found.append(poles)
     total = float(np.logaddexp.reduce([one.evidence for one in found])) - math.log(len(found))
     return total, max(one.likelihood for one in found)
@@ -133,11 +137,11 @@ def manner(null: Null, robot: Robot, listed: Callable[[], float]) -> Manner | No
     columns = np.concatenate(Shapes(null.data, robot).foreign()[:2])
     if 0.5 * _explained(null, [columns])[0] < _A_MANNER:
         return None
-    gained = _foreign(null, robot, columns).evidence
+    gained = foreign(null, robot, columns).evidence
     return Manner(columns, gained) if gained > max(listed(), _A_MANNER) else None
 
 
-def _foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
+def foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
     """Return what columns of unknown size explain."""
     variant = Variant(null.data, columns, (prior.FOREIGN,) * len(columns))
     setting = setting_of(variant, robot, frozenset())
@@ -148,14 +152,18 @@ def _foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
     # Effects of the list are weighed without that allowance: it must not favour what is not.
     strict = evidence(setting, levels, rough=True)[0] - null.evidence
     return Foreign(
-        min(yielding, strict), max(free - null.likelihood, 0.0), linear_sizes(setting, levels)
+        min(yielding, strict),
+        max(free - null.likelihood, 0.0),
+        columns,
+        linear_sizes(setting, levels),
+        levels,
     )
 
 
-def _poles(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign:
+def poles_of(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign:
     """Return what the likeliest number of poles explains, as if any were as likely."""
     gains = _explained(null, waves)
-    best = _foreign(null, robot, waves[int(np.argmax(gains))])
+    best = foreign(null, robot, waves[int(np.argmax(gains))])
     return replace(best, evidence=best.evidence - math.log(len(waves)))
 
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from fake_blocks import STAGE, FakeBlock, analysis, ranked
 
+from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
+from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.motion.unknown import Alternative
 from gap_diagnosis.ranking import Ranking
@@ -185,3 +189,11 @@ def test_what_the_leftover_depends_on_is_what_is_likely_not_what_bends_the_most(
     made = replace(analysis(LOG, FakeBlock({"gyro_bias": 0.0})), alternatives=(slope, dull, bends))
     found = unknown_part([made], "wheel").depends_on
     assert [one.variable for one in found] == ["heading", "speed"]
+
+
+def test_a_drive_without_a_name_is_told_with_what_its_leftover_goes() -> None:
+    """Whatever the commands and wheels showed, the answer held no variable for this stage."""
+    drive = SimpleNamespace(goes_with=[Dependence("acceleration", 40.0, 0.9, np.zeros((0, 2, 0)))])
+    made = SimpleNamespace(recording=LOG, drive=drive)
+    found = unknown_part([cast(Analysis, made)], "actuation").depends_on
+    assert [(one.variable, one.share) for one in found] == [("acceleration", 0.9)]

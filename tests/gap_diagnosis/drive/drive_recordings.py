@@ -41,7 +41,7 @@ def recording_of(commands: np.ndarray, left: np.ndarray, right: np.ndarray) -> R
 
 
 def simulated(
-    effects: Mapping[str, Mapping[str, float]] | None = None,
+    effects: Mapping[str, Mapping[str, float | str]] | None = None,
     *,
     seed: int = 1,
     duration_s: float = DURATION_S,

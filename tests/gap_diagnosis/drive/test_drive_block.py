@@ -205,6 +205,36 @@ def test_poles_that_show_in_the_rate_are_an_unlisted_cause() -> None:
     assert block.unexplained().log_evidence > max(named, 0.0) + 20
 
 
+@pytest.mark.parametrize(
+    ("effect", "variable"),
+    [
+        ({"drive_lag": {"time_constant": 0.06}}, "acceleration"),
+        ({"drive_delay": {"delay": 0.04}}, "acceleration"),
+        ({"drive_gain": {"left": 0.10, "right": -0.08}}, "speed"),
+        ({"drive_saturation": {"limit": 10.0}}, "speed"),
+        ({"drive_deadband": {"rate": 0.3}}, "command"),
+    ],
+)
+def test_a_leftover_without_a_name_goes_first_with_what_makes_it(
+    effect: dict[str, dict[str, float]], variable: str
+) -> None:
+    """Late answers show while the speed changes, a gain or a limit in the speed, a dead band in
+    slow commands; nothing was told of what any of them goes with."""
+    first = block_of(simulated(effect, seed=3)).goes_with[0]
+    assert first.variable == variable
+    assert first.share > 0.5
+
+
+def test_poles_of_one_wheel_go_with_its_angle_alone() -> None:
+    cogging = {"drive_cogging": {"side": "right", "amplitude": 0.02, "order": 6, "phase": 1.0}}
+    found = block_of(simulated(cogging, seed=3)).goes_with
+    assert [one.variable for one in found] == ["wheel_angle_right"]
+
+
+def test_a_described_drive_has_no_leftover_that_goes_with_anything() -> None:
+    assert block_of(simulated(seed=2)).goes_with == []
+
+
 def test_a_loop_that_gives_way_on_a_slope_is_no_unlisted_cause() -> None:
     told = simulated(seed=2)
     # Downhill the wheels run ahead by a thousandth of their rate, uphill they fall behind.
