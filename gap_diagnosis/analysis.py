@@ -36,7 +36,7 @@ from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
-from gap_diagnosis.traces import traces
+from gap_diagnosis.traces import Trace, traces
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
@@ -68,7 +68,7 @@ class Analysis:
     unknown: Mapping[str, float]
     outliers: int = 0
     burst: Burst | None = None
-    traces: Mapping[str, Fit] = field(default_factory=dict)
+    traces: Mapping[str, Trace] = field(default_factory=dict)
     lost: Lost = field(default_factory=Lost)
     late_s: float = 0.0
 

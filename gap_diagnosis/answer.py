@@ -220,6 +220,8 @@ def unknown_part(
             found = [(one.variable, one.share, one.log_evidence) for one in own]
             seen = analysis.traces.get(stage)
             windows += own[0].windows if own else () if seen is None else seen.windows
+            if seen is not None and not own:
+                found = [("time", seen.goes_with_time, seen.goes_with_time)]
             windows += analysis.lost.windows if stage == "reference" else ()
         for named, share, evidence in found:
             known = known_variable(named)

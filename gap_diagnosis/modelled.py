@@ -13,6 +13,7 @@ from typing import Final, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from can_bus import SENSORS
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.model import MotionModel
@@ -80,6 +81,9 @@ def modelled_on(
     fit_side: MotionModel, analysis: Analysis, stage: StageOrNone
 ) -> tuple[Model | None, str | None]:
     """Return the model of the leftover in a stage by what *fit_side* sees, or why there is none."""
+    seen = analysis.traces.get(stage)
+    if stage == "bus" and seen is not None and seen.frame is not None:
+        return None, f"it shows in {_frames(seen.frame)}, and nothing stands in for what frames do"
     if stage not in _MODELLED:
         return None, f"nothing stands in for an unlisted cause in stage {stage}"
     own = [one for one in analysis.alternatives if one.stage == stage]
@@ -93,6 +97,10 @@ def modelled_on(
     if found is None:
         return None, f"{variable.replace('_', ' ')} hardly varies"
     return Model(variable, [found.best], [[one] for one in found.drawn], found.levels), None
+
+
+def _frames(name: str) -> str:
+    return "the sensors' frames" if name == SENSORS else f"frames {name}"
 
 
 def _likeliest(own: Sequence[Alternative]) -> Alternative | None:

@@ -7,8 +7,10 @@ described: that something does not do as described is seen without knowing what 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
+from gap_diagnosis.bus import BusBlock
 from gap_diagnosis.hypothesis import Block, Fit
 
 _STAGE: Final = {"bus": "bus", "codes": "gyro"}
@@ -18,9 +20,22 @@ _PRICE: Final = 6.0
 it is so many nats worse than what the trace itself says."""
 
 
-def traces(blocks: Sequence[Block]) -> dict[str, Fit]:
+@dataclass(frozen=True)
+class Trace(Fit):
+    """What shows, as a fit without a name.
+
+    Attributes:
+        frame: in which frames; None where it is in none.
+        goes_with_time: share of it that is in `windows` beyond what is elsewhere.
+    """
+
+    frame: str | None = None
+    goes_with_time: float = 0.0
+
+
+def traces(blocks: Sequence[Block]) -> dict[str, Trace]:
     """Return, by stage, the clearest trace in whole blocks, its evidence less the price."""
-    found: dict[str, Fit] = {}
+    found: dict[str, Trace] = {}
     for block in blocks:
         for effect in sorted(block.effects):
             stage = _STAGE.get(block.name) or (block.name == "motion" and _NOISY.get(effect))
@@ -29,5 +44,14 @@ def traces(blocks: Sequence[Block]) -> dict[str, Fit]:
             fit = block.fit(frozenset({effect}))
             evidence = fit.log_evidence - _PRICE
             if stage not in found or evidence > found[stage].log_evidence:
-                found[stage] = Fit((), evidence, fit.log_likelihood, windows=fit.windows)
+                made = Trace((), evidence, fit.log_likelihood, windows=fit.windows)
+                found[stage] = _of_frames(made, block, effect)
     return found
+
+
+def _of_frames(trace: Trace, block: Block, effect: str) -> Trace:
+    """Return a trace with where in the frames and when it shows, if it is one of frames."""
+    if not isinstance(block, BusBlock) or trace.log_evidence < 0:
+        return trace
+    frame, windows, share = block.shown(effect)
+    return replace(trace, frame=frame, windows=windows, goes_with_time=share)

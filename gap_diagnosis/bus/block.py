@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from can_bus import SENSORS
 from gap_diagnosis.bus import prior
 from gap_diagnosis.bus.counting import Rate, loss_of, rate_of
+from gap_diagnosis.bus.crowds import happened
 from gap_diagnosis.bus.events import Message, Staleness, as_sent, classify, staleness
 from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
@@ -151,6 +152,17 @@ class BusBlock:
             windows,
             log_silent=log_silent if len(names) == 1 else -math.inf,
         )
+
+    def shown(self, effect: str) -> tuple[str | None, Windows, float]:
+        """Return in which frames a trace shows that this effect would leave, when, and the share of
+        it that goes with these windows: none where it is there all along or cannot be told."""
+        fit = self.fit(frozenset({effect}))
+        where = fit.parameters.get(f"{effect}.frame")
+        frame = None if where is None else str(where.value)
+        if fit.windows:
+            return frame, fit.windows, 0.0
+        own = [messages for name, messages in self._groups(self._counted) if name == frame]
+        return frame, *happened(effect, own[0] if own else ())
 
     def _of_frames(self, effect: str, excluded: Windows) -> list[_Option]:
         key = (effect, excluded)

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from fake_blocks import FakeBlock, ranked
+from dataclasses import replace
 
+import pytest
+from fake_blocks import FakeBlock, analysis, ranked
+from structure_cases import ROBOT, WIRE, drive, model_of
+
+from gap_diagnosis.answer import unknown_part
+from gap_diagnosis.bus import bus_block
+from gap_diagnosis.modelled import modelled_on
 from gap_diagnosis.traces import traces
+from hil_harness.effects import EffectSetting
 
 MOTION = FakeBlock({"gyro_bias": -2.0})
 BUS = FakeBlock({"frame_loss": 60.0}, name="bus")
@@ -40,3 +48,19 @@ def test_codes_that_never_come_are_a_trace_of_the_gyro_and_the_motion_is_none() 
 def test_more_noise_than_described_is_a_trace_of_its_stage() -> None:
     noisy = FakeBlock({"gyro_noise": 30.0, "reference_noise": 20.0, "gyro_bias": 50.0})
     assert evidence(noisy) == {"gyro": 24.0, "reference": 14.0}
+
+
+def test_lost_frames_without_a_name_are_told_when_they_were_lost_and_which() -> None:
+    """It was the whole log, and nothing but that nothing stands in for it."""
+    values = (("frame", "IMU"), ("probability", 0.1), ("start_s", 20.0), ("stop_s", 30.0))
+    log = drive("calibration", EffectSetting("frame_loss", values))
+    block = bus_block(log, ROBOT, WIRE)
+    assert block is not None
+    made = replace(analysis(log, block), traces=traces([block]))
+    found = unknown_part([made], "bus")
+    assert found.windows == (pytest.approx((20.0, 30.0), abs=1.0),)
+    assert [one.variable for one in found.depends_on] == ["time"]
+    assert found.depends_on[0].share > 0.8
+    model, why_not = modelled_on(model_of("calibration"), made, "bus")
+    assert model is None
+    assert why_not == "it shows in frames IMU, and nothing stands in for what frames do"

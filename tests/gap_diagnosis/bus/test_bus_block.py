@@ -119,6 +119,30 @@ def test_each_effect_is_found_measured_and_its_frame_named(
             assert abs(float(found.value) - value) < max(5 * found.sd, 0.02 * abs(value))
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("frame_loss", {"frame": "IMU", "probability": 0.1}),
+        ("frame_duplication", {"frame": "IMU", "probability": 0.05}),
+        ("frame_reordering", {"frame": "ENCODER", "probability": 0.05}),
+        ("frame_jitter", {"frame": "IMU", "sigma": 0.002}),
+    ],
+)
+def test_what_frames_do_for_ten_seconds_is_seen_there_and_what_they_always_do_at_no_time(
+    effect: str, values: dict[str, Any]
+) -> None:
+    """Without a name it was said of the whole log. Of 50 events and more in ten seconds none is a
+    second from the next: from e to the fifth power times fewer."""
+    for_a_while = block_of(recording(3, **{effect: {**values, "start_s": 20.0, "stop_s": 30.0}}))
+    frame, windows, share = for_a_while.shown(effect)
+    assert frame == values["frame"]
+    assert windows == (pytest.approx((20.0, 30.0), abs=1.0),)
+    assert share > 0.8
+    frame, windows, share = block_of(recording(3, **{effect: values})).shown(effect)
+    assert frame == values["frame"]
+    assert (windows, share) == ((), 0.0)
+
+
 def test_a_jitter_that_makes_frames_wait_for_each_other_is_measured_as_it_is() -> None:
     sigma = {"frame": "sensors", "sigma": 0.01}
     found = block_of(recording(4, frame_jitter=sigma)).fit(frozenset({"frame_jitter"}))
