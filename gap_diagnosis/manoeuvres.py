@@ -102,25 +102,26 @@ def sights(
 ) -> Iterator[tuple[Manoeuvre, Sight]]:
     """Yield each manoeuvre with what its log would see of *effects* at these noise levels."""
     without = _MANY & frozenset(EXPLAINED) - effects
+    told = f"{described.robot!r} {described.wire.signal_map!r}"
     for manoeuvre in manoeuvres():
-        model = _model(manoeuvre, described, equipment, without)
+        key = (manoeuvre.file, equipment, without, told, id(described.prior))
+        model = _model(key, manoeuvre, described)
         yield manoeuvre, sight_of(model.columns, model.gram(levels), described.prior)
 
 
-_MODELS: Final[dict[tuple[str, Equipment, frozenset[str], str, int], MotionModel]] = {}
-"""Models of manoeuvres: they depend on the robot and its equipment, not on a log."""
+_Key = tuple[str, Equipment, frozenset[str], str, int]
+_MODELS: Final[dict[_Key, MotionModel]] = {}
+"""Models of manoeuvres: they depend on the robot, its bus and equipment, not on a log. Each holds
+its prior, so that no other has its id."""
 
 
-def _model(
-    manoeuvre: Manoeuvre, described: Described, equipment: Equipment, without: frozenset[str]
-) -> MotionModel:
-    robot, prior = described.robot, described.prior
-    key = (manoeuvre.file, equipment, without, repr(robot), id(prior))
+def _model(key: _Key, manoeuvre: Manoeuvre, described: Described) -> MotionModel:
     if key not in _MODELS:
         if len(_MODELS) >= _KEPT:
             _MODELS.clear()
-        driven = _driven(manoeuvre, equipment, robot, described.wire)
-        _MODELS[key] = MotionModel(driven, robot, prior, without=without)
+        _, equipment, without, *_ = key
+        driven = _driven(manoeuvre, equipment, described.robot, described.wire)
+        _MODELS[key] = MotionModel(driven, described.robot, described.prior, without=without)
     return _MODELS[key]
 
 

@@ -122,7 +122,12 @@ def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
 
 
 def with_library(prior: Prior, library: Mapping[str, Effect]) -> Prior:
-    """Return the prior with the tolerances and typical sizes of a user's effects."""
+    """Return the prior with the tolerances and typical sizes of a user's effects.
+
+    Without any it is the same one: what is known of a robot's next drives is kept by it.
+    """
+    if not library:
+        return prior
     parameters = dict(prior.parameters)
     for name, effect in library.items():
         if effect.explain is None:

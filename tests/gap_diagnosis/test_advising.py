@@ -17,9 +17,10 @@ from chiplog.cli import app
 from gap_diagnosis.advising import Menu, Question, advice_for
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.contest import Contest, Hypothesis, View, bits
-from gap_diagnosis.manoeuvres import manoeuvres
+from gap_diagnosis.manoeuvres import Described, Equipment, manoeuvres, sights
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import with_library
 from gap_diagnosis.result_parts import Advice, Candidate
 from gap_diagnosis.structure import structure_of
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -77,6 +78,34 @@ def with_speeds(wire: Wire) -> Wire:
     for role in REQUIRED:
         signals[role] = replace(signals[role], kind="physical", quantity="speed")
     return replace(wire, signal_map=replace(wire.signal_map, signals=signals))
+
+
+def at_half_the_beat(wire: Wire) -> Wire:
+    """Return a bus on which every message comes half as often."""
+    signals = dict(wire.signal_map.signals)
+    for role, one in signals.items():
+        spec = one.message
+        assert spec.cycle_time_us is not None
+        slower = replace(
+            spec, cycle_time_us=2 * spec.cycle_time_us, start_delay_us=2 * spec.start_delay_us
+        )
+        signals[role] = replace(one, message=slower)
+    return replace(wire, signal_map=replace(wire.signal_map, signals=signals))
+
+
+def test_what_a_drive_would_see_is_of_this_bus_and_not_of_one_asked_about_before() -> None:
+    levels = with_nothing("square").motion.levels
+    shown = []
+    for wire in (WIRE, at_half_the_beat(WIRE)):
+        described = Described(ROBOT, wire, PRIOR)
+        _, sight = next(sights(described, Equipment(100.0, True, True), levels, frozenset()))
+        shown.append(sight.inner)
+    assert not np.array_equal(*shown)
+
+
+def test_robots_without_effects_of_their_own_share_what_is_known_of_the_drives() -> None:
+    """Each diagnosis asks for the prior with its library; models are kept by which prior it is."""
+    assert with_library(PRIOR, {}) is PRIOR
 
 
 def test_slip_is_told_from_a_lever_arm_by_a_drive_at_another_speed_or_on_the_spot():
