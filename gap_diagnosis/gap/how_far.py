@@ -104,9 +104,10 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
 def pooled(parts: Sequence[Compared]) -> Compared:
     """Return one metric over the windows of several logs, each numbered as in its own.
 
-    What not every log has, none has. Logs' noise is independent: their draws are joined as they
-    come, those of a log with fewer again from the first on.
+    What not every log with a window has, none has. Logs' noise is independent: their draws are
+    joined as they come, those of a log with fewer again from the first on.
     """
+    parts = [one for one in parts if len(one.before.mean_square)] or parts[:1]
     if len(parts) == 1:
         return parts[0]
     afters = [one.after for one in parts if one.after is not None]

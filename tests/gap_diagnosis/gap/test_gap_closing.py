@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from gap_diagnosis.gap.how_far import Compared, closed_share, gap_of, metric_of
+from gap_diagnosis.gap.how_far import Compared, closed_share, gap_of, metric_of, pooled
 from gap_diagnosis.gap.metrics import WindowErrors
 from gap_diagnosis.gap.shares import chain_of, onset_and_end, shares_of
 from gap_diagnosis.gap.waterfall import MOST_EFFECTS, shapley_reductions
@@ -44,6 +44,19 @@ def test_near_the_floor_there_is_no_gap_to_close(floor: float, part: float, afte
 
 def test_a_metric_without_a_window_is_not_given() -> None:
     assert metric_of("timing_s", Compared(errors_of(np.zeros(0)))) is None
+
+
+def test_a_log_without_a_window_takes_nothing_from_what_others_tell_together() -> None:
+    """Without windows no floor is drawn."""
+    none, some = np.zeros(0), np.array([4.0, 5.0, 6.0])
+    telling = Compared(errors_of(some), errors_of(0.5 * some), np.ones((3, 3)))
+    silent = Compared(errors_of(none), errors_of(none))
+    alone = metric_of("odometry_position_m", telling)
+    assert alone is not None
+    assert alone.closed is not None
+    for logs in ([silent, telling], [telling, silent]):
+        assert metric_of("odometry_position_m", pooled(logs)) == alone
+    assert metric_of("odometry_position_m", pooled([silent, silent])) is None
 
 
 def test_the_interval_of_closed_holds_its_value_and_shrinks_with_windows() -> None:
