@@ -220,10 +220,10 @@ def _value(value: float | None, metric: Metric) -> str:
 
 
 def _advice(one: Advice) -> dict[str, Any]:
-    named = [words.set_name(effects) for effects in one.separates if effects != (NO_GAP,)]
-    tells = f"Tells {' and '.join(named)} apart"
-    if one.about == "log" and len(named) < len(one.separates):
-        tells = f"Shows {', '.join(named)}, which this log could not have shown"
+    tells = f"Tells {' and '.join(map(words.set_name, one.separates))} apart"
+    if one.about == "log" and (NO_GAP,) in one.separates:
+        shown = [words.set_name(effects) for effects in one.separates if effects != (NO_GAP,)]
+        tells = f"Shows {', '.join(shown)}, which this log could not have shown"
     return {
         "sentence": one.sentence,
         "tells": tells,

@@ -18,7 +18,7 @@ from chiplog.pages.diagnosis import diagnosis_page
 from chiplog.pages.diagnosis_words import limit
 from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import LogFacts, Waterfall, WaterfallStep
+from gap_diagnosis.result_parts import About, Advice, LogFacts, Waterfall, WaterfallStep
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>{{7*7}}"
 EVERY = [samples.diagnosis(), samples.single(), samples.nothing(), samples.unlisted()]
@@ -68,6 +68,23 @@ def test_the_verdict_stands_first_and_names_the_group(page: str) -> None:
     verdict = "radius_mismatch + radius_scale or radius_mismatch + ticks_per_rev"
     assert f"{verdict} (stage wheel), which this data cannot tell apart: together 93 %" in text
     assert text.index("together 93 %") < text.index("From described to explained")
+
+
+@pytest.mark.parametrize(
+    ("about", "said"),
+    [
+        ("verdict", "Tells lateral_slip and no gap apart;"),
+        ("candidate", "Tells lateral_slip and no gap apart;"),
+        ("log", "Shows lateral_slip, which this log could not have shown;"),
+    ],
+)
+def test_a_drive_that_tells_a_cause_from_none_says_so(about: About, said: str) -> None:
+    advice = Advice(
+        separates=(("lateral_slip",), ("no_gap",)), scenario_file="arcs.toml", sentence="Drive.",
+        expected_gain=0.9, about=about,
+    )  # fmt: skip
+    report = replace(samples.report(), diagnosis=samples.diagnosis(advice=(advice,)))
+    assert said in Seen(diagnosis_page(report)).text
 
 
 @pytest.mark.parametrize(
