@@ -12,6 +12,7 @@ from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.data import drive_data
+from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.firmware import firmware_block, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path
@@ -58,8 +59,7 @@ def driven(
         e for e in effects & block.effects if e in stages and stages[e].stage == "actuation"
     )
     if own and kept is not None:
-        place = np.searchsorted(analysis.recording.t_s, block.data.time_s)
-        block = block.only(kept[np.minimum(place, len(kept) - 1)])
+        block = block.only(_blocks(analysis, block, kept))
     noise = DriveNoise.of(data, block.levels_with(own))
     values = {
         key: float(one.value)
@@ -73,6 +73,26 @@ def driven(
 
     after = path(own) if own else None
     return Downstream(Replayed(before=commanded, after=after, noise=noise), own, path)
+
+
+def driven_by(
+    analysis: Analysis, block: DriveBlock, one: Dependence, robot: Robot, kept: NDArray[np.bool_]
+) -> Replayed | None:
+    """Return where commands lead through the described drive, and through one that does what the
+    leftover goes with, fitted on the ticks *kept* (bool[n])."""
+    where = analysis.recording
+    data, before = drive_data(where, robot), commanded_path(where, robot)
+    if before is None or data is None:
+        return None
+    model = block.stand_in(one, _blocks(analysis, block, kept))
+    after = commanded_path(where, robot, added=model.angle)
+    return Replayed(before, after, DriveNoise.of(data, model.levels))
+
+
+def _blocks(analysis: Analysis, block: DriveBlock, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the drive's blocks on the ticks *kept*: bool[m]."""
+    place = np.searchsorted(analysis.recording.t_s, block.data.time_s)
+    return np.asarray(kept[np.minimum(place, len(kept) - 1)])
 
 
 def reprogrammed(

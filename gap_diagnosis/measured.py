@@ -201,7 +201,7 @@ def measured(
         fit_side = MotionModel(seen, robot, model.prior, keep=sides.fit)
         fitted = _refitted(fit_side, analysis.motion, own)
         if is_unlisted:
-            unlisted, why_not = modelled_on(fit_side, analysis, stage)
+            unlisted, why_not = modelled_on(fit_side, analysis, stage, sides.fit)
         motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held
@@ -234,7 +234,7 @@ def measured(
         levels = levels_of(unlisted.levels, robot, motion)
         beside = compare_all(
             where, robot, motion, windows,
-            effects=unlisted.settings, draws=unlisted.drawn, levels=levels,
+            effects=unlisted.settings, draws=unlisted.drawn, levels=levels, drive=unlisted.drive,
         )  # fmt: skip
     return Measured(
         where,

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from can_bus import SENSORS
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.downstream import driven_by
+from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.gap.on_recording import Replayed
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.stand_in import stand_in
 from gap_diagnosis.motion.unknown import Alternative
@@ -69,18 +72,23 @@ class Model:
         variable: of which it is a function.
         settings, drawn: what acts, with its best sizes and with draws of them.
         levels: noise levels beside it, float64[9].
+        drive: where commands lead without it and with it, where it acts there; else None.
     """
 
     variable: Variable
     settings: list[Setting]
     drawn: list[list[Setting]]
     levels: Floats
+    drive: Replayed | None = None
 
 
 def modelled_on(
-    fit_side: MotionModel, analysis: Analysis, stage: StageOrNone
+    fit_side: MotionModel, analysis: Analysis, stage: StageOrNone, kept: NDArray[np.bool_]
 ) -> tuple[Model | None, str | None]:
-    """Return the model of the leftover in a stage by what *fit_side* sees, or why there is none."""
+    """Return the model of the leftover in a stage by what *fit_side* sees, on the ticks *kept*
+    (bool[n]), or why there is none."""
+    if stage == "actuation" and analysis.drive is not None:
+        return _of_the_drive(analysis, analysis.drive, fit_side, kept)
     seen = analysis.traces.get(stage)
     if stage == "bus" and seen is not None and seen.frame is not None:
         return None, f"it shows in {_frames(seen.frame)}, and nothing stands in for what frames do"
@@ -97,6 +105,19 @@ def modelled_on(
     if found is None:
         return None, f"{variable.replace('_', ' ')} hardly varies"
     return Model(variable, [found.best], [[one] for one in found.drawn], found.levels), None
+
+
+def _of_the_drive(
+    analysis: Analysis, block: DriveBlock, fit_side: MotionModel, kept: NDArray[np.bool_]
+) -> tuple[Model | None, str | None]:
+    chosen = next((one for one in block.goes_with if one.share >= LEAST_SHARE), None)
+    variable = None if chosen is None else known_variable(chosen.variable)
+    if analysis.motion is None or chosen is None or variable is None:
+        return None, "it goes with no variable"
+    found = driven_by(analysis, block, chosen, fit_side.robot, kept)
+    if found is None:
+        return None, "the commands lead nowhere"
+    return Model(variable, [], [], analysis.motion.levels, found), None
 
 
 def _frames(name: str) -> str:

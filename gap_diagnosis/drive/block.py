@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.columns import LINEAR, SHARED, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
-from gap_diagnosis.drive.leftover import Dependence, depends_on
+from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
 from gap_diagnosis.drive.likelihood import (
     Setting,
     evidence,
@@ -149,6 +149,10 @@ class DriveBlock:
             for one in depends_on(self._null, self._robot)
         ]
         return [one for one in found if one.log_evidence > 0]
+
+    def stand_in(self, one: Dependence, kept: NDArray[np.bool_]) -> StandIn:
+        """Return what the leftover goes with as a model of it, fitted on some blocks, bool[m]."""
+        return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
         silent = {one: self._shapes.log_silent(one) for one in effects & set(BENT)}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.columns import Variant
+from gap_diagnosis.drive.likelihood import fitted_levels, linear_sizes, setting_of
 from gap_diagnosis.drive.linear import explained_by
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.drive.shapes import WAVE, Shapes
@@ -33,6 +36,37 @@ class Dependence:
     log_evidence: float
     share: float
     columns: Floats
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """A drive that answers otherwise, fitted on a part of a log.
+
+    Attributes:
+        angle: float64[2, n], what it adds to the described wheels' angles, from the row of the
+            first command on.
+        levels: noise levels beside it.
+    """
+
+    angle: Floats
+    levels: Levels
+
+
+def stand_in(null: Null, robot: Robot, one: Dependence, kept: NDArray[np.bool_]) -> StandIn:
+    """Return what *one* adds all along the log, by what its blocks *kept*, bool[m], say."""
+    data = null.data
+    fitted = replace(data, seen=data.seen & kept)
+    variant = Variant(fitted, one.columns, (prior.FOREIGN,) * len(one.columns))
+    setting = setting_of(variant, robot, frozenset())
+    logs, _ = fitted_levels(setting, {}, null.levels)
+    blocks = np.tensordot(linear_sizes(setting, logs), one.columns, axes=1)
+    middle = 0.5 * (data.start[:-1] + data.start[1:] - 1)
+    rows = np.arange(data.commanded.shape[1])
+    angle = np.zeros(data.commanded.shape)
+    for wheel, there in enumerate(data.seen):
+        if there.any():
+            angle[wheel] = np.interp(rows, middle[there], blocks[wheel, there])
+    return StandIn(angle, Levels.of(logs, data.tick_rad))
 
 
 def depends_on(null: Null, robot: Robot) -> list[Dependence]:

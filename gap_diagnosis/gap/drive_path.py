@@ -15,13 +15,17 @@ from hil_harness.robot import Robot
 
 
 def commanded_path(
-    recording: Recording, robot: Robot, parameters: Mapping[str, float] | None = None
+    recording: Recording,
+    robot: Robot,
+    parameters: Mapping[str, float] | None = None,
+    added: Floats | None = None,
 ) -> Floats | None:
     """Return x_m, y_m, heading_rad that the commands lead to, float64[n, 3].
 
     *parameters* are deviations of the drive, keyed ``effect.parameter`` as in the catalogue; None
-    is the described drive. Rows before the first command are NaN. Returns None where the log has no
-    commands, no motion or too few rows.
+    is the described drive. *added* is what goes on top of the wheels' angles from the row of the
+    first command on, float64[2, m]. Rows before the first command are NaN. Returns None where the
+    log has no commands, no motion or too few rows.
     """
     data = drive_data(recording, robot)
     if data is None:
@@ -43,7 +47,7 @@ def commanded_path(
             ),
             1.0 + known.get(f"drive_gain.{side}", 0.0),
         )
-        angles.append(both[wheel])
+        angles.append(both[wheel] if added is None else both[wheel] + added[wheel])
     left_m, right_m = (np.diff(wheels.radius_m * one, prepend=0.0) for one in angles)
     heading = np.cumsum((right_m - left_m) / wheels.wheelbase_m)
     middle = heading - 0.5 * np.diff(heading, prepend=0.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
 
 from gap_diagnosis.answer import unknown_part
+from gap_diagnosis.drive import drive_block
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.gap import hold_out, kinds_of
 from gap_diagnosis.how_far import shrink
@@ -79,6 +80,31 @@ def test_without_a_stretch_held_out_nothing_is_claimed() -> None:
     of_the_drive = shrink(analysis, NOTHING, "actuation", ROBOT, WIRE, None)
     assert of_the_drive.modelled is None
     assert unknown_part([analysis], "actuation", None, of_the_drive.why_not).closes is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "variable"),
+    [
+        (EffectSetting("drive_lag", (("time_constant", 0.2),)), "acceleration"),
+        (EffectSetting("drive_gain", (("left", 0.05), ("right", -0.05))), "speed"),
+    ],
+)
+def test_a_drive_without_a_name_is_modelled_where_no_fit_has_seen_it(
+    effect: EffectSetting, variable: str
+) -> None:
+    """It was said that nothing stands in for it."""
+    log = drive("calibration", effect)
+    block = drive_block(log, ROBOT)
+    assert block is not None
+    motion = analysis_of(log)
+    made = replace(motion, blocks=(*motion.blocks, block))
+    shrunk = shrink(made, NOTHING, "actuation", ROBOT, WIRE, None)
+    found = shrunk.modelled
+    assert shrunk.why_not is None
+    assert found is not None
+    assert (found.variable, found.metric) == (variable, "drive_position_m")
+    assert found.closed is not None
+    assert found.closed > 0.8
 
 
 def slide(log: Recording, seen: NDArray[np.bool_]) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from fake_blocks import FakeBlock, analysis, ranked
 from structure_cases import ROBOT, WIRE, drive, model_of
@@ -61,6 +62,6 @@ def test_lost_frames_without_a_name_are_told_when_they_were_lost_and_which() -> 
     assert found.windows == (pytest.approx((20.0, 30.0), abs=1.0),)
     assert [one.variable for one in found.depends_on] == ["time"]
     assert found.depends_on[0].share > 0.8
-    model, why_not = modelled_on(model_of("calibration"), made, "bus")
+    model, why_not = modelled_on(model_of("calibration"), made, "bus", np.ones(len(log.t_s), bool))
     assert model is None
     assert why_not == "it shows in frames IMU, and nothing stands in for what frames do"
