@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
@@ -179,10 +180,18 @@ def _slope(values: Floats, t_s: Floats) -> Floats:
 
 def unsure_where_frozen(motion: Motion) -> Motion:
     """Return the motion with a gyro that says nothing where it repeats its code."""
-    unsure_rad2 = motion.gyro_unsure_rad2.copy()
+    silent = np.zeros(len(motion.t_s), dtype=np.bool_)
     for first, last in frozen_runs(motion):
-        unsure_rad2[first : last + 1] = _NOTHING_SAID_RAD2
-    return replace(motion, gyro_unsure_rad2=unsure_rad2)
+        silent[first : last + 1] = True
+    return without_gyro(motion, silent)
+
+
+def without_gyro(motion: Motion, silent: NDArray[np.bool_]) -> Motion:
+    """Return the motion with a gyro that says nothing in the ticks *silent*, bool[n]: not even by
+    how far it turned from the one side of them to the other."""
+    return replace(
+        motion, gyro_unsure_rad2=np.where(silent, _NOTHING_SAID_RAD2, motion.gyro_unsure_rad2)
+    )
 
 
 def _gyro_turn(recording: Recording, dt_s: Floats, heading: Floats) -> Floats | None:

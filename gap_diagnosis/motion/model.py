@@ -21,7 +21,7 @@ from gap_diagnosis.motion.columns import (
     build_columns,
     with_variant,
 )
-from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_frozen
+from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_frozen, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, Weighed, best_levels, level_prior
 from gap_diagnosis.motion.missing import silences
@@ -95,9 +95,9 @@ class MotionModel:
         self.without = without
         delay_s = coarse_delay_s(recording, robot)
         motion = unsure_where_frozen(estimate_motion(recording, robot, reference_delay_s=delay_s))
-        everything = np.ones(len(motion.t_s), dtype=np.bool_)
-        kept = everything if keep is None else keep
-        self.keep = kept & ~silences(recording.left_ticks, recording.t_s)
+        self.keep = ~silences(recording.left_ticks, recording.t_s)
+        if keep is not None:
+            self.keep, motion = self.keep & keep, without_gyro(motion, ~keep)
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep, delay_s)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         self.tolerances = _tolerances(robot)
