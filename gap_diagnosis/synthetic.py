@@ -341,15 +341,16 @@ def _reference(run: EffectRun, seed: int, noise: ReferenceNoise) -> Reference:
         (noise.heading_rad, noise.coloured_heading_rad),
     )
     errors = schedule[0][1]
+    is_white = errors.correlation_time_s == 0.0
     for column, (white, coloured) in enumerate(levels):
-        effect = errors.heading_noise_rad if column == 2 else errors.position_noise_m
-        if effect > 0.0:
-            continue  # a level of noise that the effect states is the whole of it
-        if white > 0.0:
+        # A level of noise that the effect states is the whole of its kind: where samples scatter
+        # more, a reference wanders all the same.
+        stated = (errors.heading_noise_rad if column == 2 else errors.position_noise_m) > 0.0
+        if white > 0.0 and not (stated and is_white):
             measured[:, column] += white * correlated_noise(
                 time_s, 0.0, seed, _PLACE_STREAM + column
             )
-        if coloured > 0.0:
+        if coloured > 0.0 and not (stated and not is_white):
             measured[:, column] += coloured * correlated_noise(
                 time_s, noise.correlation_time_s, seed, _PLACE_STREAM + 3 + column
             )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.reading.recordings import read_recording
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording, synthetic_recordings
 from hil_harness.assembly import RunConfig, Wire, load_wire
 from hil_harness.effects import EffectSetting, combine_effects, parse_effect
@@ -170,6 +170,30 @@ def test_the_reference_has_the_noise_that_is_asked_for(robot: Robot, wire: Wire)
     noise = drifting.x_m - exact.x_m
     kept = float(np.mean(noise[10:] * noise[:-10]) / np.mean(noise**2))
     assert kept == pytest.approx(math.exp(-1), abs=0.15)
+
+
+@pytest.mark.parametrize("correlation_s", [0.0, 0.5])
+def test_a_noise_of_the_reference_takes_the_place_of_its_own_kind_only(
+    robot: Robot, wire: Wire, correlation_s: float
+) -> None:
+    """One that scatters more wanders all the same: its slow noise was gone, and a fit that allows
+    for some told the scatter 0.4 % too small."""
+    values = (("position", 0.01), ("correlation_time", correlation_s))
+    effect = EffectSetting("reference_noise", values)
+    white, slow = ReferenceNoise(0.02, 0.0, 0.0, 0.0), ReferenceNoise(0.0, 0.0, 0.02, 0.0)
+    silent = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
+
+    def x_m(noise: ReferenceNoise, *effects: EffectSetting) -> Floats:
+        drive = scenario("calibration")
+        made = synthetic_recording(robot, wire, drive, effects, 2, reference=noise).reference
+        assert made is not None
+        return made.x_m
+
+    own, other = (white, slow) if correlation_s == 0.0 else (slow, white)
+    stated = x_m(silent, effect)
+    np.testing.assert_array_equal(x_m(own, effect), stated)
+    beside = x_m(other, effect) - stated
+    np.testing.assert_allclose(beside, x_m(other) - x_m(silent), atol=1e-12)
 
 
 def test_a_reference_may_have_a_rate_of_its_own(robot: Robot, wire: Wire) -> None:
