@@ -103,8 +103,7 @@ def draw_values(effect: str, stratum: Stratum, world: World, draw: Draw) -> Valu
     values: Values = {}
     for name, drawn in SIZES[effect].items():
         if isinstance(drawn, Size):
-            size = _size(effect, name, drawn, stratum, draw)
-            values[name] = size * float(draw.choice([-1.0, 1.0])) if drawn.signed else size
+            values[name] = _admitted(effect, name, drawn, stratum, draw)
         elif effect == "setup_unit" and name == "factor":
             room = world.room.get(str(values["signal"]), math.inf)
             fitting = [factor for factor in UNIT_FACTORS if factor <= room]
@@ -139,6 +138,16 @@ def is_credible(effect: str, values: Values | Mapping[str, Value]) -> bool:
             if abs(float(values[name])) > high:
                 return False
     return True
+
+
+def _admitted(effect: str, name: str, size: Size, stratum: Stratum, draw: Draw) -> float:
+    """Draw a size until the effect admits it: a prior's tails go farther."""
+    parameter = catalogue()[effect].parameter(name)
+    while True:
+        found = _size(effect, name, size, stratum, draw)
+        found *= float(draw.choice([-1.0, 1.0])) if size.signed else 1.0
+        if parameter.minimum <= found <= parameter.maximum:
+            return found
 
 
 def _size(effect: str, name: str, size: Size, stratum: Stratum, draw: Draw) -> float:
