@@ -23,6 +23,7 @@ from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.pushes import Pushes, find_pushes
 from gap_diagnosis.motion.unknown import (
     Alternative,
     Laid,
@@ -57,6 +58,7 @@ class Analysis:
         outliers: number of reference samples left out.
         lost: where the reference lost the robot, mended in the recording.
         late_s: by how much the reference's stamps were moved: its clock was never set.
+        pushes: steps of the body that no wheel makes, if they are likelier than no effect.
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
     """
@@ -71,6 +73,7 @@ class Analysis:
     traces: Mapping[str, Trace] = field(default_factory=dict)
     lost: Lost = field(default_factory=Lost)
     late_s: float = 0.0
+    pushes: Pushes | None = None
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -159,7 +162,7 @@ def analyse(
         blocks = []  # a table's clock by itself says nothing of the robot
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
-    others = [] if motion is None else _alternatives(motion, burst, gross=gross)
+    others, pushes = ([], None) if motion is None else _alternatives(motion, burst, gross=gross)
     seen = traces(blocks)
     return Analysis(
         as_received,
@@ -173,6 +176,7 @@ def analyse(
         seen,
         lost,
         late_s,
+        pushes,
     )
 
 
@@ -212,10 +216,12 @@ def _without(block: Block, without: frozenset[str]) -> Block:
     return block if not block.effects & without else Reduced(block, block.effects - without)
 
 
-def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> list[Alternative]:
-    """Return unlisted causes, each at the noise levels that suit it best: those of the best
-    account, or the described ones, or where a search from there ends beside the best of these
-    causes; relative to no effect.
+def _alternatives(
+    motion: MotionBlock, burst: Burst | None, *, gross: bool
+) -> tuple[list[Alternative], Pushes | None]:
+    """Return unlisted causes, and the pushes that are among them; each at the noise levels that
+    suit it best: those of the best account, or the described ones, or where a search from there
+    ends beside the best of these causes; relative to no effect.
 
     Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
     and gets no levels.
@@ -237,7 +243,11 @@ def _alternatives(motion: MotionBlock, burst: Burst | None, *, gross: bool) -> l
         motion.tolerated = max(tolerated, 0.0)
     if burst is not None:
         found.append(_dispersed(_rough(burst), motion))
-    return sorted(found, key=lambda one: -one.log_evidence)
+    pushes = None if gross else find_pushes(motion.model, motion.levels, laid)
+    if pushes is not None:
+        told = _at(motion, pushes.levels, [_stepping(pushes)])
+        found += [_dispersed(one, motion) for one in told]
+    return sorted(found, key=lambda one: -one.log_evidence), pushes
 
 
 _LITTLE: Final = 3.0
@@ -292,6 +302,13 @@ def _rough(burst: Burst) -> Alternative:
     """Return rough windows of the contact as an unlisted cause."""
     return Alternative(
         "wheel", "time", burst.log_evidence, burst.log_likelihood, burst.share, burst.windows
+    )
+
+
+def _stepping(pushes: Pushes) -> Alternative:
+    """Return pushes of the body as an unlisted cause."""
+    return Alternative(
+        "wheel", "time", pushes.log_evidence, pushes.log_likelihood, pushes.share, pushes.windows
     )
 
 

@@ -143,7 +143,7 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_the_reference(analysis)
-        notes += _on_burst(analysis) if is_unknown else []
+        notes += [*_on_burst(analysis), *_on_pushes(analysis)] if is_unknown else []
     return (*notes, *more)
 
 
@@ -180,9 +180,23 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
 def _on_burst(analysis: Analysis) -> list[str]:
     """Say which wheel loses its hold, how often, and what else there is."""
     burst = analysis.burst
-    if burst is None or not analysis.alternatives[0].windows:
+    if burst is None or analysis.alternatives[0].windows != burst.windows:
         return []
     wheel = "Both wheels lose" if burst.side == "both" else f"The {burst.side} wheel loses"
     times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"
     also = f" Beside it: {', '.join(burst.beside)}." if burst.beside else ""
     return [f"{analysis.recording.name}: {wheel} hold {times}.{also}"]
+
+
+def _on_pushes(analysis: Analysis) -> list[str]:
+    """Say when the body stepped, and how far."""
+    pushes = analysis.pushes
+    if pushes is None or analysis.alternatives[0].windows != pushes.windows:
+        return []
+    told = [
+        f"at {at_s:.2f} s by {1e3 * math.hypot(forward_m, left_m):.1f} mm and "
+        f"{math.degrees(turned_rad):.2f} degrees"
+        for at_s, (turned_rad, forward_m, left_m) in zip(pushes.at_s, pushes.steps, strict=True)
+    ]
+    name = analysis.recording.name
+    return [f"{name}: the body steps {', '.join(told)}, and no wheel turns with it."]

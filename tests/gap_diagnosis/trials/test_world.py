@@ -11,7 +11,7 @@ import pytest
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.synthetic import synthetic_recording
 from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import STRATA
+from gap_diagnosis.trials.case import STRATA, Stratum
 from gap_diagnosis.trials.draw import draw_values, is_credible, world_of
 from gap_diagnosis.trials.engine import finer
 from gap_diagnosis.trials.logs import write_log
@@ -130,8 +130,9 @@ def test_every_effect_of_the_catalogue_can_be_drawn_within_what_it_admits() -> N
     assert set(SIZES) == set(catalogue()) - surroundings - unread
     world = world_of(scenario("calibration"), ROBOT, WIRE)
     draw = np.random.default_rng(1)
+    rare: tuple[Stratum, ...] = ("prior",) * 300  # few of its tails lie beyond
     for effect in SIZES:
-        for stratum in (*STRATA, *["prior"] * 300):  # of whose tails few lie beyond
+        for stratum in (*STRATA, *rare):
             values = draw_values(effect, stratum, world, draw)
             for name, value in values.items():
                 parameter = catalogue()[effect].parameter(name)

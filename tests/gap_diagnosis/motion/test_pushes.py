@@ -1,0 +1,79 @@
+"""A push that no wheel makes is told with its moment, as an unlisted cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.pushes import Pushes, find_pushes
+from gap_diagnosis.motion.unknown import lay_out
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+AT_S, YAW_RAD, FORWARD_M = 23.4, -0.01, 0.004
+PUSH = EffectSetting("floor_bump", (("time", AT_S), ("yaw", YAW_RAD), ("forward", FORWARD_M)))
+
+
+def driven(seed: int, *effects: EffectSetting) -> Recording:
+    """Return a drive with what acts in it."""
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+    )
+
+
+def pushes_of(log: Recording) -> Pushes | None:
+    """Return what is found beside no effect."""
+    model = MotionModel(log, ROBOT, default_prior())
+    return find_pushes(model, model.no_effect_levels, lay_out(model))
+
+
+def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:
+    found = pushes_of(driven(3, PUSH))
+    assert found is not None
+    (at_s,) = found.at_s
+    # A tick is 10 ms, and of a block of five ticks only the mean is compared.
+    assert at_s == pytest.approx(AT_S, abs=0.05)
+    # One reading of heading and place before and after it is off by 0.5 mrad and 0.5 mm at most.
+    turned_rad, forward_m, left_m = found.steps[0]
+    assert turned_rad == pytest.approx(YAW_RAD, abs=1.5e-3)
+    assert forward_m == pytest.approx(FORWARD_M, abs=1.5e-3)
+    assert left_m == pytest.approx(0.0, abs=1.5e-3)
+    assert found.log_evidence > 100
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_healthy_robot_is_pushed_by_nothing(seed: int) -> None:
+    assert pushes_of(driven(seed)) is None
+
+
+def test_a_camera_that_is_pushed_is_no_pushed_robot() -> None:
+    """The reference's heading leaps by as much; the gyro knows of nothing."""
+    log = driven(3)
+    assert log.reference is not None
+    assert log.reference.heading_rad is not None
+    after = log.reference.t_s > AT_S
+    pushed = replace(
+        log.reference,
+        x_m=log.reference.x_m + np.where(after, FORWARD_M, 0.0),
+        heading_rad=log.reference.heading_rad + np.where(after, YAW_RAD, 0.0),
+    )
+    assert pushes_of(replace(log, reference=pushed)) is None
+
+
+def test_a_pushed_robot_is_told_when_and_how_far() -> None:
+    """A push of 500 nats was no gap, or rough contact, or a gyro that drifts."""
+    found = diagnose_recordings([driven(4, PUSH)], ROBOT, WIRE).diagnosis
+    assert (found.verdict, found.stage) == ("unknown", "wheel")
+    (note,) = [one for one in found.notes if "no wheel turns with it" in one]
+    assert "at 23.4" in note
+    assert found.unknown is not None
+    (window,) = found.unknown.windows
+    assert window[0] < AT_S < window[1]
