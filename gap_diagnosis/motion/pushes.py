@@ -30,6 +30,9 @@ _BLOCKS: Final = 3
 _SIZES: Final = np.geomspace(1e-3, 0.1, 4)
 """Usual steps [m, rad]."""
 _MOST: Final = 4
+_LEAST_RAD: Final = 3e-3
+"""A smaller turn is no gap; nor is one of fewer than two counts: how far a wheel rolled on after
+its last count, only the gyro saw."""
 _AROUND_S: Final = 0.1
 _CLEAR: Final = 3.0
 """What a push must gain [nat]."""
@@ -75,7 +78,7 @@ def find_pushes(model: MotionModel, start: Floats, laid: Laid) -> Pushes | None:
             break
         beside = log.levels([*ticks, found], levels)
         more = log.evidence([*ticks, found], beside) - log.evidence([], beside)
-        if more < gained + _CLEAR:
+        if more < gained + _CLEAR or not log.are_large([*ticks, found], beside):
             break
         ticks, levels, gained = [*ticks, found], beside, more
     if not ticks:
@@ -113,6 +116,13 @@ class _Log:
         gram = self._gram(self._values(ticks), levels)
         cost = len(ticks) * math.log(len(self._nodes.motion.t_s))
         return gram.log_nothing + self._gain(gram, len(ticks)) - cost
+
+    def are_large(self, ticks: list[int], levels: Floats) -> bool:
+        """Tell whether every step turns the body by more than is no gap."""
+        motion = self._nodes.motion
+        count_rad = motion.radius_m * motion.rounding_rad / motion.wheelbase_m
+        turned_rad = np.abs(self.explained(ticks, levels)[0][:, 0])
+        return bool((turned_rad > max(_LEAST_RAD, 2 * count_rad)).all())
 
     def explained(self, ticks: list[int], levels: Floats) -> tuple[Floats, float, float]:
         """Return the best steps, float64[k, 3], the log likelihood that they gain, and their share

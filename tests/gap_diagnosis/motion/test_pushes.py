@@ -16,22 +16,37 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
+from hil_harness.robot import Robot
 from hil_harness.scenarios import scenario
 
 AT_S, YAW_RAD, FORWARD_M = 23.4, -0.01, 0.004
 PUSH = EffectSetting("floor_bump", (("time", AT_S), ("yaw", YAW_RAD), ("forward", FORWARD_M)))
 
 
-def driven(seed: int, *effects: EffectSetting) -> Recording:
+COARSE = replace(
+    ROBOT,
+    plant=ROBOT.plant.model_copy(
+        update={"encoder": ROBOT.plant.encoder.model_copy(update={"ticks_per_rev": 512})}
+    ),
+)
+"""A count of which turns the body by 2.1 mrad."""
+
+
+def push(yaw_rad: float) -> EffectSetting:
+    """Return a push on the spot."""
+    return EffectSetting("floor_bump", (("time", AT_S), ("yaw", yaw_rad), ("forward", 0.0)))
+
+
+def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recording:
     """Return a drive with what acts in it."""
     return synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+        robot, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
     )
 
 
-def pushes_of(log: Recording) -> Pushes | None:
+def pushes_of(log: Recording, robot: Robot = ROBOT) -> Pushes | None:
     """Return what is found beside no effect."""
-    model = MotionModel(log, ROBOT, default_prior())
+    model = MotionModel(log, robot, default_prior())
     return find_pushes(model, model.no_effect_levels, lay_out(model))
 
 
@@ -52,6 +67,17 @@ def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_healthy_robot_is_pushed_by_nothing(seed: int) -> None:
     assert pushes_of(driven(seed)) is None
+
+
+@pytest.mark.parametrize(
+    ("robot", "yaw_rad", "is_one"),
+    [(ROBOT, 2e-3, False), (ROBOT, 4e-3, True), (COARSE, 3.7e-3, False)],
+)
+def test_a_push_of_less_than_two_counts_or_three_milliradians_is_no_gap(
+    robot: Robot, yaw_rad: float, is_one: bool
+) -> None:
+    """How far a wheel rolled on after its last count, only the gyro saw: 0.8 mrad were a push."""
+    assert (pushes_of(driven(3, push(yaw_rad), robot=robot), robot) is not None) == is_one
 
 
 def test_a_camera_that_is_pushed_is_no_pushed_robot() -> None:
