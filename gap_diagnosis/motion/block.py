@@ -293,7 +293,7 @@ class MotionBlock:
         """Fit a set with one level of noise set free; a level within twice the described is none.
 
         Beside several effects the noise gains no more than beside any one of them, and what an
-        explanation that is not quite exact leaves to it is no news. Beside a mistake of the set-up
+        explanation that is not quite exact may leave to it is no news. Beside a mistake of the set-up
         no level is told: a factor multiplies the errors of the wheels too.
         """
         noises = frozenset(effects & NOISES.keys())
@@ -311,7 +311,10 @@ class MotionBlock:
         rest = [self._fit(frozenset({one})) for one in seen]
         together = self._fit(quiet)
         left = _LEFT * max(0.0, *(one.log_evidence for one in rest))
-        gains = [a.log_evidence - b.log_evidence - left for a, b in zip(told, rest, strict=True)]
+        gains = [
+            a.log_evidence - b.log_evidence - (0.0 if self._is_beyond(a, 2 * left) else left)
+            for a, b in zip(told, rest, strict=True)
+        ]
         likelier = [a.log_likelihood - b.log_likelihood for a, b in zip(told, rest, strict=True)]
         least = int(np.argmin(gains))
         return Fit(
@@ -320,6 +323,24 @@ class MotionBlock:
             together.log_likelihood + likelier[least],
             told[least].parameters,
         )
+
+    def _is_beyond(self, noisy: Fit, energy: float) -> bool:
+        """Tell whether a level of noise is beyond twice the described one without what leftovers of
+        so much whitened *energy* may add to it.
+
+        A level that a log tells to a standard deviation of its logarithm s stands in 1/(2 s²) rows.
+        """
+        for name, noise in NOISES.items():
+            for parameter, level in noise.parameters:
+                told = noisy.parameters.get(f"{name}.{parameter}")
+                if told is None or told.sd <= 0.0:
+                    continue
+                density = float(told.value)
+                rows = 0.5 * (density / told.sd) ** 2
+                own = density * math.sqrt(max(1.0 - energy / rows, 0.0))
+                if own > 2 * self.model.level_prior.median[LEVELS.index(level)]:
+                    return True
+        return False
 
     def _noise_beside(self, name: str, effect: str | None) -> Fit:
         """Fit a noise beside one effect; beside one that gains little it gains what it does alone,
