@@ -7,7 +7,6 @@ however far dead reckoning has drifted.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -26,11 +25,8 @@ from gap_diagnosis.recording import Floats, Reference
 
 _BLOCK_S: Final = 0.05
 _MOST_NODES: Final = 12_000
-_SHARP_S: Final = 0.015
-_SHARP_COUNTS: Final = 8.0
-_MOST_S: Final = 0.1
-"""Averages what a count rounds off, and hardly anything of a motion: a delay's column must not hold
-the rounding that the data hold."""
+_SHARP_S: Final = 0.005
+"""Rounds the corners where a wheel's turn is told by its counts again."""
 
 Ints = NDArray[np.int64]
 
@@ -193,10 +189,12 @@ def make_nodes(
     node_of = tick // size
     node, sample_starts = np.unique(node_of, return_index=True)
     samples = np.diff(np.append(sample_starts, len(tick))).astype(np.float64)
-    described = _described(motion, step_s)
+    smooth = smoothed(motion)
+    # Not along raw counts: what they round off stands in what they are compared with as well.
+    described = _described(sharpened(smooth), step_s)
     return Nodes(
         motion=motion,
-        smooth=smoothed(motion),
+        smooth=smooth,
         starts=starts,
         ticks=ticks,
         sample_tick=tick,
@@ -284,10 +282,7 @@ def _described(motion: Motion, step_s: float) -> Floats:
         motion.heading_rad + _deviations(steps_of(motion), Prediction(without_jumps(motion)))[2]
     )
     places = np.array([*dead_reckoned(forward_m, motion.heading_rad), heading, motion.t_s])
-    rates = np.concatenate([motion.left_rate_rad_s, motion.right_rate_rad_s])
-    usual = math.sqrt(float(np.mean(rates**2))) / motion.rounding_rad
-    width_s = max(_SHARP_S, _SHARP_COUNTS / max(usual, 1.0))
-    return np.asarray(gaussian_filter1d(places, min(width_s, _MOST_S) / step_s, mode="nearest"))
+    return np.asarray(gaussian_filter1d(places, _SHARP_S / step_s, mode="nearest"))
 
 
 def without_jumps(motion: Motion) -> Motion:

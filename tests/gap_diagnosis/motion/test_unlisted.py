@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, levels_
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from gap_diagnosis.trials.drives import drive as trial_drive
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
@@ -235,3 +237,30 @@ def test_where_nothing_is_wrong_no_levels_are_sought() -> None:
     model = MotionModel(drive(), ROBOT, default_prior())
     start = model.no_effect_levels
     assert levels_beside(model, alternatives(model, start)[0], start) is None
+
+
+@pytest.mark.parametrize("phase_s", [-0.0048, 0.0048])
+def test_when_in_a_tick_a_reference_samples_makes_no_wheel_slip(phase_s: float) -> None:
+    """From a tick to a sample the way led along raw counts: with 512 of them to a turn, and samples
+    5 ms off all ticks, healthy wheels slipped by nine standard deviations."""
+    encoder = ROBOT.plant.encoder.model_copy(update={"ticks_per_rev": 512})
+    wheels = ROBOT.plant.wheels.model_copy(update={"wheelbase_m": 0.25})
+    changed = {"encoder": encoder, "wheels": wheels}
+    robot = replace(ROBOT, plant=ROBOT.plant.model_copy(update=changed))
+    turning = trial_drive("one_way", np.random.default_rng(2), 0.8)
+    exact = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
+    log = synthetic_recording(robot, WIRE, turning, (), 3, reference=exact)
+    true = log.reference
+    assert true is not None
+    assert true.heading_rad is not None
+    noise = np.random.default_rng(4).normal(0.0, 2.5e-4, (3, len(true.t_s) - 2))
+    t_s = true.t_s[1:-1] + phase_s
+    truth = np.array(
+        [np.interp(t_s, true.t_s, one) for one in (true.x_m, true.y_m, true.heading_rad)]
+    )
+    x_m, y_m, heading_rad = truth + noise
+    seen = replace(true, t_s=t_s, x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+    model = MotionModel(replace(log, reference=seen), robot, default_prior())
+    found = alternatives(model, model.no_effect_levels)
+    (slip,) = [one for one in found if (one.stage, one.variable) == ("wheel", "acceleration")]
+    assert slip.log_evidence < 3.0
