@@ -162,7 +162,8 @@ def analyse(
         blocks = []  # a table's clock by itself says nothing of the robot
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
-    others, pushes = ([], None) if motion is None else _alternatives(motion, burst, gross=gross)
+    pushes = None if motion is None or gross else find_pushes(motion.model, motion.levels)
+    others = [] if motion is None else _alternatives(motion, burst, pushes, gross=gross)
     seen = traces(blocks)
     return Analysis(
         as_received,
@@ -217,11 +218,11 @@ def _without(block: Block, without: frozenset[str]) -> Block:
 
 
 def _alternatives(
-    motion: MotionBlock, burst: Burst | None, *, gross: bool
-) -> tuple[list[Alternative], Pushes | None]:
-    """Return unlisted causes, and the pushes that are among them; each at the noise levels that
-    suit it best: those of the best account, or the described ones, or where a search from there
-    ends beside the best of these causes; relative to no effect.
+    motion: MotionBlock, burst: Burst | None, pushes: Pushes | None = None, *, gross: bool
+) -> list[Alternative]:
+    """Return unlisted causes, each at the noise levels that suit it best: those of the best
+    account, or the described ones, or where a search from there ends beside the best of these
+    causes; relative to no effect.
 
     Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
     and gets no levels.
@@ -243,11 +244,10 @@ def _alternatives(
         motion.tolerated = max(tolerated, 0.0)
     if burst is not None:
         found.append(_dispersed(_rough(burst), motion))
-    pushes = None if gross else find_pushes(motion.model, motion.levels, laid)
     if pushes is not None:
         told = _at(motion, pushes.levels, [_stepping(pushes)])
         found += [_dispersed(one, motion) for one in told]
-    return sorted(found, key=lambda one: -one.log_evidence), pushes
+    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 _LITTLE: Final = 3.0

@@ -23,6 +23,7 @@ from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
+from hil_harness.effects import catalogue
 
 _SEVERAL: Final = 12
 _IMPOSSIBLE: Final = -1e9
@@ -293,8 +294,9 @@ class MotionBlock:
         """Fit a set with one level of noise set free; a level within twice the described is none.
 
         Beside several effects the noise gains no more than beside any one of them, and what an
-        explanation that is not quite exact may leave to it is no news. Beside a mistake of the set-up
-        no level is told: a factor multiplies the errors of the wheels too.
+        explanation that is not quite exact may leave to it is no news: some of what it gains; less
+        where it acts elsewhere and its leftover could not be so loud. Beside a mistake of the
+        set-up no level is told: a factor multiplies the errors of the wheels too.
         """
         noises = frozenset(effects & NOISES.keys())
         quiet = effects - noises
@@ -311,10 +313,10 @@ class MotionBlock:
         rest = [self._fit(frozenset({one})) for one in seen]
         together = self._fit(quiet)
         left = _LEFT * max(0.0, *(one.log_evidence for one in rest))
-        gains = [
-            a.log_evidence - b.log_evidence - (0.0 if self._is_beyond(a, 2 * left) else left)
-            for a, b in zip(told, rest, strict=True)
-        ]
+        stage, known = NOISES[name].stage, catalogue()
+        if all(one in known and known[one].stage != stage for one in seen):
+            left = 0.0 if all(self._is_beyond(one, 2 * left) for one in told) else left
+        gains = [a.log_evidence - b.log_evidence - left for a, b in zip(told, rest, strict=True)]
         likelier = [a.log_likelihood - b.log_likelihood for a, b in zip(told, rest, strict=True)]
         least = int(np.argmin(gains))
         return Fit(

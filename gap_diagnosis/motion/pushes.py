@@ -20,7 +20,6 @@ from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
-from gap_diagnosis.motion.unknown import Laid
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
 
@@ -64,12 +63,12 @@ class Pushes:
         return tuple((at_s - _AROUND_S, at_s + _AROUND_S) for at_s in self.at_s)
 
 
-def find_pushes(model: MotionModel, start: Floats, laid: Laid) -> Pushes | None:
+def find_pushes(model: MotionModel, start: Floats) -> Pushes | None:
     """Return the pushes that a log shows beside no effect; None where it shows none, or has no gyro
     to tell them from a reference that was pushed. *start* are noise levels to begin from."""
     if not model.nodes.has_gyro or not model.nodes.has_reference:
         return None
-    log = _Log(model, laid)
+    log = _Log(model)
     levels, ticks = start, list[int]()
     gained = 0.0
     for _ in range(_MOST):
@@ -92,10 +91,11 @@ def find_pushes(model: MotionModel, start: Floats, laid: Laid) -> Pushes | None:
 class _Log:
     """One log's residuals, with tolerances and pushes free."""
 
-    def __init__(self, model: MotionModel, laid: Laid) -> None:
+    def __init__(self, model: MotionModel) -> None:
         self._model, self._nodes = model, model.nodes
-        self._base = laid.values[..., : 1 + len(laid.nuisances)]
-        self._tolerated = laid.nuisances
+        free = [index for index, _ in model.columns.nuisances]
+        self._base = model.columns.values[..., [0, *(index + 1 for index in free)]]
+        self._tolerated = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
         self._row_node = np.nonzero(~np.isnan(self._base[..., 0]).T)[0]
         self._nominal = residuals(self._nodes, predict(self._nodes.smooth))
         self._known: dict[tuple[int, bool], Floats] = {}

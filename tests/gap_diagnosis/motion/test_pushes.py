@@ -11,7 +11,6 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
-from gap_diagnosis.motion.unknown import lay_out
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -47,7 +46,7 @@ def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recordin
 def pushes_of(log: Recording, robot: Robot = ROBOT) -> Pushes | None:
     """Return what is found beside no effect."""
     model = MotionModel(log, robot, default_prior())
-    return find_pushes(model, model.no_effect_levels, lay_out(model))
+    return find_pushes(model, model.no_effect_levels)
 
 
 def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:
