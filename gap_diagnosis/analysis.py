@@ -23,7 +23,7 @@ from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.pushes import Pushes, find_pushes
+from gap_diagnosis.motion.pushes import Pushes
 from gap_diagnosis.motion.unknown import (
     Alternative,
     Laid,
@@ -162,7 +162,7 @@ def analyse(
         blocks = []  # a table's clock by itself says nothing of the robot
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
-    pushes = None if motion is None or gross else find_pushes(motion.model, motion.levels)
+    pushes = None if motion is None or gross else motion.pushes
     others = [] if motion is None else _alternatives(motion, burst, pushes, gross=gross)
     seen = traces(blocks)
     return Analysis(

@@ -30,6 +30,8 @@ from hil_harness.effects import Effect, catalogue
 
 _LISTED: Final = 12
 _DETAILED: Final = 4
+_CLOSELY: Final = 0.01
+"""Of less probable sets, windows and thresholds are told as roughly as the search found them."""
 _MOST_AMBIGUOUS: Final = 40
 _EXACT: Final = 1e-100
 """What is known to the last digit is as sure as this; its square is still a number."""
@@ -74,7 +76,8 @@ def _candidate(
     twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
     ambiguous += [twin for twin in twins if twin not in ambiguous]
     detailed = analyses if place < _DETAILED else []
-    fits = [fit for analysis in detailed for fit in _details(one.effects, analysis)]
+    closely = place == 0 or one.probability >= _CLOSELY
+    fits = [fit for each in detailed for fit in _details(one.effects, each, closely=closely)]
     parameters = {
         key: _converted(key, said, known, is_split=key in split)
         for key, said in _by_parameter(fits).items()
@@ -103,14 +106,14 @@ def estimates_by_log(
     return found
 
 
-def _details(effects: Effects, analysis: Analysis) -> list[Fit]:
+def _details(effects: Effects, analysis: Analysis, *, closely: bool = True) -> list[Fit]:
     fits = []
     for block in analysis.blocks:
         own = effects & block.effects
         if own:
             whole = block.block if isinstance(block, Reduced) else block
             motion = analysis.motion if whole is analysis.motion else None
-            fits.append(block.fit(own) if motion is None else motion.detail(own))
+            fits.append(block.fit(own) if motion is None else motion.detail(own, closely=closely))
     return fits
 
 

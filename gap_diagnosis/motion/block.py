@@ -19,6 +19,7 @@ from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
+from gap_diagnosis.motion.pushes import Pushes, find_pushes
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
@@ -152,6 +153,13 @@ class MotionBlock:
             burst,
             log_evidence=burst.log_evidence - self._nothing.log_evidence,
             log_likelihood=burst.log_likelihood - self._nothing.log_likelihood,
+        )
+
+    @cached_property
+    def pushes(self) -> Pushes | None:
+        """Steps of the body that no wheel makes."""
+        return find_pushes(
+            self.model, max(self.scan.found.values(), key=lambda one: one.log_evidence)
         )
 
     def dispersed(self, log_evidence: float, log_likelihood: float) -> tuple[float, float]:
@@ -367,22 +375,22 @@ class MotionBlock:
             self._noise_fits[key] = fit
         return self._noise_fits[key]
 
-    def detail(self, effects: frozenset[str]) -> Fit:
-        """Fit a set once more, with its windows and thresholds off the grid, and draw from it."""
+    def detail(self, effects: frozenset[str], *, closely: bool = True) -> Fit:
+        """Fit a set once more and draw from it; *closely*: windows and thresholds off the grid."""
         if not effects:
             return self._fit(effects)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             rest = effects - {LATENCY}
             seen = self._fit(effects).log_evidence > self._fit(rest).log_evidence + 1
             if not seen or OFFSET in rest:
-                return replace(self.detail(rest), effects=tuple(sorted(effects)))
-            inner = self.detail(rest | {OFFSET})
+                return replace(self.detail(rest, closely=closely), effects=tuple(sorted(effects)))
+            inner = self.detail(rest | {OFFSET}, closely=closely)
             parameters = dict(inner.parameters)
             early = parameters.pop(f"{OFFSET}.offset")
             parameters[f"{LATENCY}.delay"] = estimate("delay", -np.asarray(early.samples))
             return replace(inner, effects=tuple(sorted(effects)), parameters=parameters)
         if effects & NOISES.keys():
-            quiet = self.detail(frozenset(effects - NOISES.keys()))
+            quiet = self.detail(frozenset(effects - NOISES.keys()), closely=closely)
             noisy = self._fit(effects)
             return replace(
                 noisy,
@@ -391,7 +399,7 @@ class MotionBlock:
             )
         found = self.scan.account(aliased(effects))
         again = found.refitted or self.model.refit(found.terms, found.levels)
-        posterior = Posterior(self.model, self.scan)
+        posterior = Posterior(self.model, self.scan, closely=closely)
         parameters, windows, pareto_k = posterior.estimates(found, again)
         for effect in effects & self._mending.keys():
             parameters |= _told_by(self._mending[effect])

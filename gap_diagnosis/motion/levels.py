@@ -18,7 +18,7 @@ from hil_harness.robot import Robot
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
 _ROUNDS: Final = 20
-_LITTLE: Final = 0.02
+_LITTLE: Final = 0.05
 """No step is tried that promises less [nat]."""
 _FARTHEST: Final = 2.0
 """A step changes no level by more than a factor of e^2: the slopes are of here."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ _AS_LIKELY: Final = 5.0
 _WEIGHED: Final = 1000
 """Draws weighed where effects bend: the ends of an interval of 95 % are then a tenth of a standard
 deviation unsure."""
+_ENDS: Final = ("start_s", "stop_s")
 _TOO_SURE: Final = 1.03**2
 """So many times too small a variance is for what the likelihood takes for known. Noise levels at
 their best values, not the true ones, make errors over standard deviation 1.02 times as large (220
@@ -37,10 +39,14 @@ intervals asked for 1.03; it is judged on other drives (docs/reference/accuracy.
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """What one log's search says of the sizes, choices and edges of a set that was fitted."""
+    """What one log's search says of the sizes, choices and edges of a set that was fitted.
+
+    *closely*: its windows and thresholds are sought off the grid once more.
+    """
 
     model: MotionModel
     scan: Scan
+    closely: bool = True
 
     def estimates(
         self, found: Found, again: Refitted
@@ -82,7 +88,7 @@ class Posterior:
         What one side counts too many the other may count too few: the size goes with the side.
         """
         for place, term in enumerate(found.terms):
-            if has_threshold(term):
+            if has_threshold(term) and self.closely:
                 return self._along_thresholds(found.terms, place, again, rng)
         likely = [(found.terms, again)]
         for place, term in enumerate(found.terms):
@@ -141,7 +147,7 @@ class Posterior:
         ends: dict[str, Floats] = {}
         column = 0
         for place, term in enumerate(found.terms):
-            if has_window(term):
+            if has_window(term) and self.closely:
                 windows = windows_of(
                     self.model,
                     found.terms,
@@ -174,6 +180,8 @@ class Posterior:
         sd = self.scan.spans.get(term.variant.effect, {}).get(name)
         if sd is None:
             return self._on_the_grid(term, name, found, rng)
+        if name in _ENDS:  # a log tells no moment within a tick
+            sd = max(sd, self.model.nodes.motion.tick_s / math.sqrt(12.0))
         return float(term.variant.report[name]) + sd * rng.standard_normal(DRAWS)
 
     def _on_the_grid(self, term: Term, name: str, found: Found, rng: np.random.Generator) -> Floats:

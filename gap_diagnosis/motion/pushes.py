@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import Weighed, best_levels
@@ -33,6 +34,8 @@ _LEAST_RAD: Final = 3e-3
 """A smaller turn is no gap; nor is one of fewer than two counts: how far a wheel rolled on after
 its last count, only the gyro saw."""
 _AROUND_S: Final = 0.1
+_ANY: Final = 1e6
+"""An effect may be of any size."""
 _CLEAR: Final = 3.0
 """What a push must gain [nat]."""
 
@@ -63,13 +66,16 @@ class Pushes:
         return tuple((at_s - _AROUND_S, at_s + _AROUND_S) for at_s in self.at_s)
 
 
-def find_pushes(model: MotionModel, start: Floats) -> Pushes | None:
-    """Return the pushes that a log shows beside no effect; None where it shows none, or has no gyro
-    to tell them from a reference that was pushed. *start* are noise levels to begin from."""
+def find_pushes(model: MotionModel, best: Found) -> Pushes | None:
+    """Return the pushes that a log shows beside no effect; None where it shows none, has no gyro
+    to tell them from a reference that was pushed, or nothing stands out beside the *best* account
+    either, at whose noise levels they are sought."""
     if not model.nodes.has_gyro or not model.nodes.has_reference:
         return None
     log = _Log(model)
-    levels, ticks = start, list[int]()
+    if not log.stands_out_beside(best):
+        return None
+    levels, ticks = best.levels, list[int]()
     gained = 0.0
     for _ in range(_MOST):
         found = log.next(ticks, levels)
@@ -99,6 +105,16 @@ class _Log:
         self._row_node = np.nonzero(~np.isnan(self._base[..., 0]).T)[0]
         self._nominal = residuals(self._nodes, predict(self._nodes.smooth))
         self._known: dict[tuple[int, bool], Floats] = {}
+
+    def stands_out_beside(self, best: Found) -> bool:
+        """Tell whether an account leaves anything that stands out."""
+        own = sorted({at for term in best.terms for weight in term.weights for at, _ in weight})
+        columns = self._model.columns.values[..., [index + 1 for index in own]]
+        values = np.concatenate([self._base, columns], axis=-1)
+        first = len(self._tolerated)
+        free = [(first + place, _ANY) for place in range(len(own))]
+        left = self._left(values, [*self._tolerated, *free], best.levels)
+        return self._loudest(left) is not None
 
     def levels(self, ticks: list[int], start: Floats) -> Floats:
         """Return the noise levels that suit pushes at these ticks."""
@@ -137,15 +153,15 @@ class _Log:
     def next(self, ticks: list[int], levels: Floats) -> int | None:
         """Return the tick at which one push more explains most; None where nothing stands out that
         the reference's frame does not explain as well."""
-        block = self._loudest(self._left(ticks, levels))
+        known = self._values(ticks)
+        held = [*self._tolerated, *self._held(len(ticks))]
+        block = self._loudest(self._left(known, held, levels))
         if block is None:
             return None
         starts = self._nodes.starts
         first = int(starts[max(block - 1, 1)])
         last = int(starts[min(block + 2, len(starts) - 1)])
         around = np.unique(np.linspace(first, last, 16).astype(np.int64)).tolist()
-        known = self._values(ticks)
-        held = [*self._tolerated, *self._held(len(ticks))]
         steps = [self._step(one) for one in around]
         jumps = [self._step(one, of_frame=True) for one in around]
         values = np.concatenate([known, *steps, *jumps], axis=-1)
@@ -163,10 +179,9 @@ class _Log:
         block = int(np.argmax(summed))
         return block if summed[block] > 2 * _STANDS_OUT else None
 
-    def _left(self, ticks: list[int], levels: Floats) -> Floats:
-        """Return what tolerances and pushes leave over, whitened: float64[rows]."""
-        white, _ = self._white(self._values(ticks), levels)
-        held = [*self._tolerated, *self._held(len(ticks))]
+    def _left(self, values: Floats, held: list[tuple[int, float]], levels: Floats) -> Floats:
+        """Return what columns of a usual size each leave of the data, whitened: float64[rows]."""
+        white, _ = self._white(values, levels)
         damped = np.vstack([white[:, 1:], np.diag([1 / sd for _, sd in held])])
         padded = np.concatenate([white[:, 0], np.zeros(len(held))])
         return np.asarray(

@@ -29,6 +29,7 @@ _REFITTED: Final = 8
 _GREEDY: Final = 3
 _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
+_LITTLE: Final = 0.35
 _WINDOWED: Final = 8
 _WORTH_WINDOW: Final = 20.0
 _EXTENDED: Final = 4
@@ -329,6 +330,8 @@ class Scan(Accounts):
             (term,) = one.terms
             if not has_edges(term) or one.log_evidence < nothing + _WORTH_EDGES:
                 continue
+            if self._is_explained(one):
+                continue
             start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
             edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
             better = self.model.add(edged.term.variant, term)
@@ -344,6 +347,17 @@ class Scan(Accounts):
             self.found.clear()
             for one_levels in levels:
                 self._add_levels(one_levels)
+
+    def _is_explained(self, one: Found) -> bool:
+        """Tell whether an effect gains little of what the best set does, and nothing beside that:
+        wherever its edges lay, the best set would explain as much."""
+        best = self._ranked()[0]
+        if one.effects <= best.effects:
+            return False
+        nothing = self.found[frozenset()].log_evidence
+        is_little = one.log_evidence - nothing < _LITTLE * (best.log_evidence - nothing)
+        beside = self.account(best.effects | one.effects).log_evidence if is_little else math.inf
+        return is_little and beside < best.log_evidence + _WORTH_EDGES
 
     def _part_of_the_log(self) -> Floats | None:
         """Give an effect a window where that makes it the best account of all; return its levels.

@@ -364,12 +364,36 @@ def levels_beside(
     if not is_likely:
         return None
 
+    # Along the shape that explains most: all columns of all ways would only cost more.
+    shaped = _shaped(own, model, start)
+
     def weigh(levels: Floats) -> Weighed:
-        white, log_variance = whiten(own.values, model.course, levels, model.nodes.ticks)
-        gram = gram_of(white, log_variance, own.nuisances, levels)
-        return Weighed(gram.log_nothing + _gain(gram, own.plans[0])[0], white, log_variance)
+        white, log_variance = whiten(shaped.values, model.course, levels, model.nodes.ticks)
+        gram = gram_of(white, log_variance, shaped.nuisances, levels)
+        return Weighed(gram.log_nothing + _gain(gram, shaped.plans[0])[0], white, log_variance)
 
     return best_levels(weigh, model.level_prior, start)
+
+
+def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:
+    """Return one stage and variable with only the shape that explains most at these levels."""
+    (plan,) = laid.plans
+    white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
+    gram = gram_of(white, log_variance, laid.nuisances, levels)
+    best = max(
+        plan.shapes,
+        key=lambda one: gains(*_seen_by(gram, plan, one.mix), one.sizes)[0][:_SCALES].max(),
+    )
+    first = 1 + len(laid.nuisances)
+    columns = laid.values[..., 1 + plan.columns] @ best.mix
+    values = np.concatenate([laid.values[..., :first], columns], axis=-1)
+    count = best.mix.shape[1]
+    own = replace(
+        plan,
+        columns=np.arange(first - 1, first - 1 + count),
+        shapes=[Shape(np.eye(count), best.sizes)],
+    )
+    return Laid(np.ascontiguousarray(values), laid.nuisances, [own])
 
 
 def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:

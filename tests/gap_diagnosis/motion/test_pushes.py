@@ -9,6 +9,7 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
 from gap_diagnosis.priors import default_prior
@@ -46,7 +47,7 @@ def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recordin
 def pushes_of(log: Recording, robot: Robot = ROBOT) -> Pushes | None:
     """Return what is found beside no effect."""
     model = MotionModel(log, robot, default_prior())
-    return find_pushes(model, model.no_effect_levels)
+    return find_pushes(model, Found(frozenset(), (), 0.0, 0.0, model.no_effect_levels))
 
 
 def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:

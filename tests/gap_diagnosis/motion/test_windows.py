@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.edges import best_edges
+from gap_diagnosis.motion.edges import Edged, best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.windows import windows_of
@@ -97,3 +100,35 @@ def test_an_end_that_is_told_to_the_tick_may_be_anywhere_in_it() -> None:
         hundredth_s = 0.01 * recording.tick_s
         assert abs(drawn_s.min() - ends_s[0]) < hundredth_s
         assert abs(drawn_s.max() - ends_s[1]) < hundredth_s
+
+
+def test_no_edges_are_sought_of_an_effect_that_gains_nothing_beside_a_better_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Thirty thresholds of lost counts were fitted to a slip that explains a hundred times more."""
+    asked = []
+
+    def asking(model: MotionModel, terms: tuple[Term, ...], place: int, *about: Any) -> Edged:
+        asked.append(terms[place].variant.effect)
+        return best_edges(model, terms, place, *about)
+
+    monkeypatch.setattr("gap_diagnosis.motion.scan.best_edges", asking)
+    scan = Scan(slipping(20.3, 27.7))
+    singles = sorted(
+        (one for one in scan.found.values() if len(one.effects) == 1),
+        key=lambda one: -one.log_evidence,
+    )
+    ahead = [next(iter(one.effects)) for one in singles[:8]]
+    assert "missed_ticks" in ahead
+    assert set(asked) == {"one_sided_slip"}
+
+
+def test_of_an_unlikely_set_windows_are_told_roughly_and_never_within_a_tick() -> None:
+    model = slipping(20.3, 27.7)
+    block = MotionBlock(model)
+    names = frozenset({"one_sided_slip"})
+    close, rough = (block.detail(names, closely=one) for one in (True, False))
+    for end in ("start_s", "stop_s"):
+        sought, known = (one.parameters[f"one_sided_slip.{end}"] for one in (close, rough))
+        assert abs(float(known.value) - float(sought.value)) < 4 * max(known.sd, sought.sd)
+        assert known.sd > 0.28 * model.nodes.motion.tick_s
