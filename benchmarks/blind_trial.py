@@ -83,10 +83,11 @@ def markdown(
         f"{own['crashes']} crashes. How it was made and what each word means: "
         "[Blind trials](../how-to/blind-trials.md).",
         "",
-        "**Too few cases for any goal to be proved:** a full trial has 40 of each effect, 1,000 "
-        "nulls and 3,000 for the calibration. Read the intervals."
+        "**Fewer cases than a full trial has:** 40 of each effect, 1,000 nulls and 3,000 for the "
+        "calibration. Read the intervals."
         if own["cases"] < 3000
         else "",
+        *_missing(own["missing"]),
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d}. Made with",
         "",
@@ -124,6 +125,13 @@ def markdown(
         ],
     )
     return "\n".join(lines) + "\n"
+
+
+def _missing(count: int) -> list[str]:
+    """Say how many cases have no result: they stand in an order that says nothing of them."""
+    if not count:
+        return []
+    return ["", f"{count:,} more cases were made and sealed and are not diagnosed yet."]
 
 
 def _effects(one: Mapping[str, Any]) -> str:

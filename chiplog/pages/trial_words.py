@@ -55,8 +55,10 @@ FIGURES: Final = (
     Figure("own_name", "in the group under its own name, twins apart"),
     Figure("pairs_both_named", "pairs, both named", "least", 0.85),
     Figure("false_alarms", "false alarms", "most", 0.01),
-    Figure("ece", "calibration error of the top group", "most", 0.03),
-    Figure("ece_by_chance", "calibration error that a perfect forecaster shows of so many"),
+    Figure("forecast", "calibration error of the top group, prior and leave-one-out", "most", 0.03),
+    Figure("by_chance", "calibration error that a perfect forecaster shows of so many"),
+    Figure("ece", "calibration error over all cases, sizes about the limit too"),
+    Figure("ece_by_chance", "what a perfect forecaster shows of all"),
     Figure("brier", "Brier score"),
     Figure("log_score", "log score [nat]"),
     Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
@@ -96,6 +98,12 @@ def value_of(
         if mine["low"] is not None:
             interval = mine["low"] / theirs["value"], mine["high"] / theirs["value"]
         return mine["value"] / theirs["value"], interval, mine["count"]
+    if key == "forecast":
+        low_high, of = part["forecast"]["interval"], part["forecast"]["cases"]
+        return part["forecast"]["error"], None if low_high is None else tuple(low_high), of
+    if key == "by_chance":
+        chance, of = part["forecast"]["by_chance"], part["forecast"]["cases"]
+        return (None, None, 0) if chance is None else (chance[0], tuple(chance[1:]), of)
     if key == "ece":
         low_high = part["ece_interval"]
         return part["ece"], None if low_high is None else tuple(low_high), part["cases"]

@@ -102,6 +102,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "ece": error,
         "ece_interval": calibration_interval(said, right),
         "ece_by_chance": perfect_calibration(said),
+        "forecast": _forecast([one for one in judged if _is_of_the_prior(one)]),
         "calibration": [asdict(one) for one in bins],
         "coverage": {
             name: share([one.inside[place] for one in parameters])
@@ -116,6 +117,23 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "again": _again(driven),
     }
     return {name: _plain(value) for name, value in found.items()}
+
+
+def _is_of_the_prior(one: Judged) -> bool:
+    """Tell whether a forecaster may be held to its probabilities: sizes are as it believes before,
+    or what was at work was taken from it, or another name."""
+    return one.case.stratum == "prior" or one.case.kind in ("withheld", "decoy")
+
+
+def _forecast(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return the top group's calibration error, its interval, and a perfect forecaster's."""
+    said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    return {
+        "cases": len(judged),
+        "error": calibration(said, right)[0],
+        "interval": calibration_interval(said, right),
+        "by_chance": perfect_calibration(said),
+    }
 
 
 def _plain(value: Any) -> Any:

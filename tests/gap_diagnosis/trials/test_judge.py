@@ -209,3 +209,18 @@ def test_a_window_is_scored_by_what_it_shares_with_the_true_one() -> None:
     found["which"][0]["windows"] = [[11.0, 13.0]]
     assert seen(made, found).overlap == pytest.approx(1 / 3)
     assert seen(made, answer({"gyro_bias": 1.0})).overlap is None
+
+
+def test_a_forecaster_is_held_to_its_probabilities_where_sizes_are_as_it_believes() -> None:
+    """Sizes about the limit are drawn so that they are hard to see, which no prior says."""
+    sure = answer({"gyro_bias": 1.0}, stage="gyro")
+    blind = answer({"no_gap": 1.0}, stage="none")
+    made = [
+        seen(case(BIAS, stratum="prior"), sure),
+        seen(case(BIAS, "decoy", without=("gyro_lag",), stratum="limit"), sure),
+        seen(case(BIAS, stratum="limit"), blind),
+    ]
+    part = scores(Opened(tuple(made), 0))["parts"]["all"]
+    assert part["forecast"]["cases"] == 2
+    assert part["forecast"]["error"] == 0.0
+    assert part["ece"] == pytest.approx(1 / 3)
