@@ -22,7 +22,8 @@ from hil_harness.scenarios import Scenario, load_scenario
 
 _FOLDER: Final = "data/manoeuvres"
 _SEED: Final = 1
-_KEPT: Final = 64
+_KEPT: Final = 24
+"""Models of manoeuvres that a process keeps, some 10 MB each: the menu for two kinds of robot."""
 _MANY: Final = frozenset(
     {
         "adc_stuck_bit",

@@ -284,12 +284,12 @@ def _with_one_apart(
     # beside none: else a clock takes the place of what the wheels do.
     for effect in [one for one in apart if one in bus]:
         evidence, likelihood = singles[effect]
-        for some in large:
+        for some in sorted(large, key=sorted):
             if not _is_shared(logs, some, effect):
                 gained, likelier, _ = scored[some]
                 weight = _log_prior_of(some | {effect}, prior, log_prior)
                 found[some | {effect}] = gained + evidence, likelier + likelihood, weight
-    for some in sorted(known, key=lambda one: -scored[one][0])[:_LARGER]:
+    for some in sorted(known, key=lambda one: (-scored[one][0], sorted(one)))[:_LARGER]:
         for effect in apart[:_APART]:
             names = some | {effect}
             if names in found:
