@@ -70,7 +70,7 @@ def smoothed(motion: Motion) -> Motion:
     is_speed = motion.rounding_rad == FINE_RAD
     least_s = motion.turning_s if is_speed else USUAL_S
     ahead, turning = (
-        _denoised(steps, tick_s, motion.rounding_rad, least_s)
+        _denoised(_begun(steps), tick_s, motion.rounding_rad, least_s)
         for steps in (right + left, right - left)
     )
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
@@ -103,11 +103,16 @@ def sharpened(smooth: Motion) -> Motion:
     # Of the sum of two counters.
     noise = 2.0 * counting_slope(width) * smooth.rounding_rad**2
     ahead, turning = (
-        with_details(steps, width, noise, tick_s) for steps in (right + left, right - left)
+        with_details(_begun(steps), width, noise, tick_s) for steps in (right + left, right - left)
     )
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
     return replace(smooth, left_step_rad=left, right_step_rad=right)
+
+
+def _begun(step_rad: Floats) -> Floats:
+    """Return steps with a first one: a log that begins in motion has none, but that is no stop."""
+    return np.append(step_rad[1:2], step_rad[1:])
 
 
 def _denoised(

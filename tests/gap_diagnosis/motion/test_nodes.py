@@ -190,3 +190,11 @@ def test_counts_and_reference_late_by_the_same_are_not_late_for_each_other():
     prediction.encoder_delay_s = prediction.reference_delay_s = 0.02
     together, described = residuals(NODES, prediction), residuals(NODES, Prediction(NODES.motion))
     assert together[:3, NODES.sample_node] == pytest.approx(described[:3, NODES.sample_node], abs=0)
+
+
+def test_a_log_that_begins_in_motion_begins_with_no_stop():
+    """Its first step is unknown; taken for none, what was rounded off there was a jump of eight
+    steps, and a constant drive told when its reference began."""
+    motion = nodes_of(synthetic_recording(ROBOT, WIRE, scenario("lesson"), (), 1)).sharp
+    usual = motion.left_step_rad[20:60].mean()
+    assert motion.left_step_rad[1:20] == pytest.approx(usual, rel=0.15)
