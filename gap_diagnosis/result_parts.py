@@ -206,7 +206,8 @@ class Metric(Part):
 
 class Modelled(Metric):
     """The gap with a model of what an unlisted cause goes with: a smooth function of one variable,
-    fitted on the rest of the log and held against stretches that the fit never saw."""
+    fitted on the rest of the log and held against stretches that the fit never saw. Which stage
+    and variable, the whole log told."""
 
     variable: Variable
     metric: str
