@@ -166,15 +166,19 @@ def unknown_sentence(diagnosis: Diagnosis) -> str:
         return ""
     text = f"The leftover sits in stage {found.stage}"
     if found.windows:
-        text += ", " + " and ".join(
-            f"from {start:.0f} to {stop:.0f} s" for start, stop in found.windows[:3]
-        )
+        text += ", " + " and ".join(_window(*one) for one in found.windows[:3])
     if found.depends_on:
         text += ", and goes with " + ", ".join(
             f"{one.variable.replace('_', ' ')} ({100 * one.share:.0f} % of it)"
             for one in found.depends_on
         )
     return f"{text}. {_modelled_sentence(found)}"
+
+
+def _window(start_s: float, stop_s: float) -> str:
+    if stop_s - start_s < 1.0:
+        return f"at {0.5 * (start_s + stop_s):.1f} s"
+    return f"from {start_s:.0f} to {stop_s:.0f} s"
 
 
 def _modelled_sentence(found: Unknown) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
-from chiplog.pages.diagnosis_words import limit
+from chiplog.pages.diagnosis_words import limit, unknown_sentence
 from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import About, Advice, LogFacts, Waterfall, WaterfallStep
@@ -229,3 +229,11 @@ def test_names_joined_without_spaces_may_break_on_a_narrow_screen(page: str) -> 
     rule = re.search(r"\.advice \{([^}]*)\}", page)
     assert rule is not None
     assert "overflow-wrap: anywhere" in rule[1]
+
+
+def test_a_moment_is_told_as_one_and_not_as_from_25_to_25_seconds() -> None:
+    found = samples.unlisted()
+    assert found.unknown is not None
+    pushed = found.unknown.model_copy(update={"windows": ((24.9, 25.1), (30.0, 41.0))})
+    said = unknown_sentence(found.model_copy(update={"unknown": pushed}))
+    assert "at 25.0 s and from 30 to 41 s" in said
