@@ -14,9 +14,9 @@ Statistics 6). A cruise is averaged from end to end, the start of a ramp over a 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -29,6 +29,7 @@ from gap_diagnosis.recording import Floats
 
 Ints = NDArray[np.int64]
 
+_REMEMBERED: Final = 8
 _SHORTEST_TICKS: Final = 3
 _LONGER: Final = 1.6
 _LONGEST_S: Final = 8.0
@@ -91,7 +92,15 @@ class WheelSpeed:
         """Return the wheel's own speed if above a threshold each count is lost with *probability*.
 
         At counted rates that may be either it is the one that the other sources are nearer to.
+        A fit asks for the same again and again: prediction, scatter and columns about one point.
         """
+        return self._losing(threshold_rad_s, probability)
+
+    @cached_property
+    def _losing(self) -> Callable[[float, float], OwnSpeed]:
+        return lru_cache(maxsize=_REMEMBERED)(self._lost)
+
+    def _lost(self, threshold_rad_s: float, probability: float) -> OwnSpeed:
         counted = np.abs(self.own_rad_s)
         whole = counted / (1.0 - probability)
         seen = self._seen_rad_s(threshold_rad_s, probability)

@@ -295,7 +295,9 @@ class Accounts:
         if guess and guess != one.effects and self.account(guess).refitted is not None:
             self._refit_beside(self.account(guess), one)
             return
-        again = self.model.refit(one.terms, one.levels)
+        fitted = [each for each in self.found.values() if each.refitted is not None]
+        known = max(fitted, key=lambda each: each.log_evidence, default=one).levels
+        again = self.model.refit(one.terms, one.levels, known=known)
         self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.
         gram = next(gram for gram in self._grams if gram.levels is one.levels)

@@ -158,9 +158,8 @@ class MotionBlock:
     @cached_property
     def pushes(self) -> Pushes | None:
         """Steps of the body that no wheel makes."""
-        return find_pushes(
-            self.model, max(self.scan.found.values(), key=lambda one: one.log_evidence)
-        )
+        best = max(self.scan.found.values(), key=lambda one: one.log_evidence)
+        return find_pushes(self.model, best, self._nothing)
 
     def dispersed(self, log_evidence: float, log_likelihood: float) -> tuple[float, float]:
         """Return both as they are worth where the log's surprises scatter too much."""

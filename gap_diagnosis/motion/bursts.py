@@ -73,13 +73,13 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
     out; their choice costs what two ends each may be anywhere cost.
     """
     log = _Log(model)
-    if not log.hot(best.terms, model.course, best.levels).any():
+    if not log.hot_beside(best).any():
         return None
     levels, course = nothing.levels, model.course
     inside = np.zeros(log.cells, dtype=np.bool_)
     found: tuple[str, float] | None = None
     for _ in range(_ROUNDS):
-        grown = inside | log.hot((), course, levels)
+        grown = inside | log.hot(course, levels)
         if not grown.any() or grown.sum() > _MOST * log.cells:
             return None
         if found is None:
@@ -207,9 +207,18 @@ class _Log:
             lambda levels: self._weigh(course, levels), self._model.level_prior, start
         )
 
-    def hot(self, terms: Sequence[Term], course: Course, levels: Floats) -> Mask:
-        """Return the cells in which what is left over stands out."""
-        ratio = self._energy(self._left(terms, course, levels))
+    def hot_beside(self, best: Found) -> Mask:
+        """Return the cells in which what an account leaves over stands out."""
+        if best.refitted is not None:
+            return self._hot(self._model.left_by(best.terms, best.refitted))
+        return self._hot(self._left(best.terms, self._model.course, best.levels))
+
+    def hot(self, course: Course, levels: Floats) -> Mask:
+        """Return the cells in which what no effect leaves over stands out."""
+        return self._hot(self._left((), course, levels))
+
+    def _hot(self, left: Floats) -> Mask:
+        ratio = self._energy(left)
         hot = ratio > _HOT
         for _ in range(_REACH):
             near = np.concatenate([hot[1:], [False]]) | np.concatenate([[False], hot[:-1]])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.coefficients import bounded, split
 from gap_diagnosis.motion.columns import (
     ACTS_OTHERWISE,
     Columns,
@@ -231,15 +232,17 @@ class MotionModel:
         start: Sequence[tuple[float, ...]] | None = None,
         leans: bool = True,
         shortens: bool = True,
+        known: Floats | None = None,
     ) -> Refitted:
         """Fit *terms* again about their own best coefficients (Gauss-Newton).
 
         *leans*: what one of them puts in the place of counts that were not there is trusted.
         *shortens*: a step that leads downhill, which takes half of a fit's time to tell.
+        *known*: levels that suit another set, tried once besides those here.
         """
         if start is None:
             first = score(self.gram(levels), terms, self.prior)
-            lines = _split(terms, first.means[int(np.argmax(first.weights))])
+            lines = split(terms, first.means[int(np.argmax(first.weights))])
             start = [
                 tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
                 for t, sizes in zip(terms, lines, strict=True)
@@ -247,6 +250,7 @@ class MotionModel:
         coefficients = tuple(start)
         gained = math.inf if free_levels and steps > 1 else 0.0
         climbed = 0.0
+        height: float | None = None
         for step in range(steps + _MORE_STEPS):
             if step >= steps:
                 gained = max(gained, climbed if free_levels else 0.0)
@@ -255,13 +259,18 @@ class MotionModel:
             values, nuisances, tangent = self.linearised(terms, coefficients, levels)
             course = self.scattered(terms, coefficients, leans=leans)
             if step > 0 and gained >= _STILL:
-                levels, gained = self._better_levels(values, nuisances, tangent, levels, course)
+                starts = [levels] if known is None else [levels, known]
+                levels, gained = self._better_levels(values, nuisances, tangent, starts, course)
+                known, height = None, None
             white = whiten(values, course, levels, self.nodes.ticks)
             gram = gram_of(*white, nuisances, levels)
             scored = score(gram, tangent, self.prior)
-            best = _bounded(terms, _split(terms, scored.means[int(np.argmax(scored.weights))]))
+            best = bounded(terms, split(terms, scored.means[int(np.argmax(scored.weights))]))
             if shortens:
-                best, climbed = self._no_worse(terms, coefficients, best, levels, leans)
+                if height is None:
+                    height = self._height(terms, coefficients, levels, leans)
+                best, climbed = self._no_worse(terms, coefficients, best, levels, leans, height)
+                height += climbed
             coefficients = best
         density = self.level_prior.log_density(np.log(levels))
         return Refitted(
@@ -291,6 +300,12 @@ class MotionModel:
         restraint[: len(nuisances)] = [sd**-2 for _, sd in nuisances]
         return white[:, 0], white[:, [1 + place for place in known]], restraint, owners
 
+    def left_by(self, terms: Sequence[Term], fit: Refitted) -> Floats:
+        """Return what a fit leaves of the whitened log, float64[r]."""
+        data, columns, restraint, _ = self.at_fit(terms, fit)
+        inner = columns.T @ columns + np.diag(restraint)
+        return np.asarray(data - columns @ np.linalg.lstsq(inner, columns.T @ data, rcond=None)[0])
+
     def _no_worse(
         self,
         terms: Sequence[Term],
@@ -298,12 +313,12 @@ class MotionModel:
         after: tuple[tuple[float, ...], ...],
         levels: Floats,
         leans: bool,
+        height: float,
     ) -> tuple[tuple[tuple[float, ...], ...], float]:
-        """Shorten a step of Gauss and Newton until it does not lead downhill; return where it leads
-        and what it gains [nat]."""
-        known = self._height(terms, before, levels, leans)
+        """Shorten a step of Gauss and Newton until it does not lead downhill from *height*; return
+        where it leads and what it gains [nat]."""
         for _ in range(_SHORTENED):
-            climbed = self._height(terms, after, levels, leans) - known
+            climbed = self._height(terms, after, levels, leans) - height
             if climbed >= -_DOWNHILL:
                 return after, climbed
             after = tuple(
@@ -398,10 +413,11 @@ class MotionModel:
         values: Floats,
         nuisances: Sequence[tuple[int, float]],
         terms: Sequence[Term],
-        start: Floats,
+        starts: Sequence[Floats],
         course: Course,
     ) -> tuple[Floats, float]:
-        """Return better levels than *start*, and what they gain [nat]."""
+        """Return better levels than the first of *starts*, sought from the best of them, and what
+        they gain [nat]."""
 
         def weigh(levels: Floats) -> Weighed:
             return self._weigh(values, nuisances, terms, levels, course)
@@ -409,8 +425,9 @@ class MotionModel:
         def height(levels: Floats) -> float:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
-        found = best_levels(weigh, self.level_prior, start)
-        return found, height(found) - height(start)
+        heights = [height(start) for start in starts]
+        found = best_levels(weigh, self.level_prior, starts[int(np.argmax(heights))])
+        return found, height(found) - heights[0]
 
     def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
@@ -456,28 +473,6 @@ class MotionModel:
         found = self.levels_for((), self.level_prior.median)
         better = self.better_start((), found)
         return found if better is None else self.levels_for((), better)
-
-
-def _split(terms: Sequence[Term], values: Floats) -> tuple[tuple[float, ...], ...]:
-    parts = []
-    place = 0
-    for term in terms:
-        width = 0 if term.is_fixed else len(term.weights)
-        parts.append(tuple(float(value) for value in values[place : place + width]))
-        place += width
-    return tuple(parts)
-
-
-def _bounded(
-    terms: Sequence[Term], coefficients: tuple[tuple[float, ...], ...]
-) -> tuple[tuple[float, ...], ...]:
-    """Keep sizes that cannot be negative at their tolerance or more: below, no slope is told."""
-    return tuple(
-        tuple(max(value, low) for value, low in zip(one, term.tolerances, strict=True))
-        if term.variant.is_positive
-        else one
-        for term, one in zip(terms, coefficients, strict=True)
-    )
 
 
 def _tolerances(robot: Robot) -> dict[str, float]:

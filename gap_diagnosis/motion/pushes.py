@@ -66,10 +66,10 @@ class Pushes:
         return tuple((at_s - _AROUND_S, at_s + _AROUND_S) for at_s in self.at_s)
 
 
-def find_pushes(model: MotionModel, best: Found) -> Pushes | None:
+def find_pushes(model: MotionModel, best: Found, nothing: Found) -> Pushes | None:
     """Return the pushes that a log shows beside no effect; None where it shows none, has no gyro
     to tell them from a reference that was pushed, or nothing stands out beside the *best* account
-    either, at whose noise levels they are sought."""
+    either, at whose noise levels they are sought; those beside them from there or *nothing*'s."""
     if not model.nodes.has_gyro or not model.nodes.has_reference:
         return None
     log = _Log(model)
@@ -81,7 +81,7 @@ def find_pushes(model: MotionModel, best: Found) -> Pushes | None:
         found = log.next(ticks, levels)
         if found is None:
             break
-        beside = log.levels([*ticks, found], levels)
+        beside = log.levels([*ticks, found], levels, nothing.levels)
         more = log.evidence([*ticks, found], beside) - log.evidence([], beside)
         if more < gained + _CLEAR or not log.are_large([*ticks, found], beside):
             break
@@ -108,6 +108,8 @@ class _Log:
 
     def stands_out_beside(self, best: Found) -> bool:
         """Tell whether an account leaves anything that stands out."""
+        if best.refitted is not None:
+            return self._loudest(self._model.left_by(best.terms, best.refitted)) is not None
         own = sorted({at for term in best.terms for weight in term.weights for at, _ in weight})
         columns = self._model.columns.values[..., [index + 1 for index in own]]
         values = np.concatenate([self._base, columns], axis=-1)
@@ -116,8 +118,8 @@ class _Log:
         left = self._left(values, [*self._tolerated, *free], best.levels)
         return self._loudest(left) is not None
 
-    def levels(self, ticks: list[int], start: Floats) -> Floats:
-        """Return the noise levels that suit pushes at these ticks."""
+    def levels(self, ticks: list[int], *starts: Floats) -> Floats:
+        """Return the noise levels that suit pushes at these ticks, from the best of *starts*."""
         values = self._values(ticks)
 
         def weigh(levels: Floats) -> Weighed:
@@ -125,6 +127,7 @@ class _Log:
             gram = gram_of(white, log_variance, self._tolerated, levels)
             return Weighed(gram.log_nothing + self._gain(gram, len(ticks)), white, log_variance)
 
+        start = max(starts, key=lambda levels: weigh(levels).log_evidence)
         return best_levels(weigh, self._model.level_prior, start)
 
     def evidence(self, ticks: list[int], levels: Floats) -> float:

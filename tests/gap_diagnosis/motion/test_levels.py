@@ -41,6 +41,16 @@ def test_from_levels_two_spreads_off_the_same_top_is_reached(seed: int) -> None:
     assert looks <= 200
 
 
+def test_a_fit_that_begins_at_levels_of_another_ends_as_high() -> None:
+    """Five sets of one log each climbed the same 720 nats, in eight rounds each."""
+    (term, *_) = (one for one in MODEL.columns.terms if one.variant.effect == "wheelbase_scale")
+    far = PRIOR.median * 5.0
+    slow = MODEL.refit((term,), far)
+    quick = MODEL.refit((term,), far, known=slow.levels)
+    assert quick.log_evidence == pytest.approx(slow.log_evidence, abs=0.3)
+    np.testing.assert_allclose(quick.coefficients, slow.coefficients, rtol=0.05, atol=1e-5)
+
+
 def test_no_step_is_tried_where_none_promises_anything() -> None:
     levels = MODEL.no_effect_levels
     looks = 0

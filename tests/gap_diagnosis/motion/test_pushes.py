@@ -9,9 +9,11 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.pushes import Pushes, find_pushes
+from gap_diagnosis.motion.pushes import Pushes, _Log, find_pushes
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -47,7 +49,8 @@ def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recordin
 def pushes_of(log: Recording, robot: Robot = ROBOT) -> Pushes | None:
     """Return what is found beside no effect."""
     model = MotionModel(log, robot, default_prior())
-    return find_pushes(model, Found(frozenset(), (), 0.0, 0.0, model.no_effect_levels))
+    nothing = Found(frozenset(), (), 0.0, 0.0, model.no_effect_levels)
+    return find_pushes(model, nothing, nothing)
 
 
 def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:
@@ -103,3 +106,25 @@ def test_a_pushed_robot_is_told_when_and_how_far() -> None:
     assert found.unknown is not None
     (window,) = found.unknown.windows
     assert window[0] < AT_S < window[1]
+
+
+def test_what_a_fit_explains_and_straight_lines_do_not_is_no_push() -> None:
+    """A wheel that loses a fiftieth of its counts above 5 rad/s: a push was sought for 0.3 s."""
+    lost = (("side", "left"), ("probability", 0.02), ("threshold", 5.0))
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("random"),
+        [EffectSetting("missed_ticks", lost)],
+        5,
+        reference=ReferenceNoise(),
+    )
+    others = frozenset(EXPLAINED) - {"missed_ticks"}
+    model = MotionModel(log, ROBOT, default_prior(), without=others)
+    scan = Scan(model)
+    best = max(scan.found.values(), key=lambda one: one.log_evidence)
+    assert best.effects == {"missed_ticks"}
+    assert best.refitted is not None
+    log_of_model = _Log(model)
+    assert log_of_model.stands_out_beside(replace(best, refitted=None))
+    assert not log_of_model.stands_out_beside(best)
