@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -51,6 +52,11 @@ _LOOKS: Final = {
     "setup": "check signs, sides and units",
 }
 """By stage, where to look for what no drive is planned for."""
+_VARIES: Final = {
+    "the supply is constant": "drive with a full battery and with a low one, its voltage recorded",
+    "the temperature is constant": "drive from cold to warm, the gyro's temperature recorded",
+}
+"""What tells effects apart that are twins under a condition of the catalogue."""
 
 
 @dataclass(frozen=True)
@@ -338,18 +344,31 @@ def _are_twins(winner: EffectSet, rival: EffectSet, twins: Sequence[frozenset[st
 
 
 def _in_vain(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
+    """Return what to do where what is driven makes no difference."""
     names = ", ".join("+".join(one) for one in rivals)
+    ways = dict.fromkeys(way for one in rivals for way in _varied(set(winner) ^ set(one)))
     return Advice(
         separates=(winner, *rivals),
         scenario_file=None,
         sentence=(
-            f"No manoeuvre tells {'+'.join(winner)} from {names} with these signals: measure the "
-            "part itself, or record more."
+            f"No manoeuvre tells {'+'.join(winner)} from {names} with these signals: "
+            f"{'; '.join((*ways, 'measure the part itself, or record more'))}."
         ),
         expected_gain=0.0,
         scenario=None,
         about=about,
     )
+
+
+def _varied(apart: AbstractSet[str]) -> list[str]:
+    """Return what must vary for effects to part that are twins as long as it is constant."""
+    known = catalogue()
+    return [
+        _VARIES[twins.condition]
+        for effect in sorted(apart & known.keys())
+        for twins in known[effect].twins
+        if twins.condition in _VARIES and apart & set(twins.effects)
+    ]
 
 
 def _elsewhere(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:

@@ -16,7 +16,7 @@ from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, notes_on
-from gap_diagnosis.how_far import Shrink, shrink, shrink_each
+from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.lost_tracking import with_tracking
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.picturing import residual_times
@@ -249,6 +249,9 @@ def _shrink(
 ) -> tuple[Shrink, list[dict[str, Metric]]]:
     """Return how far the gap shrinks, on *held* or else on one log, and each log's metrics."""
     effects = frozenset() if verdict in {NO_GAP, UNKNOWN} else frozenset(verdict.split("+"))
-    if held is not None or len(analyses) == 1:
-        return shrink(analyses[0], effects, stage, robot, wire, held), [{} for _ in analyses]
+    if held is not None:
+        found = shrink_on(analyses, effects, stage, robot, wire, held)
+        return found, [{} for _ in analyses]
+    if len(analyses) == 1:
+        return shrink(analyses[0], effects, stage, robot, wire), [{}]
     return shrink_each(analyses, effects, stage, robot, wire)

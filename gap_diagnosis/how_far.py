@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.block_sums import Effects, total_of
 from gap_diagnosis.gap.how_far import Compared, gap_of, metric_of, pooled
 from gap_diagnosis.gap.shares import joined, shares_of
 from gap_diagnosis.gap.waterfall import shapley_reductions
@@ -64,7 +64,7 @@ def shrink(
     stage: StageOrNone,
     robot: Robot,
     wire: Wire,
-    held: Recording | None,
+    held: Recording | None = None,
 ) -> Shrink:
     """Measure the gap with and without *effects*, whose values are fitted on the other part.
 
@@ -74,6 +74,26 @@ def shrink(
     if isinstance(one, Unmeasured):
         return Shrink(notes=(one.why,), pictures=one.pictures)
     return _shrink([one], analysis.motion_of(effects), stage, is_other_log=held is not None)
+
+
+def shrink_on(
+    analyses: Sequence[Analysis],
+    effects: Effects,
+    stage: StageOrNone,
+    robot: Robot,
+    wire: Wire,
+    held: Recording,
+) -> Shrink:
+    """Measure the gap on another log, with the values of the one that tells most of *effects*."""
+    teller = max(analyses, key=lambda one: total_of([one.blocks], effects)[0])
+    found = shrink(teller, effects, stage, robot, wire, held)
+    if not effects or len(analyses) == 1:
+        return found
+    whose = (
+        f"On the held-out log the values are those of {teller.recording.name}, which tells most of "
+        f"them; {'the other log has' if len(analyses) == 2 else 'the other logs have'} no say."
+    )
+    return replace(found, notes=(*found.notes, whose))
 
 
 def shrink_each(

@@ -244,6 +244,22 @@ def test_twins_are_named_as_what_no_drive_tells_apart():
     assert "No manoeuvre" in only.sentence
 
 
+@pytest.mark.parametrize(
+    ("winner", "rival", "what"),
+    [
+        ("gyro_scale", "supply_ratio", "a full battery"),
+        ("gyro_temperature_bias", "gyro_bias", "from cold to warm"),
+        ("gyro_scale", "gyro_temperature_scale", "from cold to warm"),
+    ],
+)
+def test_what_a_varying_supply_or_temperature_would_tell_is_said(winner, rival, what):
+    """No manoeuvre did, it was said, and to measure the part."""
+    (only,) = advice(named((winner,), (rival,)), lesson_with_slip())
+    assert only.scenario_file is None
+    assert what in only.sentence
+    assert "recorded" in only.sentence
+
+
 def test_without_a_reference_the_advice_is_to_have_one():
     winner = named(("gyro_scale",), ("wheelbase_scale",))
     analysis = analysis_of(

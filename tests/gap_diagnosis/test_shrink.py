@@ -12,7 +12,7 @@ from structure_cases import ROBOT, WIRE, analysis_of, drive
 from gap_diagnosis.bus import bus_block
 from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.firmware import firmware_block
-from gap_diagnosis.how_far import shrink, shrink_each
+from gap_diagnosis.how_far import shrink, shrink_each, shrink_on
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -138,6 +138,28 @@ def test_the_gap_of_several_logs_is_over_all_their_windows_and_each_has_its_own(
     (note,) = found.notes
     assert "over the windows of 2 logs together" in note
     assert "the pictures are of the one with the largest, bad.log, number 2" in note
+
+
+def test_on_a_held_out_log_the_values_are_of_the_log_that_tells_most_of_them() -> None:
+    """They were of the first: a straight line, which says nothing of a wheelbase."""
+    wider = EffectSetting("wheelbase_scale", (("scale", 0.02),))
+    blind, telling = (
+        replace(drive(way, wider), name=f"{way}.log") for way in ("straight", "figure8")
+    )
+    found = shrink_on(
+        [analysis_of(blind), analysis_of(telling)],
+        frozenset({"wheelbase_scale"}),
+        "wheel",
+        ROBOT,
+        WIRE,
+        drive("square", wider),
+    )
+    assert found.gap is not None
+    assert found.gap.held_out == "log"
+    assert found.gap.closed is not None
+    assert found.gap.closed > 0.9
+    (note,) = found.notes
+    assert "those of figure8.log" in note
 
 
 def test_a_log_on_which_nothing_is_held_out_takes_no_part_in_the_gap_and_says_so() -> None:
