@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
 
+from gap_diagnosis import no_news
 from gap_diagnosis.advising import advice_for
 from gap_diagnosis.agreement import contradiction, disagreements
 from gap_diagnosis.analysis import Analysis, Progress, analyse
@@ -121,8 +122,9 @@ def diagnose_recordings(
             "reference, commands, odometry frames or stamped bus frames"
         )
     stage_of = stages_of(analyses, library)
+    blocks = [one.blocks for one in analyses]
     ranking = rank(
-        [one.blocks for one in analyses],
+        blocks,
         prior,
         stage_of,
         _unknown(analyses),
@@ -172,7 +174,7 @@ def diagnose_recordings(
             ),
             *notes_on(
                 analyses,
-                found.notes,
+                (*found.notes, *no_news.notes(blocks, prior, ranking.best.effects, ranking.small)),
                 is_unknown=verdict == UNKNOWN and stage == "wheel",
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),

@@ -59,6 +59,7 @@ class Prior:
         ranges: by effect, of thresholds, rates and levels.
         nuisances: by name, what is free beside every effect.
         laws: by effect, what is believed in words, where the law is in code.
+        no_news: by effect with a range and parameter, a size up to which it is no news.
     """
 
     effects: tuple[float, ...]
@@ -67,11 +68,18 @@ class Prior:
     ranges: Mapping[str, Mapping[str, Range]] = field(default_factory=dict)
     nuisances: Mapping[str, ParameterPrior] = field(default_factory=dict)
     laws: Mapping[str, str] = field(default_factory=dict)
+    no_news: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def of(self, effect: str, coefficient: str) -> ParameterPrior:
         """Return the prior of one coefficient."""
         known = self.parameters[effect]
         return known.get(coefficient) or known["all"]
+
+    def tolerance(self, effect: str, parameter: str) -> float | None:
+        """Return the size up to which a parameter is no news; None where there is no such size."""
+        sizes = self.parameters.get(effect, {})
+        size = sizes.get(parameter) or (sizes.get("all") if parameter not in _NOT_SIZES else None)
+        return self.no_news.get(effect, {}).get(parameter) if size is None else size.tolerance
 
     def chance_of(self, count: int) -> float:
         """Return the probability of so many effects; beyond the list it falls on as it ended."""
@@ -115,9 +123,11 @@ def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
         elif name in ranges:
             # `usual` is of how much or how often, which is what the effect begins with.
             follows = "usual" in ranges and ranges[name][0] == ranges["usual"][1]
-            found[name] = Stated(ranges["usual"][1] if follows else None, ranges[name])
+            tolerance = ranges["usual"][1] if follows else prior.tolerance(effect.name, name)
+            found[name] = Stated(tolerance, ranges[name])
         elif "share" in ranges:
-            found[name] = Stated(None, ranges["share"], "the largest")
+            tolerance = prior.tolerance(effect.name, name)
+            found[name] = Stated(tolerance, ranges["share"], "the largest")
     return found
 
 
@@ -172,6 +182,7 @@ def _prior(table: Mapping[str, Any]) -> Prior:
         },
         {name: _size(one) for name, one in table["nuisances"].items()},
         dict(table["laws"]),
+        {effect: {n: float(v) for n, v in one.items()} for effect, one in table["no_news"].items()},
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.no_news import moved
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
@@ -67,11 +68,13 @@ class Ranking:
         sets: most probable first, no effect among them.
         unknown: probability of a cause that is not in the library, by stage.
         beside: stages in which the best set leaves something that no listed effect explains.
+        small: effects at work beside the best set that are within tolerance.
     """
 
     sets: tuple[Ranked, ...]
     unknown: Mapping[str, float]
     beside: tuple[str, ...] = ()
+    small: Effects = frozenset()
 
     @property
     def best(self) -> Ranked:
@@ -165,10 +168,18 @@ def rank(
         nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
         guesses["reference"] = float(np.logaddexp(nothing + math.log1p(-as_ever), elsewhere))
         logs_of[frozenset()] = nothing + math.log(as_ever)
+    news = moved(logs, prior, logs_of, {effects: one[1] for effects, one in scored.items()})
+    logs_of = news.log_probability
     top = max([*logs_of.values(), *guesses.values()])
     total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
     sets = [
-        Ranked(effects, one[0], one[1], math.exp(logs_of[effects] - top) / total, kept[effects])
+        Ranked(
+            effects,
+            one[0],
+            news.log_likelihood[effects],
+            math.exp(logs_of[effects] - top) / total,
+            kept[effects],
+        )
         for effects, one in scored.items()
     ]
     sets.sort(key=lambda one: (-one.probability, sorted(one.effects)))
@@ -176,6 +187,7 @@ def rank(
         tuple(sets),
         {stage: math.exp(value - top) / total for stage, value in guesses.items()},
         company.beside(sets[0].effects),
+        news.small.get(sets[0].effects, frozenset()),
     )
 
 

@@ -147,7 +147,7 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     "gyro_temperature_bias": {"slope": Size(0.00002, 0.0001, 0.0028)},
     "gyro_temperature_scale": {"slope": Size(0.0001, 0.0003, 0.005)},
     "gyro_saturation": {"limit": Peak("turn_rate", 0.5, 0.9)},
-    "gyro_lag": {"time_constant": _up(0.01, 0.015, 0.1)},
+    "gyro_lag": {"time_constant": _up(0.002, 0.015, 0.1)},
     "gyro_vibration": {"coefficient": Size(1e-6, 1e-5, 3e-4)},
     "gyro_frozen": {"start_s": Moment(), "stop_s": Lasting(0.5, 3.0)},
     "adc_offset": {"offset": Size(2.62, 10.0, 300.0)},

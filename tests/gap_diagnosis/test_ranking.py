@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from fake_blocks import PRIOR, STAGE, FakeBlock, odds, ranked
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.no_news import notes
+from gap_diagnosis.priors import ParameterPrior
 from gap_diagnosis.ranking import THRESHOLD, rank
 
 NATS = st.floats(-50, 2000)
@@ -359,3 +364,64 @@ def test_a_clock_takes_no_effects_place_however_many_there_are() -> None:
     found = rank([[motion, clock]], PRIOR, STAGE, {}, [frozenset(four), frozenset(four[:3])])
     assert found.best.effects == {*four, "frame_loss"}
     assert found.best.probability > 0.9
+
+
+def constant(*scales: float) -> Estimate:
+    """Return what a replay says of a firmware's constant: draws of its scale."""
+    draws = np.array(scales)
+    return Estimate(float(draws.mean()), float(draws.std()), draws)
+
+
+def replayed(*scales: float, **gains: float) -> FakeBlock:
+    """Return a replay that tells a firmware's constant."""
+    return FakeBlock(
+        {"firmware_constant": 3000.0, **gains},
+        name="firmware",
+        parameters={"firmware_constant.scale": constant(*scales)},
+    )
+
+
+NO_NEWS = replace(PRIOR, no_news={"firmware_constant": {"scale": 1e-4}})
+STAGES = {**STAGE, "firmware_constant": "firmware"}
+
+
+def test_what_is_told_to_the_digit_and_lies_within_tolerance_is_no_cause() -> None:
+    """A constant that was off by 58 ppm was named with 0.95, though 100 are no news."""
+    ranking = rank([[replayed(5.8e-5)]], NO_NEWS, STAGES, {})
+    assert ranking.best.effects == frozenset()
+    assert ranking.best.probability > 0.99
+    assert ranking.small == {"firmware_constant"}
+    (note,) = notes([[replayed(5.8e-5)]], NO_NEWS, frozenset(), ranking.small)
+    assert "firmware_constant.scale = 5.8e-05 (no news up to 0.0001)" in note
+
+
+def test_what_lies_beyond_its_tolerance_is_named() -> None:
+    ranking = rank([[replayed(1.1e-4)]], NO_NEWS, STAGES, {})
+    assert ranking.best.effects == {"firmware_constant"}
+    assert ranking.small == frozenset()
+
+
+@given(st.integers(0, 20))
+def test_of_what_may_be_within_tolerance_just_that_part_is_no_gap(inside: int) -> None:
+    draws = [5e-5] * inside + [2e-4] * (20 - inside)
+    ranking = rank([[replayed(*draws)]], NO_NEWS, STAGES, {})
+    assert ranking.of(frozenset()).probability == pytest.approx(inside / 20, abs=1e-6)
+
+
+def test_beside_a_cause_what_is_within_tolerance_is_its_companion_and_no_rival() -> None:
+    both = frozenset({"radius_scale", "gyro_bias"})
+    motion = FakeBlock({"radius_scale": 300.0, "gyro_bias": 10.0}, {both: 298.0})
+    ranking = rank([[motion, replayed(5.8e-5)]], NO_NEWS, STAGES, {})
+    assert ranking.best.effects == {"radius_scale"}
+    assert ranking.best.probability > 0.9
+    assert not ranking.group(frozenset({"radius_scale"}))
+
+
+def test_of_what_the_motion_tells_it_has_left_out_what_is_no_news() -> None:
+    block = FakeBlock(
+        {"radius_scale": 30.0}, parameters={"radius_scale.scale": constant(0.001, 0.003)}
+    )
+    sizes = {"radius_scale": {"scale": ParameterPrior(0.002, 0.05)}}
+    ranking = rank([[block]], replace(PRIOR, parameters=sizes), STAGES, {})
+    assert ranking.best.effects == {"radius_scale"}
+    assert ranking.best.probability > 0.99
