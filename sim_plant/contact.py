@@ -48,6 +48,7 @@ PARAMETERS = [
 ]
 
 _TURNING_RAD_S = 0.05  # slower is no turn that a caster follows
+_DRIVING_M_S = 0.02  # slower is no driving: who spins on the spot creeps to and fro
 
 # The pose and the wheel angles at the end of a tick, and what the tick did to them.
 STATE = [
@@ -163,7 +164,7 @@ def pressed_slip(
 @inlined
 def caster_kick_rad(p: Any, s: Any, forward_m: float, turn_rad: float, tick_s: float) -> float:
     """Return the yaw of a caster that turns over after a reversal."""
-    if forward_m != 0.0:
+    if abs(forward_m) > _DRIVING_M_S * tick_s:
         sense = math.copysign(1.0, forward_m)
         if sense * s.sense < 0.0:
             s.kick_left_m = p.kick_length_m

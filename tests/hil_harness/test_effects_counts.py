@@ -110,6 +110,18 @@ def test_a_caster_kicks_after_a_reversal_in_the_sense_of_the_last_turn() -> None
     np.testing.assert_array_equal(seen.runs.left_count, plain.runs.left_count)
 
 
+def test_a_caster_does_not_turn_over_where_a_robot_only_spins() -> None:
+    """Wheels that differ by 0.1 % creep back as they spin by micrometres, which was a reversal."""
+    ahead, spin = (np.full((100, 2), c) for c in ((0.2, 0.0), (0.0, 1.0)))
+    commands = np.vstack([ahead, spin, ahead, -spin, ahead])
+    unequal = ("radius_mismatch.mismatch=0.001",)
+    plain, seen = (
+        run(*unequal, *e, commands=commands)
+        for e in ((), ("caster_kick.angle=0.02", "caster_kick.length=0.1"))
+    )
+    np.testing.assert_array_equal(seen.pose, plain.pose)
+
+
 def test_a_fast_clock_samples_shorter_ticks() -> None:
     plain, fast = (run(*e, v=0.5) for e in ((), ("clock_skew.skew=0.01",)))
     assert fast.path_m == pytest.approx(plain.path_m / 1.01, rel=1e-9)
