@@ -28,6 +28,10 @@ _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
 _DRIVING_M_S: Final = 0.02
 """A robot that is slower drives neither forward nor back."""
+_TURNING_RAD_S: Final = 0.1
+"""A wheel that is slower turns neither way."""
+PLAY_RAD: Final = 0.05
+"""A wheel's way after its reversal on which counts may be lost; it may be less, or some more."""
 _AFTER_M: Final = (0.0, 0.05, 0.1, 0.2)
 """Ways after a reversal on which a caster turns over."""
 
@@ -210,6 +214,25 @@ def _by_reversal(motion: Motion) -> Basis:
     return Basis(functions, simple)
 
 
+def _by_each_wheels_reversal(motion: Motion) -> Basis:
+    """Return the way after each of a wheel's own reversals, float64[2, n] for each wheel: behind a
+    play it is counted before the wheel follows. The plainest is the play of one wheel."""
+    functions = []
+    for wheel, rate in enumerate((motion.left_rate_rad_s, motion.right_rate_rad_s)):
+        goes = _last_sign(rate, _TURNING_RAD_S)
+        turned = np.flatnonzero((goes[1:] != goes[:-1]) & (goes[:-1] != 0)) + 1
+        if len(turned) == 0:
+            continue
+        last = np.searchsorted(turned, np.arange(len(goes)), side="right") - 1
+        way_rad = np.cumsum(np.abs(rate) * motion.dt_s)
+        since_rad = np.where(last >= 0, way_rad - way_rad[turned[last]], math.inf)
+        after = np.zeros((2, len(goes)))
+        after[wheel] = since_rad < PLAY_RAD
+        functions.append(after)
+    whole = np.eye(len(functions))
+    return Basis(functions, [whole[:, [one]] for one in range(len(functions))])
+
+
 def _last_sign(value: Floats, least: float) -> Floats:
     """Return the sign of a value, float64[n], where it is smaller the last before; 0 at first."""
     known = np.where(np.abs(value) > least, np.arange(len(value)), -1)
@@ -261,6 +284,7 @@ _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
     ("wheel", "turn_rate"): _by_turning,
     ("wheel", "reversal"): _by_reversal,
+    ("encoder", "reversal"): _by_each_wheels_reversal,
     ("reference", "heading"): _by_heading,
     ("reference", "place"): _by_place,
     ("gyro", "acceleration"): _by_speeding_up,

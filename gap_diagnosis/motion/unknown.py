@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.motion.bases import Basis, basis, turns
+from gap_diagnosis.motion.bases import PLAY_RAD, Basis, basis, turns
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import Weighed, best_levels
@@ -196,6 +196,10 @@ _OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     ("wheel", "reversal"): (Way("wheel", _turn, 1e-3, 0.1, 1e-3),),
     # On each wheel's own motion, not on the body's.
     ("wheel", "acceleration"): (Way("wheel", _each_wheel, 1e-3, 0.1, 2.5e-4),),
+    # Counted, and not followed by the wheel: half a tolerance of play.
+    ("encoder", "reversal"): (
+        Way("encoder", _each_wheel, 1e-3 / PLAY_RAD, 0.1 / PLAY_RAD, 1e-3 / PLAY_RAD),
+    ),
     # Counts that come whether or not a wheel turns.
     ("encoder", "time"): (
         Way("encoder", _left_as_time_goes, 1e-4, 0.05, 2e-5),
@@ -226,7 +230,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "distance",
         "time",
     ),
-    "encoder": ("wheel_angle_left", "wheel_angle_right", "time"),
+    "encoder": ("wheel_angle_left", "wheel_angle_right", "reversal", "time"),
     "gyro": (
         "turn_rate",
         "speed",

@@ -47,6 +47,17 @@ def test_a_caster_that_turns_over_is_a_function_of_the_way_after_a_reversal() ->
     assert best.log_evidence > 50
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_play_without_its_name_is_a_function_of_the_way_after_a_wheels_reversal(side: str) -> None:
+    """Two steps of a degree passed for counts that came in half a second (extra_ticks, 0.97)."""
+    play = EffectSetting("backlash", (("side", side), ("width", 0.014)))
+    model = MotionModel(drive(play), ROBOT, default_prior(), without=frozenset({"backlash"}))
+    best, second = alternatives(model, model.no_effect_levels)[:2]
+    assert (best.stage, best.variable) == ("encoder", "reversal")
+    assert best.log_evidence > 50
+    assert best.log_evidence > second.log_evidence + 20
+
+
 def test_what_drifts_with_the_supply_may_be_the_gyros_scale() -> None:
     ratio = EffectSetting("supply_ratio", (("coefficient", -0.16),))
     sagging = EffectSetting("supply_change", (("offset", -0.1), ("rate", -0.004)))
