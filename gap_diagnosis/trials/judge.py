@@ -108,6 +108,11 @@ class Judged:
         return self.truth == UNKNOWN and self.is_clear
 
     @property
+    def is_withheld(self) -> bool:
+        """It has a name that the library was not given."""
+        return self.is_lost and self.case.kind == "withheld"
+
+    @property
     def top1(self) -> bool:
         """which[0] is the truth or its twin."""
         return self.verdict != "error" and canonical(self.verdict.split("+")) == self.truth

@@ -17,6 +17,7 @@ from typing import Final, cast
 import numpy as np
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
@@ -36,6 +37,7 @@ from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, SCHEMA, TA
 from gap_diagnosis.trials.logs import measured, tum_lines, write_log
 from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.reference_noise import ReferenceLevels
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.seal import seal
 from gap_diagnosis.trials.secret import Secret
@@ -208,7 +210,7 @@ class _Maker:
             surroundings=draw_surroundings(secret.generator("surroundings")),
             drive=one.drive,
             robot=one.robot,
-            noise=reference_noise.draw_levels(one.noise, secret.generator("noise")),
+            noise=self._noise(one, secret),
             steps=int(secret.generator("steps").choice(_STEPS)),
             secret=secret.word.hex(),
         )
@@ -220,6 +222,12 @@ class _Maker:
         if any(_is_same(runs[0], other) for other in runs[1:]):
             return case, None
         return self._with_unlisted(case, runs), runs[0]
+
+    def _noise(self, one: Planned, secret: Secret) -> ReferenceLevels:
+        draw = secret.generator("noise")
+        if one.stratum == "prior":
+            return reference_noise.believed_levels(one.noise, level_prior(self.robot), draw)
+        return reference_noise.draw_levels(one.noise, draw)
 
     def _with_unlisted(self, case: Case, runs: Sequence[EffectRun]) -> Case:
         """Return the case with what anyone could know of its effects that no library has.

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from gap_diagnosis.motion.levels import FLOORS, LevelPrior
+from gap_diagnosis.motion.whitening import LEVELS
+
 Floats = NDArray[np.float64]
 Draw = np.random.Generator
 
@@ -18,6 +21,7 @@ NEW: Final = ("heavy_tails", "correlated", "steps_in_level")
 """Never used while the diagnosis was developed: scored apart."""
 
 _FREEDOM: Final = 3.0
+_RATES_HZ: Final = (50.0, 100.0, 120.0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,26 @@ def draw_levels(kind: str, draw: Draw) -> ReferenceLevels:
         slow_position_m=float(draw.uniform(1e-4, 5e-4)),
         slow_heading_rad=float(draw.uniform(1e-4, 5e-4)),
         correlation_s=float(draw.uniform(0.5, 2.0)),
-        rate_hz=float(draw.choice([50.0, 100.0, 120.0])),
+        rate_hz=float(draw.choice(_RATES_HZ)),
+    )
+
+
+def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLevels:
+    """Return levels as the diagnosis believes them to be beforehand: log-normal about its medians.
+
+    In stratum *prior* its probabilities are held to account, and a reference that is noisy for want
+    of a better one is what speaks against a noise that is news.
+    """
+    logs = np.log(believed.median) + believed.spread * draw.standard_normal(len(LEVELS))
+    level = dict(zip(LEVELS, np.maximum(np.exp(logs), FLOORS), strict=True))
+    return ReferenceLevels(
+        kind=kind,
+        position_m=float(level["reference_position_m"]),
+        heading_rad=float(level["reference_heading_rad"]),
+        slow_position_m=float(level["reference_slow_position_m"]),
+        slow_heading_rad=float(level["reference_slow_heading_rad"]),
+        correlation_s=float(level["reference_slow_s"]),
+        rate_hz=float(draw.choice(_RATES_HZ)),
     )
 
 

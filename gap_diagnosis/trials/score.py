@@ -94,7 +94,10 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
         "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
-        "confident_wrong": share([one.confident_wrong for one in judged if one.is_lost]),
+        "confident_wrong": share([one.confident_wrong for one in judged if one.is_withheld]),
+        "confident_wrong_nameless": share(
+            [one.confident_wrong for one in judged if one.is_lost and not one.is_withheld]
+        ),
         "unknown_auroc": _unknown(judged),
         "imitable": sum(one.is_imitable for one in judged),
         "brier": mean([one.brier for one in judged], (0.0, 2.0)),
@@ -146,7 +149,7 @@ def _plain(value: Any) -> Any:
 
 def _unknown(judged: Sequence[Judged]) -> Share:
     """Return the AUROC of P(unknown): withheld causes against the same with the full library."""
-    positive = [one for one in judged if one.is_lost and not one.is_imitable]
+    positive = [one for one in judged if one.is_withheld and not one.is_imitable]
     negative = [one for one in judged if one.case.kind == "decoy" and one.truth != UNKNOWN]
     negative = negative or [one for one in judged if one.truth != UNKNOWN and one.is_clear]
     return auroc(

@@ -96,6 +96,16 @@ def test_a_hidden_cause_that_hardly_shows_is_not_held_against_anyone() -> None:
     assert found["unknown_auroc"]["value"] == 1.0
 
 
+def test_what_was_withheld_and_what_never_had_a_name_are_counted_apart() -> None:
+    poles = case({"drive_cogging": {"side": "left", "amplitude": 0.1, "order": 6, "phase": 0.0}})
+    boast = seen(poles, answer({"drive_lag": 1.0}))
+    found = scores(Opened((boast, *SEER), 0))["parts"]["all"]
+    assert (found["confident_wrong"]["value"], found["confident_wrong"]["count"]) == (0.0, 1)
+    nameless = found["confident_wrong_nameless"]
+    assert (nameless["value"], nameless["count"]) == (1.0, 1)
+    assert found["unknown_auroc"]["value"] == 1.0
+
+
 def test_what_the_library_can_imitate_is_counted_apart() -> None:
     hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
     group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gap_diagnosis.motion.levels import FLOORS, level_prior
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.synthetic import synthetic_recording
 from gap_diagnosis.trials import drives, reference_noise, robots
@@ -15,7 +17,11 @@ from gap_diagnosis.trials.case import STRATA, Stratum
 from gap_diagnosis.trials.draw import draw_values, is_credible, world_of
 from gap_diagnosis.trials.engine import finer
 from gap_diagnosis.trials.logs import write_log
-from gap_diagnosis.trials.reference_noise import draw_levels, reference_errors
+from gap_diagnosis.trials.reference_noise import (
+    believed_levels,
+    draw_levels,
+    reference_errors,
+)
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.sizes import SIZES
 from hil_harness.assembly import commands_on_the_wire, load_wire
@@ -96,6 +102,24 @@ def test_every_kind_of_reference_noise_has_the_level_that_was_drawn(kind: str) -
     assert (kurtosis > 3.2) == (kind in {"heavy_tails", "steps_in_level"})
     lag = np.corrcoef(errors[1:, 0], errors[:-1, 0])[0, 1]
     assert (lag > 0.8) == (kind == "correlated")
+
+
+def test_noise_that_is_believed_is_log_normal_about_what_the_diagnosis_expects() -> None:
+    """In a trial of its own prior a reference was never worse than 1 mm, unless that was news."""
+    believed = level_prior(ROBOT)
+    draw = np.random.default_rng(2)
+    found = [believed_levels("white", believed, draw) for _ in range(4000)]
+    place = LEVELS.index("reference_position_m")
+    logs = np.log([one.position_m for one in found])
+    above = logs[logs > np.log(believed.median[place])]  # what is below the floor is at the floor
+    spread = believed.spread[place]
+    # Half of them; a half-normal's mean is 0.80 of the spread. Four standard errors of 4,000.
+    assert len(above) == pytest.approx(2000, abs=4 * np.sqrt(1000))
+    expected = np.sqrt(2 / np.pi) * spread
+    assert np.mean(above - np.log(believed.median[place])) == pytest.approx(
+        expected, abs=4 * 0.6 * spread / np.sqrt(len(above))
+    )
+    assert min(one.position_m for one in found) == pytest.approx(FLOORS[place])
 
 
 @pytest.mark.parametrize("kind", [*drives.FAMILIAR, *drives.NEW])
