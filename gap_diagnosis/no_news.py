@@ -22,6 +22,8 @@ from gap_diagnosis.priors import Prior
 
 _NEAR: Final = 20.0
 """Sets that are less likely by more than this [nat] are left as they are."""
+_NOTHING: Final = 5.0
+"""Of a set so much less likely than the one without the effect, none is worth counting there."""
 _NEVER: Final = -1e4
 
 
@@ -57,8 +59,9 @@ def moved(
     for effects in sorted(near, key=lambda one: (-len(one), sorted(one))):
         for effect in sorted(effects):
             less = effects - {effect}
-            inside = _inside(logs, prior, effects, effect) if less in logs_of else []
-            share = _share(inside)
+            if logs_of[effects] < logs_of.get(less, math.inf) - _NOTHING:
+                continue
+            share = _share(_inside(logs, prior, effects, effect))
             if share == 0.0:
                 continue
             within = logs_of[effects] + math.log(share)
