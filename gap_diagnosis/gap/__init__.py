@@ -15,7 +15,7 @@ from gap_diagnosis.gap.on_recording import (
     windows_on,
 )
 from gap_diagnosis.gap.waterfall import shapley_reductions
-from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+from gap_diagnosis.gap.where import manoeuvre_segments
 
 __all__ = [
     "KINDS",
@@ -33,6 +33,5 @@ __all__ = [
     "metric_of",
     "odometry_rms",
     "shapley_reductions",
-    "stage_shares",
     "windows_on",
 ]

@@ -12,7 +12,7 @@ from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.manoeuvres import Kinds
 from gap_diagnosis.gap.metrics import Path, path_errors, series_errors
 from gap_diagnosis.gap.odometry import as_travelled, gyro_share, gyro_turn_rad, without_offset
-from gap_diagnosis.gap.shares import Chain, chain_of, segment_spans, segments_of, shares_of
+from gap_diagnosis.gap.shares import Chain, chain_of, segment_spans, segments_of
 from gap_diagnosis.gap.windows import Window, segment_window
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats, Recording
@@ -25,18 +25,6 @@ _ALONE: Final[Mapping[str, StageOrNone]] = {
     "timing_s": "bus",
 }
 """Metrics whose residual only one stage can touch."""
-
-
-def stage_shares(
-    metric: str,
-    recording: Recording,
-    robot: Robot,
-    motion: Motion,
-    windows: Sequence[Window],
-    effects: Sequence[Setting] = (),
-) -> dict[StageOrNone, float]:
-    """Return each stage's share in the gap of this metric; empty where nothing can be said."""
-    return shares_of(metric_chain(metric, recording, robot, motion, windows, effects))
 
 
 def metric_chain(

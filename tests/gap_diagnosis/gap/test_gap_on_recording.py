@@ -25,8 +25,9 @@ from gap_diagnosis.gap.on_recording import (
     recorded_odometry,
     windows_on,
 )
+from gap_diagnosis.gap.shares import shares_of
 from gap_diagnosis.gap.waterfall import shapley_reductions
-from gap_diagnosis.gap.where import manoeuvre_segments, stage_shares
+from gap_diagnosis.gap.where import manoeuvre_segments, metric_chain
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.whitening import LEVELS as LEVEL_NAMES
 
@@ -55,7 +56,7 @@ def test_the_true_effect_closes_the_gap_on_held_out_stretches_and_its_stage_carr
     assert gap.floor is not None
     assert gap.before > 3 * gap.floor
     assert gap.closed == pytest.approx(1, abs=0.15)
-    shares = stage_shares(gap.metric, recording, robot, motion, windows, effects)
+    shares = shares_of(metric_chain(gap.metric, recording, robot, motion, windows, effects))
     assert math.fsum(shares.values()) == pytest.approx(1, abs=1e-9)
     assert max(shares, key=lambda name: shares[name]) == stage
     assert shares[stage] > 0.7
@@ -85,7 +86,7 @@ def test_a_wheelbase_is_seen_against_the_gyro_where_the_odometry_follows_the_gyr
     assert gap is not None
     assert gap.metric == "turn_difference_rad"
     assert gap.closed == pytest.approx(1, abs=0.1)
-    shares = stage_shares(gap.metric, recording, robot, motion, windows, effects)
+    shares = shares_of(metric_chain(gap.metric, recording, robot, motion, windows, effects))
     assert max(shares, key=lambda name: shares[name]) == "wheel"
 
 
@@ -171,9 +172,9 @@ def test_without_a_reference_the_turn_difference_remains() -> None:
     metrics = measure(alone, robot, motion, windows, effects=effects, levels=LEVELS)
     assert "odometry_position_m" not in metrics
     assert metrics["turn_difference_rad"].closed == pytest.approx(1, abs=0.1)
-    shares = stage_shares("turn_difference_rad", alone, robot, motion, windows, effects)
+    shares = shares_of(metric_chain("turn_difference_rad", alone, robot, motion, windows, effects))
     assert shares["gyro"] == pytest.approx(1, abs=0.1)
-    assert stage_shares("turn_difference_rad", alone, robot, motion, windows) == {}
+    assert shares_of(metric_chain("turn_difference_rad", alone, robot, motion, windows)) == {}
 
 
 def test_odometry_frames_that_a_replay_meets_have_no_firmware_gap() -> None:
