@@ -20,6 +20,10 @@ COUNTER_WRAPS_S: Final = (65.536, 2**32 * 1e-6, 2**32 * 1e-3)
 _WRAP_TOLERANCE: Final = 0.02
 _RESTART_S: Final = 1.0
 _STEP_S: Final = 1e-6
+_SLOWEST_S: Final = 2.0
+"""Between rows so far apart no wheel's motion is told."""
+_BACK_S: Final = 1.0
+"""Rows of several sources may be out of order, but not by this much."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ def table_clock(
     by it. Without one a row is taken to be sampled when it says (what the counts tell of that:
     `stamp_jitter`). The tick is the median distance of rows.
 
-    Raises DiagnosisError for a clock with missing values, or one that stands still.
+    Raises DiagnosisError for a clock with missing values, one that stands still or is set back, and
+    for rows too far apart to be of one drive.
     """
     for clock, values in (("time", time_s), ("ECU time", ecu_s)):
         if values is not None and not np.isfinite(values).all():
@@ -61,6 +66,8 @@ def table_clock(
             )
     if ecu_s is not None:
         ecu_s = unwrapped_clock(ecu_s, time_s, ecu_wrap_s)
+    elif time_s is not None:
+        _refuse_backwards(name, time_s)
     leading = ecu_s if ecu_s is not None else time_s
     assert leading is not None  # the map has at least one clock
     _, order = np.unique(np.round((leading - leading.min()) / _STEP_S), return_index=True)
@@ -69,6 +76,11 @@ def table_clock(
     if len(steps) == 0:
         raise DiagnosisError(f"{name}: {len(leading)} rows at one time: expected a clock that runs")
     period_s = float(np.round(np.median(steps), 6))
+    if period_s > _SLOWEST_S:
+        raise DiagnosisError(
+            f"{name}: rows are {period_s:g} s apart: expected one every {_SLOWEST_S:g} s at least, "
+            "by a clock in seconds (or is it in milliseconds?)"
+        )
     tick = _ticks(ordered, period_s)
     if ecu_s is None or time_s is None:
         return TableClock(order, ordered, tick, period_s)
@@ -80,6 +92,17 @@ def table_clock(
     line = lowered(line, [(ecu_us, one_line, stamp_s)])
     t_s = line.time_s(ecu_us) + origin
     return TableClock(order, t_s, tick, period_s, line.skew, line.skew_sd)
+
+
+def _refuse_backwards(name: str, time_s: Floats) -> None:
+    """Raise DiagnosisError for a table that goes back in time: two in one, or its clock was set."""
+    back_s = np.maximum.accumulate(time_s) - time_s
+    back = np.flatnonzero(back_s > _BACK_S)
+    if len(back):
+        raise DiagnosisError(
+            f"{name}: row {int(back[0]) + 2}: {back_s[back[0]]:.3f} s before an earlier row: "
+            "expected one recording in the order of its time, by a clock that was not set meanwhile"
+        )
 
 
 def _ticks(t_s: Floats, period_s: float) -> Ints:

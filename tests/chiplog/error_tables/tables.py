@@ -90,6 +90,24 @@ TABLES: tuple[Row, ...] = (
         {"table.csv": table(WHEELS, lambda k: f"1,{3 * k},{4 * k}")},
     ),
     Row(
+        "a clock in milliseconds",
+        "chiplog diagnose table.csv",
+        "table.csv: rows are 10 s apart: expected one every 2 s at least, by a clock in seconds "
+        "(or is it in milliseconds?)",
+        {"table.csv": table(WHEELS, lambda k: f"{10 * k},{3 * k},{4 * k}")},
+    ),
+    Row(
+        "a clock that is set back",
+        "chiplog diagnose table.csv",
+        "table.csv: row 202: 1.500 s before an earlier row: expected one recording in the order of "
+        "its time, by a clock that was not set meanwhile",
+        {
+            "table.csv": table(
+                WHEELS, lambda k: f"{k / 100 - 1.51 * (k >= 200):.2f},{3 * k},{4 * k}"
+            )
+        },
+    ),
+    Row(
         "a drive of less than two seconds",
         "chiplog diagnose table.csv",
         "table.csv: 0.29 s long: expected at least 2 s, better a minute or more",
