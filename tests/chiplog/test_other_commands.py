@@ -48,7 +48,7 @@ def test_one_effect_is_shown_with_signature_twins_and_meanings(chiplog: Chiplog)
         ("wheel_eccentricity", "amplitude", "0.001", "0.001 to 0.04"),
         ("frame_loss", "probability", "0.0001", "0.0001 to 0.4"),
         ("frame_loss", "burst", "", "1 to 20"),
-        ("drive_deadband", "rate", "", "0.0002 to 0.3 of the largest"),
+        ("drive_deadband", "rate", "0.1", "0.0002 to 0.3 of the largest"),
     ],
 )
 def test_effects_show_tolerance_and_prior(
