@@ -11,10 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+EVERYTHING: Final = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -26,12 +28,14 @@ class Estimate:
         sd: posterior standard deviation; 0 for a choice.
         samples: float64[s] draws from the posterior, for intervals; None for a choice.
         probabilities: for a choice, the probability of each.
+        news: the least and the largest value that does more in this log than is no news.
     """
 
     value: float | int | str
     sd: float = 0.0
     samples: NDArray[np.float64] | None = None
     probabilities: Mapping[str, float] | None = None
+    news: tuple[float, float] = EVERYTHING
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 The motion's evidence leaves it out by itself. The other blocks tell an effect's whole prior, and a
 replay tells a constant to the digit: one that is off by half of what is no news is found with
 certainty, and is none all the same ("a parameter inside its tolerance is reported as an estimate
-and never named as a cause", docs/design.md, section 5).
+and never named as a cause", docs/design.md, section 5). So is a drive's threshold that moves no
+wheel by more than any drive may be off.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.block_sums import Effects
-from gap_diagnosis.hypothesis import Block, Estimate
+from gap_diagnosis.hypothesis import EVERYTHING, Block, Estimate
 from gap_diagnosis.priors import Prior
+from hil_harness.effects import catalogue
 
 _NEAR: Final = 20.0
 """Sets that are less likely by more than this [nat] are left as they are."""
@@ -81,32 +83,47 @@ def notes(
     """Return a sentence on each effect that is at work beside a set, but within tolerance."""
     return [
         f"{effect} is within tolerance, and no cause: "
-        + ", ".join(
-            f"{one.key} = {one.said.value:.2g} (no news up to {one.tolerance:g})"
-            for one in _inside(logs, prior, effects | small, effect)
-        )
+        + ", ".join(one.told for one in _inside(logs, prior, effects | small, effect))
         + "."
         for effect in sorted(small)
     ]
 
 
 class _Inside(NamedTuple):
-    """A parameter with its tolerance."""
+    """A parameter, what it may be at most without being news, and the values that are some."""
 
     key: str
     said: Estimate
-    tolerance: float
+    tolerance: float | None
+    news: tuple[float, float]
 
     @property
     def draws(self) -> NDArray[np.bool_]:
+        """Which draws are no news."""
         assert self.said.samples is not None  # `_inside` takes no others
-        return np.asarray(np.abs(self.said.samples) <= self.tolerance)
+        least, most = self.news
+        draws = self.said.samples
+        inside = (draws < least) | (draws > most)
+        if self.tolerance is not None:
+            inside |= np.abs(draws) <= self.tolerance
+        return np.asarray(inside)
+
+    @property
+    def told(self) -> str:
+        """The estimate and why it is no news."""
+        effect, _, name = self.key.partition(".")
+        unit = catalogue()[effect].parameter(name).unit
+        unit = "" if unit == "1" else f" {unit}"
+        why = "moves no wheel by more than any drive may"
+        if self.tolerance is not None and abs(float(self.said.value)) <= self.tolerance:
+            why = f"no news up to {self.tolerance:g}{unit}"
+        return f"{self.key} = {self.said.value:.2g}{unit} ({why})"
 
 
 def _inside(
     logs: Sequence[Sequence[Block]], prior: Prior, effects: Effects, effect: str
 ) -> list[_Inside]:
-    """Return the parameters of an effect of a set that have a tolerance, as the surest block tells
+    """Return the parameters of an effect of a set that may be no news, as the surest block tells
     them; none of one that the motion tells."""
     seen = [block for blocks in logs for block in blocks if effect in block.effects]
     if any(block.name == "motion" for block in seen):
@@ -116,9 +133,14 @@ def _inside(
         for key, said in block.fit(effects & block.effects).parameters.items():
             name, _, parameter = key.partition(".")
             tolerance = prior.tolerance(name, parameter) if name == effect else None
-            is_surer = key not in surest or said.sd < surest[key].said.sd
-            if tolerance is not None and said.samples is not None and is_surer:
-                surest[key] = _Inside(key, said, tolerance)
+            may_be = tolerance is not None or said.news != EVERYTHING
+            if not may_be or said.samples is None or name != effect:
+                continue
+            # What is news in one log is news.
+            known = surest.get(key, _Inside(key, said, tolerance, (math.inf, -math.inf)))
+            news = min(known.news[0], said.news[0]), max(known.news[1], said.news[1])
+            surer = said if said.sd < known.said.sd else known.said
+            surest[key] = _Inside(key, surer, tolerance, news)
     return list(surest.values())
 
 

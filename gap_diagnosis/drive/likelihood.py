@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -162,7 +162,9 @@ def parameters(setting: Setting, logs: Floats, grid: Weighted, sd: Floats) -> di
     spread = random.uniform(-0.5, 0.5, (_SAMPLES, len(grid.cell))) * grid.cell
     points = grid.point[chosen] + spread
     found = {
-        one.key: _estimate(one.value(np.clip(points[:, i], one.low, one.high)))
+        one.key: replace(
+            _estimate(one.value(np.clip(points[:, i], one.low, one.high))), news=one.newsworthy
+        )
         for i, one in enumerate(setting.coordinates)
     }
     if setting.has_gain:

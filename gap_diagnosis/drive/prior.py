@@ -23,6 +23,7 @@ GAIN: Final = _size("drive_gain")
 LAG_S: Final = _size("drive_lag")
 DELAY_S: Final = _size("drive_delay")
 DEADBAND_SHARE: Final = _share("drive_deadband")
+DEADBAND_TOLERANCE: Final = _PRIOR.tolerance("drive_deadband", "rate") or 0.0
 SATURATION_SHARE: Final = _share("drive_saturation")
 ACCELERATION_SHARE: Final = _share("drive_acceleration_limit")
 

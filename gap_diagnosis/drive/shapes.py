@@ -31,14 +31,16 @@ _HATS: Final = 5
 _MOST_POLES: Final = 12
 WAVE: Final = 0.1
 """Of its rate, by which poles move a drive: a unit of their columns."""
-_TOLD: Final = (0.0, *(0.0025 * 1.6**step for step in range(9)))
+_TOLD: Final = tuple(0.0025 * 1.6**step for step in range(9))
 """Shares of the largest rate that is commanded, up to a tenth of it: whether a drive moves at all
 is decided far below."""
 _HALVINGS: Final = 12
 _WITHIN: Final = 0.5
 """Share of the tolerance of time by which a wheel at its fastest is off in any drive: a threshold
-that moves no wheel by more does nothing. Another engine's motor, a contact that gives, a count that
+that moves no wheel by more is no news. Another engine's motor, a contact that gives, a count that
 slips do as much, and surely so in a log of a minute."""
+_TRACE: Final = 0.01
+"""Of that; what moves no wheel by more leaves no trace."""
 
 PARAMETERS: Final = {
     "drive_acceleration_limit": "limit",
@@ -54,8 +56,9 @@ class Coordinate:
     """The parameter of a bending effect, in the coordinate in which its grid is even.
 
     Thresholds are even in their logarithm, with a log-uniform prior over *span*, of which those
-    from *low* to *high* do something; lag and delay in the square root of their size, so that small
-    ones are as finely resolved as they are told apart.
+    from *low* to *high* leave a trace and those within *news* do more than any drive may; lag and
+    delay in the square root of their size, so that small ones are as finely resolved as they are
+    told apart.
     """
 
     effect: str
@@ -64,6 +67,7 @@ class Coordinate:
     is_logarithm: bool
     size: prior.Size | None = None
     span: float = 1.0
+    news: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def key(self) -> str:
@@ -74,6 +78,13 @@ class Coordinate:
         """Return the parameter."""
         value = np.exp(coordinate) if self.is_logarithm else coordinate**2
         return np.asarray(value, dtype=np.float64)
+
+    @property
+    def newsworthy(self) -> tuple[float, float]:
+        """The least and the largest parameter that does more than any drive may."""
+        if self.size is not None:
+            return self.news
+        return math.exp(self.news[0]), math.exp(self.news[1])
 
     def log_prior(self, coordinate: Floats) -> Floats:
         """Return the log prior density in the coordinate."""
@@ -103,22 +114,28 @@ class Shapes:
         if effect == "drive_delay":
             return Coordinate(effect, 0.0, math.sqrt(2 * prior.DELAY_S.high), False, prior.DELAY_S)
         low, high = self._span(effect)
+        least, most = self._ends(effect, self._moves_rad)
+        news = (least, most) if most > least else (math.inf, -math.inf)
+        first, last = self._ends(effect, _TRACE * self._moves_rad)
+        return Coordinate(effect, first, last, True, span=high - low, news=news)
+
+    def _ends(self, effect: str, least_rad: float) -> tuple[float, float]:
+        """Return the logarithms between which a threshold moves a wheel by more than *least_rad*;
+        twice the same where none does."""
+        low, high = self._span(effect)
         nominal = self.angle({})
 
         def acts(at: float) -> bool:
             moved = np.abs(self.angle({effect: math.exp(at)}) - nominal)
-            return bool(moved.max() > self._moves_rad)
+            return bool(moved.max() > least_rad)
 
-        span = high - low
         ends = {acts(low): low, acts(high): high}
         if len(ends) == 1:
-            return Coordinate(effect, low, high if True in ends else low, True, span=span)
+            return low, high if True in ends else low
         for _ in range(_HALVINGS):
             middle = 0.5 * (ends[True] + ends[False])
             ends[acts(middle)] = middle
-        if ends[True] < ends[False]:
-            return Coordinate(effect, low, ends[True], True, span=span)
-        return Coordinate(effect, ends[True], high, True, span=span)
+        return (low, ends[True]) if ends[True] < ends[False] else (ends[True], high)
 
     def log_silent(self, effect: str) -> float:
         """Return the log share of a threshold's prior that does nothing in this log.
@@ -200,11 +217,17 @@ class Shapes:
 
     def slow(self) -> Floats:
         """Return what a drive adds that answers slow commands otherwise than others: per step of
-        what is commanded, what a gain of 2 there adds; float64[c, 2, m]."""
+        what is commanded, what a gain of 2 there adds; float64[c, 2, m].
+
+        What it makes of commands within a dead band that is no news is none either.
+        """
         told = self._data.commanded
-        share = np.abs(told) / (float(np.abs(told).max()) or 1.0)
+        fastest = float(np.abs(told).max()) or 1.0
+        share = np.abs(told) / fastest
+        least = prior.DEADBAND_TOLERANCE / fastest
+        shares = [least, *(one for one in _TOLD if one > least)]
         steps = [
-            np.where((share > low) & (share <= high), told, 0.0) for low, high in pairwise(_TOLD)
+            np.where((share > low) & (share <= high), told, 0.0) for low, high in pairwise(shares)
         ]
         made = [self._answers(one) for one in steps if one.any()]
         return np.stack(made) if made else np.zeros((0, *self._data.angle.shape))

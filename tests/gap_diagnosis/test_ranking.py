@@ -395,6 +395,23 @@ def test_what_is_told_to_the_digit_and_lies_within_tolerance_is_no_cause() -> No
     assert "firmware_constant.scale = 5.8e-05 (no news up to 0.0001)" in note
 
 
+def limited(*draws_rad_s: float, news: tuple[float, float]) -> FakeBlock:
+    known = replace(constant(*draws_rad_s), news=news)
+    return FakeBlock(
+        {"drive_saturation": 60.0}, name="drive", parameters={"drive_saturation.limit": known}
+    )
+
+
+def test_a_threshold_that_hardly_moves_a_wheel_in_any_log_is_no_cause() -> None:
+    stages = {**STAGE, "drive_saturation": "actuation"}
+    quiet, loud = limited(20.0, news=(0.0, 19.0)), limited(20.0, news=(0.0, 22.0))
+    ranking = rank([[quiet], [quiet]], PRIOR, stages, {})
+    assert ranking.best.effects == frozenset()
+    (note,) = notes([[quiet]], PRIOR, frozenset(), ranking.small)
+    assert "drive_saturation.limit = 20 rad/s (moves no wheel" in note
+    assert rank([[quiet], [loud]], PRIOR, stages, {}).best.effects == {"drive_saturation"}
+
+
 def test_what_lies_beyond_its_tolerance_is_named() -> None:
     ranking = rank([[replayed(1.1e-4)]], NO_NEWS, STAGES, {})
     assert ranking.best.effects == {"firmware_constant"}

@@ -79,21 +79,27 @@ def test_a_limit_by_which_wheels_are_off_by_less_than_any_drive_is_no_cause() ->
     off by as much; a limit that holds the wheels back for longer is told."""
     steepest = limits_of_bounds([simulated(seed=1)], ROBOT)[LIMIT]
 
-    def told(share: float) -> tuple[float, float]:
-        """Return by how much that limit moves a wheel [s of the fastest], and its evidence."""
+    def told(share: float) -> tuple[float, float, float]:
+        """Return by how much that limit moves a wheel [s of the fastest], its evidence, and how
+        probably it is news."""
         log = simulated({LIMIT: {"limit": share * steepest}}, seed=1)
         block = block_of(log)
         shapes = Shapes(block.data, ROBOT)
         moved = np.abs(shapes.angle({LIMIT: share * steepest}) - shapes.angle({})).max()
-        return moved / np.abs(block.data.commanded).max(), evidence(block, LIMIT)
+        known = block.fit(frozenset({LIMIT})).parameters[f"{LIMIT}.limit"]
+        is_news = np.mean(np.asarray(known.samples) <= known.news[1])
+        return (
+            moved / np.abs(block.data.commanded).max(), evidence(block, LIMIT), float(is_news)
+        )  # fmt: skip
 
     within_s = 0.5 * ROBOT.tolerance.time_offset_s
-    moved_s, gained = told(0.98)
+    moved_s, _, is_news = told(0.98)
     assert 0.3 * within_s < moved_s < within_s
-    assert gained < 0.5
-    moved_s, gained = told(0.8)
+    assert is_news < 0.01
+    moved_s, gained, is_news = told(0.8)
     assert moved_s > within_s
     assert gained > 10
+    assert is_news > 0.99
 
 
 def test_beside_a_limit_a_gain_is_no_straight_line() -> None:
@@ -179,6 +185,22 @@ def test_a_drive_that_answers_otherwise_is_seen_without_a_name_for_it(
     """And the name, where there is one, is likelier."""
     block = block_of(simulated(effect, seed=3))
     assert 10 < block.unexplained().log_evidence < evidence(block, *effect) - 3
+
+
+@pytest.mark.parametrize("rate_rad_s", [0.03, 0.05, 0.08])
+def test_a_dead_band_within_its_tolerance_is_no_cause_without_a_name(rate_rad_s: float) -> None:
+    """27 to 680 nats for an unlisted one, and a confident verdict."""
+    block = block_of(simulated({"drive_deadband": {"rate": rate_rad_s}}, seed=3))
+    assert block.unexplained().log_evidence < 0.5
+
+
+def test_a_threshold_that_hardly_moves_a_wheel_is_told_as_it_is() -> None:
+    """Only larger ones were tried: 0.16 rad/s, 0.144 to 0.177, for a dead band of 0.09."""
+    block = block_of(simulated({"drive_deadband": {"rate": 0.09}}, seed=3, duration_s=60.0))
+    known = block.fit(frozenset({"drive_deadband"})).parameters["drive_deadband.rate"]
+    low, high = np.quantile(np.asarray(known.samples), [0.025, 0.975])
+    assert low < 0.09 < high
+    assert high < known.news[0]
 
 
 def test_a_row_of_a_table_that_was_lost_took_its_command_along() -> None:
