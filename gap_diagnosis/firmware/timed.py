@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -22,7 +21,10 @@ _MOST_WINDOW_S: Final = 30.0
 _MOST_STARTS: Final = 8
 _TRIED_LSB: Final = 1000.0
 _MOST_ENDS: Final = 500
-_PARTS: Final = 12
+_PARTS: Final = (
+    0.0001, 0.001, 0.005, 0.025, 0.1, 0.25, 0.4, 0.6, 0.75, 0.9, 0.975, 0.995, 0.999, 0.9999,
+)  # fmt: skip
+"""Ends of the parts in which a probability's distribution is told: its tails make an interval."""
 _THRESHOLDS_RAD_S: Final = (1e-4, 0.3)
 _THRESHOLD_POINTS: Final = 24
 _CLOSINGS: Final = 6
@@ -216,21 +218,17 @@ def missed_deadlines(bench: Workbench) -> list[Candidate]:
     share = (len(skipped) + 1) / (ticks + 2)
     # Which ticks were lost is as good as a message of this length, at this rate.
     message = ticks * (share * math.log(share) + (1.0 - share) * math.log1p(-share))
-    # The probability's own distribution, the prior being even in logarithm, in equal parts.
-    edges = beta.ppf(
-        np.linspace(0.0, 1.0, _PARTS + 1)[1:-1], len(skipped), ticks - len(skipped) + 1
-    )
-    low, high = 1.5 * edges[0] - 0.5 * edges[1], 1.5 * edges[-1] - 0.5 * edges[-2]
-    edges = np.concatenate([[max(low, 0.5 * edges[0])], edges, [high]])
+    # The probability's own distribution, the prior being even in logarithm.
+    edges = beta.ppf(_PARTS, len(skipped), ticks - len(skipped) + 1)
     return [
         Candidate(
             {"missed_deadline.probability": float(0.5 * (one + other))},
             {"missed_deadline": share},
-            message - math.log(_PARTS),
+            message + math.log(part),
             {"missed_deadline.probability": float(0.5 * (other - one))},
             {"skipped": skipped},
         )
-        for one, other in pairwise(edges)
+        for one, other, part in zip(edges[:-1], edges[1:], np.diff(_PARTS), strict=True)
     ]
 
 

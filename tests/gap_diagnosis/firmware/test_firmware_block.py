@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import beta
 from simulated import (
     float_pose,
     kernel_pose,
@@ -183,6 +184,12 @@ def test_ticks_that_were_not_executed_are_counted(repeats: bool) -> None:
     assert max(found, key=lambda name: found[name]) == "missed_deadline"
     share = block.fit(frozenset({"missed_deadline"})).parameters["missed_deadline.probability"]
     assert abs(float(share.value) - 0.01) < 4 * math.sqrt(0.01 / TICKS)
+    # All that were missed are known, so the share is known as that of so many draws; an interval
+    # without the tails held 0.89 of true values.
+    missed = np.count_nonzero(~executed)
+    expected = beta.ppf([0.025, 0.975], missed, len(executed) - missed + 1)
+    samples = np.asarray(share.samples)
+    assert np.quantile(samples, [0.025, 0.975]) == pytest.approx(expected, rel=0.05)
 
 
 def test_how_often_a_tick_is_missed_is_as_unsure_beside_another_effect_as_alone() -> None:
