@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,10 @@ tolerance of a room's scale and may be a wander of the reference; more, eight ti
 prior, is none's."""
 _LEAP: Final = 2.0
 """A step so many times the wheels' is no step of the robot's alone."""
+_NOISY: Final = 6.0
+"""Nor is one off by so many times the median of what steps are off by."""
+_SURE: Final = 4.0
+"""An angle that is less of its standard deviations may be none."""
 _LONGEST_ARM_M: Final = 1.0
 """From the wheels' axis to the tracked point."""
 _FOLLOW_S: Final = 0.4
@@ -66,17 +71,30 @@ def _aslant(
     facing = at_stamps[1:]
     aside = 1j * facing * np.abs(reckoned)
     # Where a reference leaps, a single step would outweigh all others.
-    most_m = _LEAP * (np.abs(reckoned) + _LONGEST_ARM_M * np.abs(swung))
+    usual_m = _NOISY * float(np.median(np.abs(measured - reckoned)))
+    most_m = _LEAP * (np.abs(reckoned) + _LONGEST_ARM_M * np.abs(swung)) + usual_m
     measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
     ways = [reckoned, 1j * reckoned, swung, 1j * swung, aside * facing.real, aside * facing.imag]
+    # Steps are short and a reference's noise may be long: over a while it averages out.
+    width = _COURSE_S / float(np.median(np.diff(stamps)))
+    measured, *ways = (_averaged(one, width) for one in (measured, *ways))
     both = np.stack(ways, axis=1)
     inner = (both.conj().T @ both).real
     # On a lasting circle an arm goes as an angle does, on a straight a slope: there they are none.
     inner[np.diag_indices(len(inner))] *= 1.0 + np.repeat([0.0, 1.0, 1.0], 2) * _TOLD
-    turn = np.linalg.pinv(inner, hermitian=True) @ (both.conj().T @ measured).real
+    inverse = np.linalg.pinv(inner, hermitian=True)
+    turn = inverse @ (both.conj().T @ measured).real
     angle = float(np.arctan2(turn[1], turn[0]))
+    together = max(2.0 * math.sqrt(math.pi) * width, 1.0)
+    left = 0.5 * float(np.mean(np.abs(measured - both @ turn) ** 2))
+    sd = math.sqrt(together * left * float(inverse[1, 1])) / max(float(np.hypot(*turn[:2])), 1e-12)
     least, most = _ASLANT
-    return angle if least < abs(angle) < most else 0.0
+    return angle if max(least, _SURE * sd) < abs(angle) < most else 0.0
+
+
+def _averaged(steps: NDArray[np.complex128], width: float) -> NDArray[np.complex128]:
+    found = gaussian_filter1d(steps.real, width) + 1j * gaussian_filter1d(steps.imag, width)
+    return np.asarray(found)
 
 
 def _measured_and_reckoned(
@@ -99,7 +117,7 @@ def _course_correction(
     measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
     product = measured * np.conj(reckoned)
     width = max(_COURSE_S / float(np.median(np.diff(stamps))), 1.0)
-    summed = gaussian_filter1d(product.real, width) + 1j * gaussian_filter1d(product.imag, width)
+    summed = _averaged(product, width)
     middle = 0.5 * (stamps[1:] + stamps[:-1])
     told = np.abs(summed) > _TOLD * float(np.abs(summed).max())
     if told.sum() < 3:
