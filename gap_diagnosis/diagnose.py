@@ -56,6 +56,10 @@ def diagnose(
     Raises DiagnosisError, CanBusError or HarnessError in one line for what cannot be read.
     """
     started = time.monotonic()
+    if holdout is not None and holdout.resolve() in {one.resolve() for one in logs}:
+        raise DiagnosisError(
+            f"--holdout {holdout}: the fit sees this log too: expected one that it never saw"
+        )
     described = load_robot(robot)
     known = {} if effect_library is None else load_effect_library(effect_library)
     progress("reading", 0.0)

@@ -95,12 +95,13 @@ class Stated:
 
     Attributes:
         tolerance: a size up to this is no news; None where there is no such size.
-        span: the prior is even over orders of magnitude between these sizes, without sign.
+        span: the prior is even over orders of magnitude between these sizes, without sign; None
+            where it is a law in code.
         of: what the sizes are shares of; empty where they are in the parameter's unit.
     """
 
     tolerance: float | None
-    span: Range
+    span: Range | None
     of: str = ""
 
 
@@ -109,7 +110,7 @@ _NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "start_s", "st
 
 
 def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
-    """Return what the data of *prior* states, by parameter; those with a law in code are absent."""
+    """Return what the data of *prior* states, by parameter; absent where it states nothing."""
     sizes = prior.parameters.get(effect.name, {})
     ranges = prior.ranges.get(effect.name, {})
     found = {}
@@ -128,6 +129,8 @@ def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
         elif "share" in ranges:
             tolerance = prior.tolerance(effect.name, name)
             found[name] = Stated(tolerance, ranges["share"], "the largest")
+        elif (tolerance := prior.tolerance(effect.name, name)) is not None:
+            found[name] = Stated(tolerance, None)
     return found
 
 

@@ -133,7 +133,7 @@ def _believed(effect: Effect, prior: Prior) -> dict[str, list[str]]:
     cells = {parameter.name: ["", ""] for parameter in effect.parameters}
     for name, one in stated(prior, effect).items():
         share = f" of {one.of}" if one.of else ""
-        span = f"{_text(one.span[0])} to {_text(one.span[1])}{share}"
+        span = "" if one.span is None else f"{_text(one.span[0])} to {_text(one.span[1])}{share}"
         cells[name] = ["" if one.tolerance is None else _text(one.tolerance), span]
     return cells
 

@@ -69,7 +69,7 @@ def _belief(one: Stated | None) -> list[str]:
     if one is None:
         return ["", ""]
     share = f" of {one.of}" if one.of else ""
-    span = f"{number(one.span[0])} to {number(one.span[1])}{share}"
+    span = "" if one.span is None else f"{number(one.span[0])} to {number(one.span[1])}{share}"
     return ["" if one.tolerance is None else number(one.tolerance), span]
 
 

@@ -119,7 +119,8 @@ def scenarios() -> str:
                 [[f"`{s.name}`", s.description, number(round(s.duration_s, 2))] for s in shipped],
             ),
             "Every one but `lesson` has motor dynamics and a real counter. `lesson` switches its "
-            f"own effects on: {own_effects}.",
+            f"own effects on: {own_effects}. Its counter rounds each tick's increment, as the "
+            "lesson has it and no real one does: a diagnosis of it ends in `unknown`.",
             "## Scenario files",
             _fields(ScenarioTable),
             "One table `[[segments]]` for each stretch, from rest:",

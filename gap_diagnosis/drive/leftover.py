@@ -14,7 +14,15 @@ from gap_diagnosis.drive.linear import explained_by
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.drive.shapes import WAVE, Shapes
 from gap_diagnosis.drive.told import off
-from gap_diagnosis.drive.unlisted import AS_TOLD, STANDS, Foreign, Null, foreign, poles_of
+from gap_diagnosis.drive.unlisted import (
+    AS_TOLD,
+    STANDS,
+    WAVES_TOLD,
+    Foreign,
+    Null,
+    foreign,
+    poles_of,
+)
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -114,7 +122,7 @@ def _ways(null: Null, robot: Robot) -> dict[str, list[Foreign]]:
     for wheel, side in enumerate(("left", "right")):
         own = slice(2 * wheel, 2 * wheel + 2)
         poles = poles_of(null, robot, [one[own] for one in waves])
-        if np.hypot(*poles.sizes) * WAVE > AS_TOLD:
+        if np.hypot(*poles.sizes) * WAVE > WAVES_TOLD:
             found[f"wheel_angle_{side}"] = [poles]
     return found
 

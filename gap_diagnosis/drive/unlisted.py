@@ -31,6 +31,8 @@ _GIVES_WAY: Final = 0.006
 """Of its rate a wheel is off under load: what is unlisted must show beyond that."""
 AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
+WAVES_TOLD: Final = 0.5 * prior.GAIN.tolerance
+"""Poles by which a wheel's rate goes up and down by less are none of its faults."""
 STANDS: Final = -0.5
 """Of its rate a drive that does as it is told gives way by less, however slow that is: one that
 gives way by more stands."""
@@ -119,7 +121,7 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
         if not does_as_told or one.sizes.min() < STANDS:
             found.append(one)
     poles = poles_of(null, robot, shapes.waves())
-    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > AS_TOLD:
+    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > WAVES_TOLD:
         found.append(poles)
     total = float(np.logaddexp.reduce([one.evidence for one in found])) - math.log(len(found))
     return total, max(one.likelihood for one in found)

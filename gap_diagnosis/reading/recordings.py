@@ -53,9 +53,13 @@ def read_recordings(
     Raises DiagnosisError, CanBusError or HarnessError, each in one line for a person.
     """
     if references and len(references) != len(logs):
+        count = len(references), len(logs)
+        given, wanted = (
+            f"{n} {what}{'' if n == 1 else 's'}"
+            for n, what in zip(count, ("reference", "log"), strict=True)
+        )
         raise DiagnosisError(
-            f"{len(references)} references for {len(logs)} logs: expected one --reference for each "
-            "log, in order, or none"
+            f"{given} for {wanted}: expected one --reference for each log, in order, or none"
         )
     recordings = []
     for place, log in enumerate(logs):

@@ -158,7 +158,8 @@ def test_every_effect_that_a_diagnosis_names_says_its_prior_in_numbers_or_in_wor
     }
     assert {name for name in named if not stated(prior, known[name])} <= set(prior.laws)
     assert set(prior.laws) <= set(known)
-    assert not [name for name in prior.laws if stated(prior, known[name])]
+    told = {name: stated(prior, known[name]).values() for name in prior.laws}
+    assert not [name for name, parts in told.items() if any(one.span for one in parts)]
     for name, law in prior.laws.items():
         assert f"Prior for `chiplog diagnose`: {law}." in chiplog("effects", name).out
     (one,) = json.loads(chiplog("effects", "stale_heading", "--json", "-").out)

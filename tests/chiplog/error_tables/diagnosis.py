@@ -11,6 +11,11 @@ DIAGNOSIS: tuple[Row, ...] = (
         "--holdout-reference without --holdout: expected the log it belongs to",
     ),
     Row(
+        "a log held out from itself",
+        "chiplog diagnose run.log --holdout run.log",
+        "--holdout run.log: the fit sees this log too: expected one that it never saw",
+    ),
+    Row(
         "a result into a folder that is not there",
         "chiplog diagnose run.log --json out/OUT.json",
         "out/OUT.json: there is no folder out: make it first",

@@ -106,7 +106,7 @@ DRIVES: tuple[Row, ...] = (
     Row(
         "fewer references than logs",
         "chiplog diagnose a.log b.log --reference a.tum",
-        "1 references for 2 logs: expected one --reference for each log, in order, or none",
+        "1 reference for 2 logs: expected one --reference for each log, in order, or none",
     ),
     Row(
         "a ROS recording as reference that is not there",

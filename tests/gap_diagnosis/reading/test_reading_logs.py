@@ -271,7 +271,7 @@ def test_codes_beyond_the_described_converter_are_one_sentence(
 
 def test_references_come_one_for_each_log(lines: list[Line], folder: Path) -> None:
     log = write_lines(folder / "bus.log", lines)
-    with pytest.raises(DiagnosisError, match="1 references for 2 logs"):
+    with pytest.raises(DiagnosisError, match="1 reference for 2 logs"):
         read_recordings([log, log], robot=ROBOT, references=["a.tum"])
 
 
