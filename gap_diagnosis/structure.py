@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.drive.limits import limits_of_bounds
+from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
 from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.imitation import Effects, Imitators, Truth, merged
 from gap_diagnosis.limits_elsewhere import limits_elsewhere, limits_of_twins
@@ -64,11 +64,8 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
             limits[effect] = None if one is None else one.limit
     can = frozenset[str]().union(*(one.effects for one in motions))
     limits |= {effect: 0.0 for effect in _OCCURRING if limits.get(effect) is None}
-    limits |= {
-        effect: limit
-        for effect, limit in limits_of_bounds(recordings, motions[0].model.robot).items()
-        if limits.get(effect) is not None
-    }
+    bounds = limits_of_bounds(recordings, motions[0].model.robot)
+    limits |= {effect: bounds.get(effect) for effect in BOUNDS if limits.get(effect) is not None}
     limits |= _limits_of_noise(motions[0].model, can)
     limits |= limits_of_twins(limits, motions[0].model.robot)
     shown = frozenset(effect for effect, limit in limits.items() if limit is not None)
