@@ -93,8 +93,9 @@ class Recording:
             and its standard deviation (NaN where the log does not tell).
         speed_cycle_s: how often wheels say their speed, where they say no way: a speed may be one
             of the moment, or a mean since the one before; 0 where counts are recorded.
-        unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where counts
-            were added up from speeds; None where they were recorded.
+        unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where ways
+            were added up from speeds; None where counts were recorded, or speeds that are their
+            differences.
     """
 
     name: str

@@ -46,7 +46,12 @@ _TURNED_BACK_RAD: Final = 0.1
 
 
 def variants_of_backlash(motion: Motion) -> Iterable[Variant]:
-    """Return either side and both, where a motor reverses; before the log it came either way."""
+    """Return either side and both, where a motor reverses; before the log it came either way.
+
+    Not where speeds are noisy at rest too: what their noise adds up to, a play would swallow.
+    """
+    if np.all(motion.wheel_unsure_rad2[:, 1:] > 0.0):
+        return
     steps = {"left": motion.left_motor_rad, "right": motion.right_motor_rad}
     crossed = {side: followed(step, _TURNED_BACK_RAD, 0.0) for side, step in steps.items()}
     for side, (left, right) in _SIDES.items():

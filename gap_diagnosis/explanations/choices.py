@@ -116,10 +116,22 @@ def gyro_saturation(motion: Motion) -> Iterable[Variant]:
     """Return the limit that a flat top of the rate shows, or limits below the largest turn rate."""
     flat = _flat_top(motion)
     if flat is not None:
-        known = {"limit": flat}
+        choice = {"limit": flat}
         half_a_code = 0.5 / motion.gyro_sensitivity_lsb_per_rad_s
         told = {"limit": (flat - half_a_code, flat + half_a_code)}
-        yield Variant("gyro_saturation", gyro.gyro_saturation, (), known, known, told)
+        for contact in _CONTACTS_M_PER_SQRT_M:
+            known = {"limit": flat, "contact_m_per_sqrt_m": contact}
+            unseen = partial(gyro.unseen_beyond, limit=flat, contact_m_per_sqrt_m=contact)
+            yield Variant(
+                "gyro_saturation",
+                gyro.gyro_saturation,
+                (),
+                known,
+                choice,
+                told,
+                jumps=unseen,
+                rectifies=True,
+            )
         return
     fastest = float(np.abs(motion.turn_rate_rad_s).max())
     for share in (0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3):
@@ -179,7 +191,15 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
                 jumps = partial(
                     gyro.jumps_of_stuck_bit, bit=bit, value=value, contact_m_per_sqrt_m=contact
                 )
-                yield Variant("adc_stuck_bit", gyro.adc_stuck_bit, (), known, choice, jumps=jumps)
+                yield Variant(
+                    "adc_stuck_bit",
+                    gyro.adc_stuck_bit,
+                    (),
+                    known,
+                    choice,
+                    jumps=jumps,
+                    rectifies=True,
+                )
 
 
 _FROZEN_TICKS: Final = 20

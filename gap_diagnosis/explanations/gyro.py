@@ -1,5 +1,6 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -159,16 +160,28 @@ def gyro_g_sensitivity(p: Prediction, *, x: float, y: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + x * p.motion.acceleration_m_s2 + y * lateral
 
 
-def gyro_saturation(p: Prediction, *, limit: float) -> None:
-    """Clip each sample: near the limit its noise is cut off on one side.
+def gyro_saturation(p: Prediction, *, limit: float, contact_m_per_sqrt_m: float = 0.0) -> None:
+    """Clip each sample: near the limit its noise is cut off on one side, and so is what contact
+    adds to the rate that the wheels tell.
 
     A smooth rate would reach the limit too early and too late.
     """
     m = p.motion
-    sd = max(m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s, 1e-12)
+    noise_rad_s = m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s
+    sd = np.maximum(np.hypot(noise_rad_s, contact_m_per_sqrt_m * _per_contact_rad_s(m)), 1e-12)
     rate = _rate_with_details(p)
     p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond((rate - limit) / sd)
     p.gyro_rad_s = p.gyro_rad_s + sd * _mean_beyond((-limit - rate) / sd)
+
+
+def unseen_beyond(m: Motion, *, limit: float, contact_m_per_sqrt_m: float) -> Floats:
+    """Return by how much of a tick's turn that contact makes a clipped gyro sees nothing, as its
+    variance, rad², float64[n]."""
+    sd = np.maximum(contact_m_per_sqrt_m * _per_contact_rad_s(m), 1e-12)
+    away = (np.abs(m.turn_rate_rad_s) - limit) / sd
+    mean = _mean_beyond(away)
+    square = (1.0 + away**2) * ndtr(away) + away * np.exp(-0.5 * away**2) / np.sqrt(2 * np.pi)
+    return np.asarray((sd * m.tick_s) ** 2 * np.maximum(square - mean**2, 0.0))
 
 
 def _mean_beyond(away: Floats) -> Floats:
@@ -196,20 +209,29 @@ def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: 
 
 
 def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> Floats:
-    """Return by how much a tick's turn varies as a held bit comes and goes, rad², float64[n].
+    """Return by how much more a tick's turn varies as a held bit comes and goes, rad², float64[n].
 
-    Whether it is held set or clear, it is there or not.
+    Whether it is held set or clear, it is there or not, and goes with the noise that makes it so:
+    of a normal value x, cov(f(x), x) is var(x) times the slope of f's mean (Stein 1981).
     """
-    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * m.turn_rate_rad_s
-    chance = _chance_held(m, code, bit, contact_m_per_sqrt_m)
-    turn_rad = (1 << bit) / m.gyro_sensitivity_lsb_per_rad_s * m.tick_s
-    return np.asarray(turn_rad**2 * chance * (1.0 - chance))
+    mean = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * m.turn_rate_rad_s
+    code, noise_lsb = np.clip(mean, 0, m.adc_max_code), _noise_lsb(m, contact_m_per_sqrt_m)
+    chance = chance_of_bit(code, noise_lsb, bit)
+    height = float(1 << bit)
+    with_noise = -height * noise_lsb**2 * slope_of_chance(code, noise_lsb, bit)
+    more_lsb2 = np.maximum(height**2 * chance * (1.0 - chance) + 2.0 * with_noise, 0.0)
+    return np.asarray(more_lsb2 * (m.tick_s / m.gyro_sensitivity_lsb_per_rad_s) ** 2)
 
 
 def _chance_held(m: Motion, code: Floats, bit: int, contact_m_per_sqrt_m: float) -> Floats:
-    rolled_lsb = m.gyro_sensitivity_lsb_per_rad_s * contact_m_per_sqrt_m * _per_contact_rad_s(m)
-    noise_lsb = np.hypot(m.gyro_noise_lsb, rolled_lsb)
+    noise_lsb = _noise_lsb(m, contact_m_per_sqrt_m)
     return chance_of_bit(np.clip(code, 0, m.adc_max_code), noise_lsb, bit)
+
+
+def _noise_lsb(m: Motion, contact_m_per_sqrt_m: float) -> Floats:
+    """Return how far a sample is off what the wheels say of it, float64[n]."""
+    rolled_lsb = m.gyro_sensitivity_lsb_per_rad_s * contact_m_per_sqrt_m * _per_contact_rad_s(m)
+    return np.hypot(m.gyro_noise_lsb, rolled_lsb)
 
 
 def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
@@ -217,15 +239,32 @@ def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
 
     A quadrature of the jumps between a bit's two values would miss some of them.
     """
-    period = float(2 << bit)
     sd = np.maximum(noise_lsb, 1e-9)
-    at = np.mod(code + 0.5, period)
     chance = np.zeros(len(code))
-    for cell in range(-7, 8):  # more than six deviations either way
-        end = (cell + 1) * period - at
-        chance += ndtr(end / sd) - ndtr((end - period / 2) / sd)
+    for first, end in _cells(code, bit):
+        chance += ndtr(end / sd) - ndtr(first / sd)
     # Beyond that as often as not, to 1 in 10^8.
-    return np.where(noise_lsb >= period, 0.5, chance)
+    return np.where(noise_lsb >= float(2 << bit), 0.5, chance)
+
+
+def slope_of_chance(code: Floats, noise_lsb: Floats, bit: int) -> Floats:
+    """Return by how much `chance_of_bit` grows with the mean, per code, float64[n]."""
+    sd = np.maximum(noise_lsb, 1e-9)
+    slope = np.zeros(len(code))
+    for first, end in _cells(code, bit):
+        slope += np.exp(-0.5 * (first / sd) ** 2) - np.exp(-0.5 * (end / sd) ** 2)
+    slope = np.where(noise_lsb >= float(2 << bit), 0.0, slope)
+    return np.asarray(slope / (sd * np.sqrt(2 * np.pi)))
+
+
+def _cells(code: Floats, bit: int) -> Iterator[tuple[Floats, Floats]]:
+    """Return where values begin and end, seen from *code*, that are rounded to codes with the bit,
+    more than six deviations of up to their distance either way."""
+    period = float(2 << bit)
+    at = np.mod(code + 0.5, period)
+    for cell in range(-7, 8):
+        end = (cell + 1) * period - at
+        yield end - period / 2, end
 
 
 def _per_contact_rad_s(motion: Motion) -> Floats:

@@ -67,7 +67,7 @@ def estimate_motion(
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
     radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
     left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
-    rounding_rad = FINE_RAD if recording.speed_cycle_s > 0 else rad_per_count
+    rounding_rad = rad_per_count if recording.unsure_ticks2 is None else FINE_RAD
     steady = [
         np.where(standing(angle, step_s, rounding_rad), 0.0, step)
         for angle, step in ((left, left_step), (right, right_step))

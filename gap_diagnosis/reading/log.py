@@ -47,7 +47,8 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     if _is_speed(log.wire.signal_map["left_count"]):
         left, right = _speed(log, "left_count"), _speed(log, "right_count")
         left_ticks, right_ticks = left.ticks, right.ticks
-        unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+        if not (left.is_counted and right.is_counted):
+            unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
     else:
         left_ticks, right_ticks = _wheel(log, "left_count"), _wheel(log, "right_count")
     recording = Recording(
@@ -72,7 +73,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         counter_bits=_counter_bits(log.wire.signal_map["left_count"], robot),
         clock_skew=log.clock.skew,
         clock_skew_sd=log.clock.skew_sd,
-        speed_cycle_s=0.0 if unsure is None else log.period_s,
+        speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
     )
     return recording, _reference(log)

@@ -20,6 +20,11 @@ _LEAST_SPEEDS: Final = 3.0
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
+_NOISE_ROWS: Final = 64
+_WHOLE: Final = 0.02
+_NEARLY_ALL: Final = 0.98
+_LEAST_WHOLE: Final = 50
+"""Of so many steps hardly any would be as near to whole ticks by chance: one in 25 is."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +34,20 @@ class AddedUp:
     Attributes:
         ticks: float64[n], running count; NaN where there is no speed.
         unsure_ticks2: float64[n], variance of the step that ends at each row.
+        is_counted: the speeds are differences of counts, which `ticks` then are.
     """
 
     ticks: Floats
     unsure_ticks2: Floats
+    is_counted: bool = False
 
 
 def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
     """Return the running count that wheel speeds, float64[n], add up to (a gap is bridged).
 
     Trapezoids. What they do not know: where a speed bends within a row (nothing says whether it is
-    of the moment), what a step of the signal rounds off for as long as it says the same, and how
-    far a wheel crept that is too slow for its sensor.
+    of the moment), what a step of the signal rounds off for as long as it says the same, how far a
+    wheel crept that is too slow for its sensor, and what the noise of speeds adds up to.
     """
     valid = np.flatnonzero(np.isfinite(speed))
     ticks, unsure = np.full(len(speed), np.nan), np.zeros(len(speed))
@@ -48,10 +55,16 @@ def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
         ticks[valid] = 0.0
         return AddedUp(ticks, unsure)
     told, t_s = speed[valid], time_s[valid]
+    apart_s = np.diff(t_s, prepend=t_s[0])
+    counted = _counts(told * scale, apart_s)
+    if counted is not None:
+        ticks[valid] = counted
+        return AddedUp(ticks, unsure, is_counted=True)
     crept = _crept(told, t_s)
     every = told + crept
-    apart_s = np.diff(t_s, prepend=t_s[0])
-    variance = (_bends2(every) + _rounded2(told)) * apart_s**2
+    variance = (
+        _bends2(every) + np.maximum(_rounded2(told), np.where(told != 0.0, _noise2(told), 0.0))
+    ) * apart_s**2
     # What crept in one go is off together.
     for first, stop in _runs(crept != 0.0):
         way = float(np.sum((crept * apart_s)[first:stop]))
@@ -60,6 +73,34 @@ def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
     ticks[valid] = np.cumsum(steps) * scale
     unsure[valid] = variance * scale**2
     return AddedUp(ticks, unsure)
+
+
+def _counts(ticks_per_s: Floats, apart_s: Floats) -> Floats | None:
+    """Return the counts, float64[n], of which speeds are the differences; None where they are not.
+
+    From row to row, backwards or forwards: a row more or less is a delay, which nothing tells. Or
+    of the row before and the row after, with those of one side at the ends.
+    """
+    usual_s = float(np.median(apart_s[1:]))
+    for steps in (ticks_per_s * np.where(apart_s > 0.0, apart_s, usual_s), ticks_per_s * usual_s):
+        if _are_whole(steps):
+            return np.asarray(np.cumsum(np.round(steps)))
+        if _are_whole(2.0 * steps) and _are_whole(steps[[0, -1]], least=0):
+            counts = np.zeros(len(steps))
+            counts[1] = np.round(steps[0])
+            across = np.round(2.0 * steps[1:-1])
+            for first in (0, 1):
+                chain = np.concatenate([[counts[first]], across[first::2]])
+                counts[first::2] = np.cumsum(chain)[: len(counts[first::2])]
+            return counts
+    return None
+
+
+def _are_whole(steps: Floats, least: int = _LEAST_WHOLE) -> bool:
+    """Tell whether steps, of which *least* are none, are whole numbers."""
+    moved = steps[np.abs(steps) > 0.5]
+    off = np.abs(moved - np.round(moved))
+    return len(moved) >= least and bool(np.mean(off < _WHOLE) >= _NEARLY_ALL if len(off) else True)
 
 
 def _crept(told: Floats, t_s: Floats) -> Floats:
@@ -104,6 +145,24 @@ def _bends2(speed: Floats) -> Floats:
     bend = np.zeros(len(speed))
     bend[1:-1] = speed[1:-1] - 0.5 * (speed[:-2] + speed[2:])
     return np.asarray(gaussian_filter1d(bend**2, _BENT_ROWS) / 16.0)
+
+
+def _noise2(speed: Floats) -> float:
+    """Return the variance of that noise of a speed which adds up.
+
+    What counts are rounded by does not: of their differences each takes back what the one before
+    took. White noise of variance s² and differences of white noise of variance q² give second
+    differences of variance 6 s² + 20 q², and from one to the next -4 s² - 15 q².
+    """
+    bends = np.diff(speed, 2)
+    whole = bends[: len(bends) // _NOISE_ROWS * _NOISE_ROWS].reshape(-1, _NOISE_ROWS)
+    whole = whole[np.any(whole != 0.0, axis=1)]
+    if len(whole) == 0:
+        return 0.0
+    variance = np.mean(whole**2, axis=1)
+    shared = np.mean(whole[:, 1:] * whole[:, :-1], axis=1)
+    # Where a robot speeds up or slows down, what bends is its way.
+    return max(float(np.median(1.5 * variance + 2.0 * shared)), 0.0)
 
 
 def _rounded2(told: Floats) -> Floats:

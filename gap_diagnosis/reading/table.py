@@ -140,7 +140,8 @@ def read_table_recording(
     if _is_speed(table):
         left, right = _speed(table, "left_count"), _speed(table, "right_count")
         left_ticks, right_ticks = left.ticks, right.ticks
-        unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+        if not (left.is_counted and right.is_counted):
+            unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
     else:
         left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
         if table.map.get("ecu_time") is None:
@@ -167,7 +168,7 @@ def read_table_recording(
         counter_bits=_counter_bits(table, robot),
         clock_skew=clock.skew,
         clock_skew_sd=clock.skew_sd,
-        speed_cycle_s=0.0 if unsure is None else clock.period_s,
+        speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
         unsure_ticks2=unsure,
     )
     return recording, _reference(table, t_s)

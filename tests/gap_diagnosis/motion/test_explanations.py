@@ -20,9 +20,10 @@ from motion_cases import (
 )
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.gyro import chance_of_bit
+from gap_diagnosis.explanations.gyro import chance_of_bit, jumps_of_stuck_bit
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Value
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording, synthetic_recordings
 from hil_harness.effects import EffectSetting
@@ -233,6 +234,30 @@ def test_a_stuck_bit_adds_what_its_codes_lose_on_average(bit: int, noise_lsb: fl
     brute = share @ (whole >> bit & 1)
     noise = np.full(len(mean), noise_lsb)
     assert chance_of_bit(mean, noise, bit) == pytest.approx(brute, abs=1e-7)
+
+
+@pytest.mark.parametrize("value", [0, 1])
+@pytest.mark.parametrize("contact_m_per_sqrt_m", [0.0, 3e-4])
+def test_a_stuck_bit_makes_codes_vary_with_the_noise_that_brings_it_to_and_fro(
+    value: int, contact_m_per_sqrt_m: float
+) -> None:
+    """By a fifth to a half of their deviation; without that a gyro with a stuck bit was told to
+    have another effect besides, and another noise."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("straight"), (), 3, duration_s=4.0)
+    motion = replace(estimate_motion(log, ROBOT), gyro_noise_lsb=9.0)
+    told = jumps_of_stuck_bit(motion, bit=6, value=value, contact_m_per_sqrt_m=contact_m_per_sqrt_m)
+    per_code = motion.tick_s / motion.gyro_sensitivity_lsb_per_rad_s
+    row = 300
+    way_m_s = 2 * motion.speed_m_s[row]
+    rolled_rad_s = contact_m_per_sqrt_m * np.sqrt(way_m_s / motion.tick_s) / motion.wheelbase_m
+    sd = np.hypot(9.0, rolled_rad_s * motion.gyro_sensitivity_lsb_per_rad_s)
+    mean = motion.gyro_zero_rate_code
+    mean += motion.gyro_sensitivity_lsb_per_rad_s * motion.turn_rate_rad_s[row]
+    true = mean + sd * np.random.default_rng(1).standard_normal(400_000)
+    code = np.round(true).astype(int)
+    held = code | 64 if value else code & ~64
+    more = np.var(true + (held - code)) - np.var(true)
+    assert told[row] / per_code**2 == pytest.approx(max(more, 0.0), rel=0.03, abs=0.02 * sd**2)
 
 
 def test_a_motor_that_hardly_turns_back_has_no_play_to_tell_of() -> None:

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gap_diagnosis.reading.speeds import integrated_speed
 
@@ -61,3 +63,38 @@ def test_what_a_step_of_the_signal_rounds_off_adds_up_for_as_long_as_it_says_the
     unsure2 = float(found.unsure_ticks2.sum())
     assert abs(found.ticks[-1] - exact) < 4 * math.sqrt(unsure2)
     assert rounding2 < unsure2 < 3 * rounding2
+
+
+COUNTS = st.lists(st.integers(-40, 40), min_size=120, max_size=200)
+PER_COUNT_M = 1.54e-4
+
+
+@given(COUNTS, st.sampled_from(["backward", "forward", "central"]))
+def test_speeds_that_are_differences_of_counts_add_up_to_those_counts(
+    steps: list[int], kind: str
+) -> None:
+    """A row early or late: nothing tells. Taken for smooth ways, healthy wheels had play (0.98)."""
+    counts = np.concatenate([[0, 5], 5 + np.cumsum([one + (one == 0) for one in steps])])
+    t_s = ROW_S * np.arange(len(counts))
+    steps_m = np.diff(counts) * PER_COUNT_M
+    speed = {
+        "backward": np.concatenate([[0.0], steps_m]) / ROW_S,
+        "forward": np.concatenate([steps_m, [0.0]]) / ROW_S,
+        "central": np.gradient(counts * PER_COUNT_M, t_s),
+    }[kind]
+    found = integrated_speed(np.round(speed, 6), t_s, scale=1 / PER_COUNT_M)
+    assert found.is_counted
+    assert not found.unsure_ticks2.any()
+    shifted = {"backward": counts, "forward": np.append(counts[1:], counts[-1]), "central": counts}
+    np.testing.assert_array_equal(found.ticks, shifted[kind] - (kind == "backward") * counts[0])
+
+
+@pytest.mark.parametrize("sd_m_s", [0.002, 0.02])
+def test_the_noise_of_speeds_adds_up(sd_m_s: float) -> None:
+    """Unless it is said to, a wheel that trembles at rest has play, and counts of its own."""
+    t_s = np.arange(0.0, 60.0, ROW_S)
+    speed = np.sin(0.5 * t_s)
+    noise = np.random.default_rng(1).normal(0.0, sd_m_s, len(speed))
+    found = integrated_speed(speed + noise, t_s, scale=1.0)
+    assert not found.is_counted
+    assert np.median(found.unsure_ticks2) == pytest.approx((sd_m_s * ROW_S) ** 2, rel=0.25)
