@@ -84,6 +84,13 @@ edge of a window within half a tick or one; a threshold or a limit within 0.5 % 
 band is told no finer than the rates that were commanded are apart; its interval says so.
 
 *50 %*, *80 %*, *95 %*: of the true values, how many these intervals hold.
+
+No bound stands beside what is told so exactly that rounding decides (constants and a tick's period,
+which a replay tells to many digits; a clock's skew, of which 2 ppm are always allowed for), nor
+beside a delay, a polling period and the length of bursts, which one or a few stamps tell.
+`adc_offset`, `adc_gain` and `gyro_tilt` do to a log what `gyro_bias` and `gyro_scale` do, and are
+told in one group with these, whose accuracy is theirs. A `setup_*` has no size; how often it is
+named, the [blind trials](blind-trial.md) count.
 """
 
 _EVENTS: Final = frozenset(

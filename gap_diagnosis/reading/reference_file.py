@@ -70,8 +70,20 @@ def read_reference(path: str | Path) -> Reference:
     return Reference(t_s.copy(), x_m, y_m, None if is_position_only else heading)
 
 
+_OTHER_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_ABOUT: Final = 0.7
+
+
 def refuse_no_overlap(reference: Reference, recording: Recording, name: str) -> None:
-    """Raise DiagnosisError for a reference that does not overlap the recording in time."""
+    """Raise DiagnosisError for a reference that does not overlap the recording in time, or lasts as
+    long as it would in another unit."""
+    longer = float(np.ptp(reference.t_s)) / max(float(np.ptp(recording.t_s)), _LEAST_OVERLAP_S)
+    for unit, per_s in _OTHER_UNITS.items():
+        if _ABOUT * per_s < longer < per_s / _ABOUT:
+            raise DiagnosisError(
+                f"{name} lasts from {_span(reference.t_s)}, {recording.name} from "
+                f"{_span(recording.t_s)}: expected stamps in seconds, not in {unit}"
+            )
     start = max(reference.t_s[0], recording.t_s[0])
     stop = min(reference.t_s[-1], recording.t_s[-1])
     if stop - start < _LEAST_OVERLAP_S:

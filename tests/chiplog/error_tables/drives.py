@@ -152,6 +152,13 @@ DRIVES: tuple[Row, ...] = (
         {"table.csv": DRIVE, "a.tum": _poses(pose="0 0 0 0 0 0 0")},
     ),
     Row(
+        "a reference in milliseconds",
+        "chiplog diagnose table.csv --reference a.tum",
+        "a.tum lasts from 0.000 to 3000.000 s, table.csv from 0.000 to 2.990 s: expected stamps in "
+        "seconds, not in milliseconds",
+        {"table.csv": DRIVE, "a.tum": _poses("0 1000 2000 3000")},
+    ),
+    Row(
         "a reference of another time",
         "chiplog diagnose table.csv --reference a.tum",
         "a.tum lasts from 100.000 to 102.000 s, table.csv from 0.000 to 2.990 s: expected "

@@ -20,10 +20,16 @@ from motion_cases import (
 )
 from scipy.special import ndtr
 
-from gap_diagnosis.explanations.gyro import chance_of_bit, jumps_of_stuck_bit
+from gap_diagnosis.explanations.gyro import (
+    chance_of_bit,
+    gyro_saturation,
+    jumps_of_stuck_bit,
+)
+from gap_diagnosis.explanations.reference import turn_rate_with_details
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording, synthetic_recordings
 from hil_harness.effects import EffectSetting
@@ -234,6 +240,29 @@ def test_a_stuck_bit_adds_what_its_codes_lose_on_average(bit: int, noise_lsb: fl
     brute = share @ (whole >> bit & 1)
     noise = np.full(len(mean), noise_lsb)
     assert chance_of_bit(mean, noise, bit) == pytest.approx(brute, abs=1e-7)
+
+
+@pytest.mark.parametrize("away_rad_s", [-0.01, 0.0, 0.02])
+def test_near_its_limit_a_gyro_is_clipped_by_what_contact_adds_to_the_wheels_rate(
+    away_rad_s: float,
+) -> None:
+    """Without it a clipped gyro was told to be bent and uneven as well, by 0.997."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("spin"), (), 3, duration_s=6.0)
+    motion, contact = estimate_motion(log, ROBOT), 5e-4
+    row = int(np.argmax(np.abs(motion.turn_rate_rad_s)))
+    limit = abs(float(turn_rate_with_details(motion)[row])) - away_rad_s
+    told = Prediction(motion)
+    gyro_saturation(told, limit=limit, contact_m_per_sqrt_m=contact)
+    wheels = motion.radius_m * (
+        abs(motion.left_rate_rad_s[row]) + abs(motion.right_rate_rad_s[row])
+    )
+    rolled = contact * np.sqrt(wheels / motion.tick_s) / motion.wheelbase_m
+    noise = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
+    draws = np.random.default_rng(1).normal(limit + away_rad_s, np.hypot(rolled, noise), 200_000)
+    clipped = float(np.clip(draws, -limit, limit).mean())
+    cut = abs(float(turn_rate_with_details(motion)[row])) - clipped
+    change = abs(float(told.gyro_rad_s[row] - motion.turn_rate_rad_s[row]))
+    assert change == pytest.approx(cut, abs=4 * np.hypot(rolled, noise) / np.sqrt(200_000))
 
 
 @pytest.mark.parametrize("value", [0, 1])
