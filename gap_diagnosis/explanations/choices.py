@@ -130,7 +130,6 @@ def gyro_saturation(motion: Motion) -> Iterable[Variant]:
                 choice,
                 told,
                 jumps=unseen,
-                rectifies=True,
             )
         return
     fastest = float(np.abs(motion.turn_rate_rad_s).max())
@@ -198,7 +197,6 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
                     known,
                     choice,
                     jumps=jumps,
-                    rectifies=True,
                 )
 
 

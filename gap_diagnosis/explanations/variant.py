@@ -53,8 +53,8 @@ class Variant:
         jumps: of what makes codes jump, by how much a tick's turn by the gyro varies by chance
             beyond its noise, rad², float64[n].
         little: how small amounts act, where a share of a large one would look otherwise.
-        rectifies: its exact action makes noise of the contact positive, or cuts it off, and takes
-            the contact's level as `contact_m_per_sqrt_m`.
+        rectifies: its exact action makes noise of the contact positive, and takes the contact's
+            level as `contact_m_per_sqrt_m`.
         about: for an effect that goes with its size in where it acts, further fixed values with
             which it acts where it does at this size: along them it is smooth in its size.
         large: how amounts act that show in every detail of the motion, where small ones would be
