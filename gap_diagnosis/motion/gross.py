@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
@@ -34,13 +35,21 @@ def looks_gross(recording: Recording, robot: Robot) -> bool:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
             ratios += [_slope(one, heading) for one in (turn, *gyro)]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
-        forward = np.diff(np.interp(t_s, motion.t_s, way))
+        forward = np.diff(_averaged(t_s, motion.t_s, way))
+        # A reference's noise goes nowhere, but adds to every length.
         moved = np.hypot(
-            np.diff(np.interp(t_s, reference.t_s, reference.x_m)),
-            np.diff(np.interp(t_s, reference.t_s, reference.y_m)),
+            np.diff(_averaged(t_s, reference.t_s, reference.x_m)),
+            np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
         ratios.append(_slope(np.abs(forward), moved))
     return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+
+
+def _averaged(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
+    """Return values around some times, averaged over a block."""
+    width = 0.5 * _BLOCK_S / float(np.median(np.diff(t_s)))
+    averaged = gaussian_filter1d(values, width, mode="nearest")
+    return np.asarray(np.interp(at_s, t_s, averaged))
 
 
 def put_right(

@@ -10,12 +10,12 @@ from motion_cases import EXACT, ROBOT, WIRE
 
 from gap_diagnosis.analysis import analyse
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.gross import put_right
+from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.setup_mistakes import FACTORS, LEAST_GAIN
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
 LOG = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=EXACT, duration_s=5.0)
@@ -103,3 +103,16 @@ def test_both_wheels_in_millimetres_are_told_against_the_gyro_alone():
         assert one.value == value
         assert one.probabilities is not None
         assert one.probabilities[str(value)] > 0.999
+
+
+@pytest.mark.parametrize("noise_m", [0.005, 0.06])
+def test_a_reference_that_is_noisy_is_no_mistake_of_the_set_up(noise_m: float) -> None:
+    """Each step was as long as its noise, and 1 m of wheels half a metre: a gyro's sign and wheels
+    that were swapped had no name, 1.0."""
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (), 3,
+        reference=ReferenceNoise(noise_m, 0.01),
+    )  # fmt: skip
+    assert not looks_gross(log, ROBOT)
+    assert log.gyro_rate_rad_s is not None
+    assert looks_gross(replace(log, gyro_rate_rad_s=-log.gyro_rate_rad_s), ROBOT)
