@@ -72,7 +72,7 @@ def diagnose(
         (held,) = read_recordings(
             [holdout], robot=described, references=given, dbc=dbc, signals=signals
         )
-    wire = _wire(dbc, signals, logs, recordings)
+    wire = _wire(described, dbc, signals, logs, recordings)
     inputs = input_files(
         logs, robot, dbc, signals, references, holdout, holdout_reference, effect_library
     )
@@ -196,12 +196,16 @@ def diagnose_recordings(
 
 
 def _wire(
-    dbc: Path | None, signals: Path | None, logs: Sequence[Path], recordings: Sequence[Recording]
+    robot: Robot,
+    dbc: Path | None,
+    signals: Path | None,
+    logs: Sequence[Path],
+    recordings: Sequence[Recording],
 ) -> Wire:
     """Return the wire; a map of table columns says nothing about frames."""
     for log, recording in zip(logs, recordings, strict=True):
         if recording.frames:
-            return wire_of_log(Path(log), dbc, signals)
+            return wire_of_log(Path(log), robot, dbc, signals)
     return load_wire(dbc) if dbc is not None and signals is None else load_wire()
 
 

@@ -16,16 +16,20 @@ import numpy as np
 from can_bus import LogColumns, MessageSpec
 from gap_diagnosis.reading.log_columns import load_columns
 from hil_harness.assembly import Wire, load_wire
+from hil_harness.robot import Robot
 
 _LEAST_FRAMES: Final = 20
 
 
-def wire_of_log(log: Path, dbc: Path | None, signals: Path | None) -> Wire:
+def wire_of_log(log: Path, robot: Robot, dbc: Path | None, signals: Path | None) -> Wire:
     """Return DBC and map as `load_wire` does, with cycle times from the log where the DBC has none.
 
-    Raises DiagnosisError, CanBusError or HarnessError for what cannot be read.
+    Raises DiagnosisError, CanBusError or HarnessError for what cannot be read, and for a DBC that
+    says another tick than the one that *robot* is made for.
     """
     wire = load_wire(dbc, signals)
+    if wire.signal_map["left_count"].message.cycle_time_us:
+        robot.require_tick(wire.tick_period_us, wire.database.path.name)
     mapped = wire.signal_map.signals
     untimed = {m.message.name: m.message for m in mapped.values() if not m.message.cycle_time_us}
     if not untimed:

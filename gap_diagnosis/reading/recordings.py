@@ -86,7 +86,9 @@ def read_recording(
     if is_table(path):
         recording, own = read_table_recording(path, robot, signals)
     else:
-        recording, own = read_log_recording(path, robot, wire or wire_of_log(path, dbc, signals))
+        recording, own = read_log_recording(
+            path, robot, wire or wire_of_log(path, robot, dbc, signals)
+        )
     _refuse_useless(recording, path)
     if reference is not None:
         measured = read_reference(reference)

@@ -54,6 +54,13 @@ DRIVES: tuple[Row, ...] = (
         {"a.log": "(0.000000) can0 123#0011\n"},
     ),
     Row(
+        "a log of a firmware made for another tick",
+        "chiplog diagnose a.log --robot robot.toml",
+        "robot.toml:2: design.tick_period_us = 20000: the tick of chiplog.dbc is 10000 µs: "
+        "expected --dbc with the tick that the firmware was made for",
+        {"robot.toml": "[design]\ntick_period_us = 20000\n"},
+    ),
+    Row(
         "a log that goes back in time",
         "chiplog diagnose a.log",
         "a.log: frame 2 is stamped 8.000 s before an earlier one: expected one recording in the "

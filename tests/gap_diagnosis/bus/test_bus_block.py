@@ -292,7 +292,7 @@ def speeds_evidence(folder: Path, held: int, seed: int) -> float:
             for at, row in zip(time_s, codes, strict=True)
         )
     )
-    wire = wire_of_log(log, folder / "car.dbc", folder / "map.toml")
+    wire = wire_of_log(log, ROBOT, folder / "car.dbc", folder / "map.toml")
     block = bus_block(read_recording(log, robot=ROBOT, wire=wire), ROBOT, wire)
     assert block is not None
     return evidence(block, "stale_producer")

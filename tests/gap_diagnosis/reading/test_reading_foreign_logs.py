@@ -1,5 +1,6 @@
 """Logs of foreign buses: no counters, other kinds of wheels, an IMU with a rate of its own."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from drives import ROBOT
 
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.recording import Recording
+from hil_harness import Robot
 
 HEAD = 'VERSION ""\nBU_: A B\n'
 CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
@@ -25,7 +27,11 @@ YAW = 'BO_ 257 YAW: 4 A\n SG_ rate : 0|32@1- (0.0001,0) [-200000|200000] "deg/s"
 
 
 def read(
-    folder: Path, wheels: str, cycles_ms: tuple[int, int] | None, lines: list[tuple[float, str]]
+    folder: Path,
+    wheels: str,
+    cycles_ms: tuple[int, int] | None,
+    lines: list[tuple[float, str]],
+    robot: Robot = ROBOT,
 ) -> Recording:
     dbc = HEAD + wheels + YAW
     if cycles_ms is not None:
@@ -39,7 +45,7 @@ def read(
     text = "".join(f"({stamp:.6f}) can0 {rest}\n" for stamp, rest in sorted(lines))
     (folder / "bus.log").write_text(text)
     return read_recording(
-        folder / "bus.log", robot=ROBOT, dbc=folder / "mine.dbc", signals=folder / "map.toml"
+        folder / "bus.log", robot=robot, dbc=folder / "mine.dbc", signals=folder / "map.toml"
     )
 
 
@@ -73,6 +79,16 @@ def test_a_faster_imu_is_averaged_over_the_tick_and_a_slower_one_covers_its_tick
     found = read(tmp_path, COUNTS, (20, 40) if says_cycles else None, ticks + slow)
     want = np.radians(np.repeat(np.arange(200), 2)[1:] * 0.1)
     assert found.gyro_rate_rad_s[: len(want)] == pytest.approx(np.append(want, np.nan)[: len(want)])
+
+
+def test_a_dbc_without_cycle_times_says_no_tick_for_a_design_to_contradict(tmp_path: Path) -> None:
+    """What the log shows is a few microseconds off, as its stamps are."""
+    made_for_20_ms = replace(
+        ROBOT, design=ROBOT.design.model_copy(update={"tick_period_us": 20000})
+    )
+    lines = [(1 + k * 0.020003, wheels(40 * k, 30 * k)) for k in range(400)]
+    found = read(tmp_path, COUNTS, None, lines, robot=made_for_20_ms)
+    assert found.tick_period_s == pytest.approx(0.020003)
 
 
 def test_frames_without_counters_are_placed_by_their_stamps(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from can_bus import COUNTER_MODULO, CanBusError
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording, read_recordings
 from gap_diagnosis.recording import Recording
-from hil_harness import load_wire
+from hil_harness import HarnessError, load_robot, load_wire
 
 ENCODER, IMU = "0C1", "0C7"
 TABLE = drive(600)
@@ -253,6 +253,22 @@ def test_a_dbc_with_another_cycle_than_the_log_is_one_sentence(
     slow = [replace(line, stamp_s=2 * line.stamp_s) for line in lines]
     with pytest.raises(DiagnosisError, match=r"ENCODER comes every 20 ms, chiplog.dbc says 10 ms"):
         read(slow, folder)
+
+
+def test_a_robot_made_for_another_tick_than_the_dbcs_is_the_sentence_that_a_run_says(
+    lines: list[Line], folder: Path
+) -> None:
+    """Diagnosed with a firmware of 20 ms, a healthy log of 10 ms had no gap, and no word of it."""
+    log = write_lines(folder / "bus.log", lines)
+    description = folder / "robot.toml"
+    description.write_text("[design]\ntick_period_us = 20000\n")
+    with pytest.raises(
+        HarnessError,
+        match=r"toml:2: design\.tick_period_us = 20000: the tick of chiplog\.dbc is 10000 µs: exp",
+    ):
+        read_recording(log, robot=load_robot(description))
+    description.write_text("[design]\ntick_period_us = 10000\n")
+    assert read_recording(log, robot=load_robot(description)).tick_period_s == TICK_S
 
 
 def test_codes_beyond_the_described_converter_are_one_sentence(
