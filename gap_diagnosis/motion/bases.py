@@ -54,6 +54,10 @@ class Basis:
     within_per_s: list[float] = field(default_factory=list)
 
 
+_REVERSES: Final = 0.01
+"""Of the way, what goes either way where a robot reverses."""
+
+
 def basis(motion: Motion, stage: str, variable: str) -> Basis:
     """Return functions of a variable for a stage; none where it does not vary."""
     own = _OWN_BASIS.get((stage, variable))
@@ -81,8 +85,11 @@ def _of_the_body(motion: Motion, variable: str) -> Basis:
             [np.eye(2 * _HARMONICS)[:, 2 * order : 2 * order + 2] for order in range(_HARMONICS)],
         )
     if variable == "direction":
-        forward = np.tanh(motion.speed_m_s / 0.02)
-        return Basis([forward] if np.ptp(forward) > 1 else [])
+        ways_m = motion.speed_m_s * motion.dt_s
+        back_m, forth_m = np.maximum(-ways_m, 0.0).sum(), np.maximum(ways_m, 0.0).sum()
+        # At rest a noisy reference trembles to and fro: no robot has reversed by that.
+        reverses = min(back_m, forth_m) > _REVERSES * (back_m + forth_m)
+        return Basis([np.tanh(motion.speed_m_s / 0.02)] if reverses else [])
     value = _variable(motion, variable)
     least = _LEAST_RANGE.get(variable, 0.0)
     if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:

@@ -63,8 +63,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 "factor",
                 "1",
                 1.0,
-                "it reads so many times what it should: 2, 0.5, 4, 0.25, 10, 1000, π/180, 180/π "
-                "and inverses, 256",
+                "it reads so many times what it should: 2, 3.6, 4, 10, 256, 1000, 180/π "
+                "and inverses",
                 minimum=1e-6,
                 maximum=1e6,
             ),

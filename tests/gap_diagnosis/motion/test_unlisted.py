@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, nodes_of
 
-from gap_diagnosis.motion.bases import turns
+from gap_diagnosis.motion.bases import basis, turns
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, levels_beside
@@ -275,3 +275,17 @@ def test_when_in_a_tick_a_reference_samples_makes_no_wheel_slip(phase_s: float) 
     found = alternatives(model, model.no_effect_levels)
     (slip,) = [one for one in found if (one.stage, one.variable) == ("wheel", "acceleration")]
     assert slip.log_evidence < 3.0
+
+
+def test_a_robot_that_only_trembles_backwards_at_rest_has_no_direction_to_go_with() -> None:
+    """A reference's noise at a stop was taken for reversing, and a function of it for a cause."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 3, duration_s=30.0)
+    motion = nodes_of(log).motion
+    trembling_m_s = 0.02 * np.sin(40.0 * motion.t_s)
+    at_rest = np.abs(motion.speed_m_s) < 0.01
+    assert at_rest.any()
+    still = replace(motion, speed_m_s=np.where(at_rest, trembling_m_s, np.abs(motion.speed_m_s)))
+    assert basis(still, "wheel", "direction").functions == []
+    half = np.where(motion.t_s > np.median(motion.t_s), -1.0, 1.0)
+    to_and_fro = replace(motion, speed_m_s=half * np.abs(motion.speed_m_s))
+    assert len(basis(to_and_fro, "wheel", "direction").functions) == 1
