@@ -11,11 +11,13 @@ Index k of every array speaks of the tick that ends at t_k; at k = 0 steps are z
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
@@ -56,6 +58,8 @@ class Motion:
         rounding_rad: to what a reading of a wheel's turn is rounded: a count, or hardly at all
             where wheels say how fast they are.
         turning_s: over how long turn rates were averaged.
+        bent: float64[n], 1 where headings are bent onto a reference, 0 where they are the wheels'.
+        bent_over_s: over how long: the turn is the reference's in what lasts longer.
         sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
         wheel_speeds: of the left and the right wheel, what is known beside its own counts.
         has_counters: rows were put together by the frames' counters, not by their stamps.
@@ -97,6 +101,8 @@ class Motion:
     gyro_unsure_rad2: Floats
     rounding_rad: float
     turning_s: float
+    bent: Floats
+    bent_over_s: float
     sharp_s: float
     wheel_speeds: tuple[WheelSpeed, WheelSpeed]
     has_counters: bool = True
@@ -121,6 +127,11 @@ class Motion:
         """The largest rate of either wheel."""
         return float(max(np.abs(self.left_rate_rad_s).max(), np.abs(self.right_rate_rad_s).max()))
 
+    def bent_part(self, rates: Floats) -> Floats:
+        """Return of rates by the wheels what a reference takes the place of: what lasts."""
+        width = self.bent_over_s / self.tick_s
+        return self.bent * _lasting(rates, width) if self.bent.any() else np.zeros_like(rates)
+
     @property
     def elapsed_s(self) -> Floats:
         """Time since the log's start."""
@@ -139,6 +150,7 @@ class Prediction:
         lateral_m: step to the left of the body's x axis.
         yaw_rad: turn that no wheel made.
         turned_rad_s: turn rate by the wheels, as the effects so far have them turn.
+        showed_rad_s: what a reference showed of that change before any effect explained it.
         gyro_rad_s: rate that the gyro should read.
         reference_forward_m, reference_left_m: tracked point in the body frame.
         reference_heading_rad: added to the reported heading.
@@ -157,6 +169,7 @@ class Prediction:
     yaw_rad: Floats = field(init=False)
     turned_rad_s: Floats = field(init=False)
     gyro_rad_s: Floats = field(init=False)
+    showed_rad_s: Floats | float = 0.0
     reference_forward_m: Floats | float = 0.0
     reference_left_m: Floats | float = 0.0
     reference_heading_rad: Floats | float = 0.0
@@ -183,7 +196,8 @@ class Prediction:
     def turn(self) -> None:
         """Let the gyro see the turn that the wheels make by the effects explained so far.
 
-        Counts that jump are left out: no body turns with them.
+        Counts that jump are left out: no body turns with them. What a reference showed of the
+        change stands in the estimated turn already.
         """
         m = self.motion
         if m.wrap_bits:
@@ -194,6 +208,9 @@ class Prediction:
         # As smooth from row to row as the turn is: stamps may jitter.
         tick_s = m.tick_s
         changed = (self.turn_rad - described) / tick_s
+        if m.bent.any():
+            self.showed_rad_s = m.bent_part(changed)
+            changed = changed - self.showed_rad_s
         self.gyro_rad_s = self.gyro_rad_s + changed
         self.turned_rad_s = self.turned_rad_s + changed
 
@@ -224,3 +241,11 @@ class Prediction:
         x_m = np.cumsum(forward * np.cos(middle) - lateral * np.sin(middle))
         y_m = np.cumsum(forward * np.sin(middle) + lateral * np.cos(middle))
         return x_m, y_m, heading_rad
+
+
+def _lasting(values: Floats, width: float) -> Floats:
+    """Return values smoothed about as a Gaussian of *width* ticks does, by three moving means."""
+    length = max(round(math.sqrt(4.0 * width**2 + 1.0)), 1)
+    for _ in range(3):
+        values = uniform_filter1d(values, length, mode="nearest")
+    return values

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
@@ -29,7 +30,7 @@ def gyro_lag(p: Prediction, *, time_constant: float) -> None:
 
 def exact_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the turn that the wheels make, as sharply as it begins."""
-    _trail(p, time_constant, wheels_turn_rate(p.motion))
+    _trail(p, time_constant, wheels_turn_rate(p))
 
 
 def long_gyro_lag(p: Prediction, *, time_constant: float) -> None:
@@ -71,16 +72,24 @@ def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
 
 def exact_gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
     """Bend the scale with the size of the rate as sharp as it is."""
-    _bend(p, _rate_with_details(p), quadratic, cubic)
+    _bend(p, rate_with_details(p), quadratic, cubic)
 
 
 def _bend(p: Prediction, rate: Floats, quadratic: float, cubic: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + quadratic * rate * np.abs(rate) + cubic * rate**3
 
 
-def _rate_with_details(p: Prediction) -> Floats:
-    """Return the rate as the gyro has it so far, with what smoothing rounded off."""
-    return p.gyro_rad_s + turn_rate_with_details(p.motion) - p.motion.turn_rate_rad_s
+def rate_with_details(p: Prediction) -> Floats:
+    """Return the rate as the gyro has it so far, with what smoothing rounded off.
+
+    Counters tell that by themselves, sharper than the estimated heading, which a reference bends.
+    """
+    m = p.motion
+    if not m.has_counters or m.sharp_s == np.inf:
+        return seen(p, turn_rate_with_details(m))
+    wheels = m.radius_m * (m.right_step_rad - m.left_step_rad) / (m.wheelbase_m * m.tick_s)
+    rounded = gaussian_filter1d(wheels, m.turning_s / m.tick_s, mode="nearest")
+    return seen(p, m.turn_rate_rad_s + wheels - rounded)
 
 
 def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
@@ -97,7 +106,7 @@ def exact_gyro_asymmetry(
     of a normal value (folded normal, Leone, Nelson and Nottingham 1961), as large as a bias where
     wheels slip to and fro by milliradians a tick.
     """
-    rate = _rate_with_details(p)
+    rate = rate_with_details(p)
     sd = np.maximum(contact_m_per_sqrt_m * _per_contact_rad_s(p.motion), _LEAST_RAD_S)
     size = rate + 2.0 * sd * _mean_beyond(-rate / sd)
     p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * size
@@ -110,7 +119,7 @@ def gyro_scale(p: Prediction, *, scale: float) -> None:
 
 def exact_gyro_scale(p: Prediction, *, scale: float) -> None:
     """Read every rate, as sharp as it is, too large."""
-    p.gyro_rad_s = p.gyro_rad_s + scale * _rate_with_details(p)
+    p.gyro_rad_s = p.gyro_rad_s + scale * rate_with_details(p)
 
 
 def gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
@@ -122,7 +131,7 @@ def gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
 def exact_gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
     """Let the scale of a rate as sharp as it is follow the temperature."""
     if p.motion.warm_k is not None:
-        p.gyro_rad_s = p.gyro_rad_s + slope * p.motion.warm_k * _rate_with_details(p)
+        p.gyro_rad_s = p.gyro_rad_s + slope * p.motion.warm_k * rate_with_details(p)
 
 
 def supply_ratio(p: Prediction, *, coefficient: float) -> None:
@@ -134,7 +143,7 @@ def supply_ratio(p: Prediction, *, coefficient: float) -> None:
 def exact_supply_ratio(p: Prediction, *, coefficient: float) -> None:
     """Let the scale of a rate as sharp as it is follow the supply."""
     if p.motion.supply_error is not None:
-        p.gyro_rad_s = p.gyro_rad_s + coefficient * p.motion.supply_error * _rate_with_details(p)
+        p.gyro_rad_s = p.gyro_rad_s + coefficient * p.motion.supply_error * rate_with_details(p)
 
 
 def gyro_bias(p: Prediction, *, bias: float) -> None:
@@ -169,7 +178,7 @@ def gyro_saturation(p: Prediction, *, limit: float, contact_m_per_sqrt_m: float 
     m = p.motion
     noise_rad_s = m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s
     sd = np.maximum(np.hypot(noise_rad_s, contact_m_per_sqrt_m * _per_contact_rad_s(m)), 1e-12)
-    rate = _rate_with_details(p)
+    rate = rate_with_details(p)
     p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond((rate - limit) / sd)
     p.gyro_rad_s = p.gyro_rad_s + sd * _mean_beyond((-limit - rate) / sd)
 

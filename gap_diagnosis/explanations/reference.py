@@ -124,17 +124,18 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     return with_details(smooth, width_s / step_s, noise, step_s)
 
 
-def wheels_turn_rate(motion: Motion) -> Floats:
+def wheels_turn_rate(p: Prediction) -> Floats:
     """Return the mean turn rate of each tick as the wheels tell it, float64[n].
 
     The estimated heading is bent onto the reference: of a turn at another time, by another clock,
     an error of a thousandth is as much as a lag is told to. What the description has wrong of the
     wheels is told beside (`ACTS_OTHERWISE`). A table's rows, and speeds, are no such counts.
     """
+    motion = p.motion
     if not motion.has_counters or motion.sharp_s == np.inf:
         return turn_rate_with_details(motion)
     turn = motion.radius_m * (motion.right_step_rad - motion.left_step_rad) / motion.wheelbase_m
-    return np.asarray(turn / motion.tick_s)
+    return np.asarray(turn / motion.tick_s + p.showed_rad_s)
 
 
 def with_details(smooth: Floats, width: float, noise: float, step_s: float) -> Floats:

@@ -52,6 +52,11 @@ def heading_of(
     return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
 
 
+def bent_over_s(reference: Reference) -> float:
+    """Return over how long headings are bent onto a reference: what lasts longer is its own."""
+    return _COURSE_S if reference.heading_rad is None else _FOLLOW_S
+
+
 def slow(stamps: Floats, residual: Floats, t_s: Floats, step_s: float) -> Floats:
     """Return the residual at the ticks, without its fast part."""
     at_ticks = np.interp(t_s, stamps, residual)

@@ -84,6 +84,7 @@ def smoothed(motion: Motion) -> Motion:
         x_m=x_m,
         y_m=y_m,
         turn_rate_rad_s=turn * geometry / tick_s,
+        turning_s=math.hypot(motion.turning_s, USUAL_S),
         left_step_rad=left,
         right_step_rad=right,
         left_angle_rad=np.cumsum(left),

@@ -24,8 +24,8 @@ from gap_diagnosis.explanations.gyro import (
     chance_of_bit,
     gyro_saturation,
     jumps_of_stuck_bit,
+    rate_with_details,
 )
-from gap_diagnosis.explanations.reference import turn_rate_with_details
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.estimate import estimate_motion
@@ -248,9 +248,9 @@ def test_near_its_limit_a_gyro_is_clipped_by_what_contact_adds_to_the_wheels_rat
 ) -> None:
     """Without it a clipped gyro was told to be bent and uneven as well, by 0.997."""
     log = synthetic_recording(ROBOT, WIRE, scenario("spin"), (), 3, duration_s=6.0)
-    motion, contact = estimate_motion(log, ROBOT), 5e-4
+    motion, contact = nodes_of(log).sharp, 5e-4
     row = int(np.argmax(np.abs(motion.turn_rate_rad_s)))
-    limit = abs(float(turn_rate_with_details(motion)[row])) - away_rad_s
+    limit = abs(float(rate_with_details(Prediction(motion))[row])) - away_rad_s
     told = Prediction(motion)
     gyro_saturation(told, limit=limit, contact_m_per_sqrt_m=contact)
     wheels = motion.radius_m * (
@@ -260,7 +260,7 @@ def test_near_its_limit_a_gyro_is_clipped_by_what_contact_adds_to_the_wheels_rat
     noise = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
     draws = np.random.default_rng(1).normal(limit + away_rad_s, np.hypot(rolled, noise), 200_000)
     clipped = float(np.clip(draws, -limit, limit).mean())
-    cut = abs(float(turn_rate_with_details(motion)[row])) - clipped
+    cut = abs(float(rate_with_details(Prediction(motion))[row])) - clipped
     change = abs(float(told.gyro_rad_s[row] - motion.turn_rate_rad_s[row]))
     assert change == pytest.approx(cut, abs=4 * np.hypot(rolled, noise) / np.sqrt(200_000))
 

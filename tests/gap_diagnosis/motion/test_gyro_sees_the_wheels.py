@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, nodes_of
+from motion_cases import EXACT, ROBOT, WIRE, nodes_of
 
 from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.prediction import Motion
-from gap_diagnosis.recording import Floats
+from gap_diagnosis.recording import Floats, Reference
 from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 LATE_TICKS = 8
@@ -71,3 +72,40 @@ def test_the_gyro_sees_all_that_a_wheel_effect_changes_of_the_turn(motion: Motio
 def test_without_an_effect_of_its_own_the_gyro_adds_nothing_to_the_wheels(motion: Motion) -> None:
     found = predict(motion, [setting(motion, "wheelbase_scale", 0.1)])
     assert not found.gyro_added_rad_s.any()
+
+
+def test_what_a_reference_showed_of_a_larger_wheel_is_not_seen_by_the_gyro_twice() -> None:
+    """The estimated turn is bent onto the reference: with the change once more a gyro that clips at
+    80 % of a spin clipped a tenth too much, and had a room of another scale for company (0.998)."""
+    larger = EffectSetting("radius_scale", (("scale", 0.02),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("spin"), (larger,), seed=3, duration_s=20.0, reference=EXACT
+    )
+    smooth = nodes_of(log).smooth
+    estimated = smooth.turn_rate_rad_s
+    found = predict(smooth, [setting(smooth, "radius_scale", 0.02)]).turned_rad_s
+    spinning = np.abs(estimated) > 0.9 * np.abs(estimated).max()
+    assert spinning.sum() > 200
+    by_wheels = (smooth.right_step_rad - smooth.left_step_rad) / smooth.tick_s
+    truly = 1.02 * by_wheels * smooth.radius_m / smooth.wheelbase_m
+    assert np.mean(found[spinning] / truly[spinning]) == pytest.approx(1.0, abs=0.002)
+
+
+def test_before_a_reference_begins_the_gyro_sees_a_larger_wheel_by_that_alone() -> None:
+    larger = EffectSetting("radius_scale", (("scale", 0.02),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("spin"), (larger,), seed=3, duration_s=20.0, reference=EXACT
+    )
+    assert log.reference is not None
+    late = log.reference.t_s > 0.5 * (log.t_s[0] + log.t_s[-1])
+    heading = log.reference.heading_rad
+    assert heading is not None
+    kept = Reference(
+        log.reference.t_s[late], log.reference.x_m[late], log.reference.y_m[late], heading[late]
+    )
+    smooth = nodes_of(replace(log, reference=kept)).smooth
+    found = predict(smooth, [setting(smooth, "radius_scale", 0.02)])
+    before = (smooth.bent == 0) & (np.abs(smooth.turn_rate_rad_s) > 0.5)
+    assert before.sum() > 100
+    ratio = found.turned_rad_s[before] / smooth.turn_rate_rad_s[before]
+    assert float(np.median(ratio)) == pytest.approx(1.02, abs=0.002)
