@@ -1,4 +1,4 @@
-"""A reference connected wrongly: degrees for radians, millimetres for metres, a heading mirrored.
+"""A reference connected wrongly: degrees for radians, millimetres for metres, axes mirrored.
 
 Wheels and gyro agree and the reference alone is off by a known factor. Nothing else of it can be
 looked at before that is put right; what it says then is as good as any.
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.estimate import estimate_motion
@@ -21,6 +22,8 @@ from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.setup_mistakes import FACTORS
 from hil_harness.robot import Robot
 
+Complex = NDArray[np.complex128]
+
 _STEP_S: Final = 2.0
 """So long that half a second between two clocks matters little."""
 _LEAST_STEPS: Final = 8
@@ -29,6 +32,8 @@ _SAME: Final = math.log(1.2)
 """Effects of the robot change a way or a turn by less."""
 _LEAST_TURN_RAD: Final = 0.05
 _LEAST_WAY_M: Final = 0.01
+_LITTLE: Final = 0.1
+"""A step so many times the usual one leads nowhere."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +41,8 @@ class Mistake:
     """A signal of the reference that reads *factor* times what it should.
 
     Attributes:
-        signal: reference_position or reference_heading.
-        factor: a known one; -1 for a mirrored heading.
+        signal: reference_position, reference_heading, or reference where all of it is mirrored.
+        factor: a known one; -1 for a mirror image.
         log_evidence: of the log without it, less that with it.
     """
 
@@ -86,33 +91,36 @@ def with_reference_put_right(
 
     *without* are effects that are not to be named.
     """
-    found = _found(recording, robot)
-    reference = recording.reference
-    if found is None or reference is None:
+    reference, prior = recording.reference, default_prior()
+    candidates = _candidates(recording, robot)
+    if reference is None or not candidates:
         return recording, None
-    (signal, factor), prior = found, default_prior()
-    right = replace(recording, reference=_divided(reference, signal, factor))
-    before, after = MotionModel(recording, robot, prior), MotionModel(right, robot, prior)
-    # The same numbers in a larger unit are less likely each, by as much.
-    residuals = [(0, 1), (2,)][signal == "reference_heading"]
-    values = np.isfinite(after.columns.values[residuals, :, 0]).sum()
-    gain = _log_evidence(after) - _log_evidence(before)
-    mistake = Mistake(signal, factor, gain - float(values) * math.log(abs(factor)))
+    before = _log_evidence(MotionModel(recording, robot, prior))
+    tried = []
+    for signal, factor in candidates:
+        right = replace(recording, reference=_divided(reference, signal, factor))
+        after = MotionModel(right, robot, prior)
+        # The same numbers in a larger unit are less likely each, by as much.
+        residuals = [(0, 1), (2,)][signal == "reference_heading"]
+        values = np.isfinite(after.columns.values[residuals, :, 0]).sum()
+        gain = _log_evidence(after) - before - float(values) * math.log(abs(factor))
+        tried.append((right, Mistake(signal, factor, gain)))
+    right, mistake = max(tried, key=lambda one: one[1].log_evidence)
     if mistake.effect in without or mistake.log_evidence <= 0:
         return recording, None
     return right, mistake
 
 
-def _found(recording: Recording, robot: Robot) -> tuple[str, float] | None:
-    """Return the signal that alone is off by a known factor, and the factor."""
+def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
+    """Return signals that alone may be off by a known factor, and the factor."""
     reference = recording.reference
     if reference is None or len(reference.t_s) < _LEAST_STEPS:
-        return None
+        return []
     motion = estimate_motion(replace(recording, reference=None), robot)
     first, last = (f(motion.t_s[place], reference.t_s[place]) for f, place in ((max, 0), (min, -1)))
     grid_s = np.arange(first, last, _STEP_S)
     if len(grid_s) <= _LEAST_STEPS:
-        return None
+        return []
 
     def steps(t_s: Floats, values: Floats) -> Floats:
         return np.asarray(np.diff(np.interp(grid_s, t_s, values)))
@@ -123,14 +131,36 @@ def _found(recording: Recording, robot: Robot) -> tuple[str, float] | None:
     heading = None
     if reference.heading_rad is not None:
         heading = _ratio(turns[0], steps(reference.t_s, reference.heading_rad), _LEAST_TURN_RAD)
-        if wheels_are_right and (factor := _known(heading)) is not None:
-            return "reference_heading", factor
-    ours = np.hypot(steps(motion.t_s, motion.x_m), steps(motion.t_s, motion.y_m))
-    theirs = np.hypot(steps(reference.t_s, reference.x_m), steps(reference.t_s, reference.y_m))
-    factor = _known(_ratio(ours, theirs, _LEAST_WAY_M))
+    ours = steps(motion.t_s, motion.x_m) + 1j * steps(motion.t_s, motion.y_m)
+    theirs = steps(reference.t_s, reference.x_m) + 1j * steps(reference.t_s, reference.y_m)
+    if wheels_are_right and (factor := _known(heading)) is not None:
+        # Where positions are noisy, only the evidence tells whether they are mirrored too.
+        return [("reference_heading", factor)] + [("reference", factor)] * (factor < 0)
+    # Wheels and gyro must agree which way the robot turned, not how far: tracks turn it less than
+    # their wheelbase says. Without a gyro it may as well be the wheels that are swapped.
+    if _is_positive(gyro) and not _is_positive(heading) and _is_mirrored(ours, theirs):
+        return [("reference", -1.0)]
+    factor = _known(_ratio(np.abs(ours), np.abs(theirs), _LEAST_WAY_M))
     if factor is not None and factor > 0 and (wheels_are_right or _is_same(heading)):
-        return "reference_position", factor
-    return None
+        return [("reference_position", factor)]
+    return []
+
+
+def _is_mirrored(ours: Complex, theirs: Complex) -> bool:
+    """Tell whether steps of a course lead to the left of the ones before where ours lead to the
+    right."""
+    way_m = np.abs(ours)
+    # Where it turns on the spot, what leads aside is the next step that goes anywhere.
+    moved = way_m > max(_LEAST_WAY_M, _LITTLE * math.sqrt(float(np.mean(way_m**2))))
+    if np.count_nonzero(moved) <= _LEAST_STEPS:
+        return False
+    # By our own lengths: in metres aside a reference's noise is the same at any speed.
+    longer_m = np.maximum(way_m[moved][1:], way_m[moved][:-1])
+    aside = [
+        (steps[moved][1:] * np.conj(steps[moved][:-1])).imag / longer_m for steps in (ours, theirs)
+    ]
+    ratio = _ratio(aside[0], aside[1], _LEAST_WAY_M)
+    return ratio is not None and ratio < 0
 
 
 def _ratio(ours: Floats, theirs: Floats, least: float) -> float | None:
@@ -142,6 +172,10 @@ def _ratio(ours: Floats, theirs: Floats, least: float) -> float | None:
     if abs(alike) < _ALIKE:
         return None
     return math.copysign(math.sqrt(power[1] / power[0]), alike)
+
+
+def _is_positive(ratio: float | None) -> bool:
+    return ratio is not None and ratio > 0
 
 
 def _is_same(ratio: float | None) -> bool:
@@ -161,7 +195,9 @@ def _divided(reference: Reference, signal: str, factor: float) -> Reference:
     if signal == "reference_position":
         return replace(reference, x_m=reference.x_m / factor, y_m=reference.y_m / factor)
     heading = reference.heading_rad
-    return reference if heading is None else replace(reference, heading_rad=heading / factor)
+    right = reference if heading is None else replace(reference, heading_rad=heading / factor)
+    # About whichever axis it is mirrored, the rest is a turn of the frame, which is free.
+    return replace(right, y_m=reference.y_m / factor) if signal == "reference" else right
 
 
 def _log_evidence(model: MotionModel) -> float:

@@ -212,7 +212,9 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     # setup
     "setup_wheels_swapped": {},
     "setup_sign": {
-        "signal": Pick(("left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading")),
+        "signal": Pick(
+            ("left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading", "reference")
+        ),
     },
     "setup_unit": {
         "signal": Pick(

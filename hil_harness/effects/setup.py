@@ -39,7 +39,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 "signal",
                 "",
                 _NO_SIGNAL,
-                "the signal whose sign is flipped",
+                "the signal whose sign is flipped; reference: its y and heading, as in axes "
+                "of the other hand (north, east, down)",
                 kind="choice",
                 choices=(_NO_SIGNAL, *SIGN_SIGNALS),
             ),

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from sim_plant import PlantDescription, SensorCounts
 
-SignSignal = Literal["left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading"]
+SignSignal = Literal[
+    "left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading", "reference"
+]
 UnitSignal = Literal[
     "left_ticks",
     "right_ticks",
@@ -34,7 +36,7 @@ class SetupMistakes:
 
     Attributes:
         wheels_swapped: 1 where left and right counts are exchanged.
-        flipped: the signal whose sign is wrong, "" for none.
+        flipped: the signal whose sign is wrong, "" for none; reference: in mirrored axes.
         unit_signal, unit_factor: this signal reads so many times what it should.
     """
 
@@ -52,7 +54,7 @@ class SetupMistakes:
     @property
     def touches_reference(self) -> bool:
         """Tell whether the reference file is wrong."""
-        return self.factor("reference_position") != 1.0 or self.factor("reference_heading") != 1.0
+        return self._reference_factors != (1.0, 1.0, 1.0)
 
     def commands(self, commands: Floats) -> Floats:
         """Return commands float64[n, 2] (v_m_s, w_rad_s) as they are recorded."""
@@ -61,9 +63,14 @@ class SetupMistakes:
 
     def reference(self, poses: Floats) -> Floats:
         """Return poses float64[n, 3] as the reference file has them."""
-        position = self.factor("reference_position")
-        factors = np.array([position, position, self.factor("reference_heading")])
-        return poses if (factors == 1.0).all() else poses * factors
+        return poses * np.array(self._reference_factors) if self.touches_reference else poses
+
+    @property
+    def _reference_factors(self) -> tuple[float, float, float]:
+        """By what x, y and heading are multiplied."""
+        position, heading = self.factor("reference_position"), self.factor("reference_heading")
+        mirror = -1.0 if self.flipped == "reference" else 1.0
+        return position, mirror * position, mirror * heading
 
 
 class SensorMistakes:

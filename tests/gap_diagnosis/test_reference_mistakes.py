@@ -1,4 +1,4 @@
-"""A reference in a wrong unit, or with a mirrored heading, is put right and told."""
+"""A reference in a wrong unit, or mirrored, is put right and told."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cache
 import pytest
 from diagnosed import ROBOT, WIRE
 
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting, parse_effect
@@ -27,6 +27,11 @@ def wrong(recording: Recording, signal: str, factor: float) -> Recording:
     reference = recording.reference
     assert reference is not None
     assert reference.heading_rad is not None
+    if signal == "reference":
+        flipped = replace(reference, y_m=factor * reference.y_m)
+        return replace(
+            recording, reference=replace(flipped, heading_rad=factor * reference.heading_rad)
+        )
     if signal == "reference_heading":
         return replace(
             recording, reference=replace(reference, heading_rad=factor * reference.heading_rad)
@@ -43,6 +48,7 @@ def wrong(recording: Recording, signal: str, factor: float) -> Recording:
         ("reference_heading", 180 / math.pi),
         ("reference_heading", math.pi / 180),
         ("reference_heading", -1.0),
+        ("reference", -1.0),
     ],
 )
 def test_a_wrong_signal_of_the_reference_is_found_and_put_right(signal: str, factor: float) -> None:
@@ -56,6 +62,7 @@ def test_a_wrong_signal_of_the_reference_is_found_and_put_right(signal: str, fac
     assert right.reference is not None
     assert recording.reference is not None
     assert right.reference.x_m == pytest.approx(recording.reference.x_m)
+    assert right.reference.y_m == pytest.approx(recording.reference.y_m)
     assert right.reference.heading_rad == pytest.approx(recording.reference.heading_rad)
 
 
@@ -84,3 +91,107 @@ def test_a_mistake_that_is_not_to_be_named_stays() -> None:
         recording,
         None,
     )
+
+
+@cache
+def with_positions(name: str, noise_m: float, rate_hz: float) -> Recording:
+    """Return a drive beside a reference without orientation."""
+    noise = ReferenceNoise(position_m=noise_m, rate_hz=rate_hz)
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario(name), (), 3, reference=noise, duration_s=60.0
+    )
+    assert recording.reference is not None
+    return replace(recording, reference=replace(recording.reference, heading_rad=None))
+
+
+def mirrored(recording: Recording) -> Recording:
+    """Return it with the reference's axes as north, east, down has them."""
+    reference = recording.reference
+    assert reference is not None
+    heading = reference.heading_rad
+    ned = Reference(
+        reference.t_s,
+        reference.y_m,
+        reference.x_m,
+        None if heading is None else math.pi / 2 - heading,
+    )
+    return replace(recording, reference=ned)
+
+
+@pytest.mark.parametrize(
+    ("name", "noise_m", "rate_hz"),
+    [
+        ("random", 0.0005, 100.0),
+        ("random", 0.02, 10.0),
+        ("random", 0.02, 1.0),
+        ("square", 0.005, 10.0),
+    ],
+)
+def test_mirrored_positions_are_told_without_any_heading(
+    name: str, noise_m: float, rate_hz: float
+) -> None:
+    recording = with_positions(name, noise_m, rate_hz)
+    right, mistake = with_reference_put_right(mirrored(recording), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference")
+    assert mistake.log_evidence > 20
+    # Of another axis than north, east, down has, but of the right hand.
+    assert right.reference is not None
+    assert recording.reference is not None
+    assert right.reference.x_m == pytest.approx(recording.reference.y_m)
+    assert right.reference.y_m == pytest.approx(-recording.reference.x_m)
+    assert with_reference_put_right(right, ROBOT) == (right, None)
+
+
+def test_axes_that_are_swapped_and_a_clockwise_heading_are_one_mirrored_reference() -> None:
+    _, mistake = with_reference_put_right(mirrored(drive()), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference")
+
+
+def test_a_mirrored_reference_is_told_of_a_robot_that_turns_less_than_its_wheels_say() -> None:
+    recording = drive(parse_effect("wheelbase_scale.scale=0.4"))
+    _, mistake = with_reference_put_right(mirrored(recording), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference")
+
+
+@pytest.mark.parametrize(
+    ("name", "noise_m", "rate_hz"),
+    [
+        ("random", 0.05, 1.0),
+        ("random", 0.5, 10.0),
+        ("square", 1.0, 1.0),
+        ("straight", 0.02, 10.0),
+        ("spin", 0.02, 10.0),
+    ],
+)
+def test_noise_without_a_heading_is_no_mirrored_reference(
+    name: str, noise_m: float, rate_hz: float
+) -> None:
+    recording = with_positions(name, noise_m, rate_hz)
+    assert with_reference_put_right(recording, ROBOT) == (recording, None)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        EffectSetting("setup_wheels_swapped", ()),
+        EffectSetting("setup_sign", (("signal", "gyro"),)),
+    ],
+)
+def test_a_wheel_or_a_gyro_that_turns_the_other_way_is_not_laid_to_positions(
+    effect: EffectSetting,
+) -> None:
+    recording = drive(effect)
+    assert recording.reference is not None
+    positions = replace(recording, reference=replace(recording.reference, heading_rad=None))
+    for one in (recording, positions):
+        assert with_reference_put_right(one, ROBOT) == (one, None)
+
+
+def test_without_a_gyro_the_wheels_may_as_well_be_the_ones_that_are_wrong() -> None:
+    recording = replace(drive(), gyro_code=None, gyro_rate_rad_s=None)
+    for one in (recording, with_positions("random", 0.0005, 100.0)):
+        blind = mirrored(replace(one, gyro_code=None, gyro_rate_rad_s=None))
+        assert with_reference_put_right(blind, ROBOT) == (blind, None)

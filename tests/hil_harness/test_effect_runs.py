@@ -150,6 +150,16 @@ def test_an_effect_of_the_reference_changes_the_reference_file_alone(
     np.testing.assert_allclose(poses[:, 2], plain.truth[:, 2] + 0.02)
 
 
+def test_a_mirrored_reference_is_the_truth_in_axes_of_the_other_hand(
+    robot: Robot, tmp_path: Path
+) -> None:
+    plain = in_the_loop(robot, (), tmp_path / "plain.log")
+    seen = in_the_loop(robot, ("setup_sign.signal=reference",), tmp_path / "seen.log")
+    assert (tmp_path / "plain.log").read_bytes() == (tmp_path / "seen.log").read_bytes()
+    assert seen.reference is not None
+    np.testing.assert_array_equal(seen.reference[1], plain.truth * [1.0, -1.0, -1.0])
+
+
 def test_neutral_effects_of_every_stage_leave_the_log_as_it_is(
     robot: Robot, tmp_path: Path
 ) -> None:
