@@ -11,6 +11,7 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.contest import Contest, Hypothesis, contest_of
+from gap_diagnosis.drivable import drivable
 from gap_diagnosis.explanations.twins import twins_of
 from gap_diagnosis.log_questions import imitations, unseen
 from gap_diagnosis.manoeuvres import Described, Equipment, Manoeuvre, equipment_of, sights
@@ -20,7 +21,7 @@ from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import About, Advice, Candidate, EffectSet, Structure
 from gap_diagnosis.structure import sights_of, twins_on
-from hil_harness.assembly import Wire, load_wire
+from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
 
@@ -151,6 +152,8 @@ def advice_for(
 
     With *structure*, then also what tells other candidates of some probability from theirs and from
     the winner, and what these logs cannot tell apart, or see, whatever is at work.
+
+    Raises HarnessError and its relatives where this robot on this bus cannot be simulated.
     """
     recordings = [one.recording for one in analyses]
     motions = [one.motion for one in analyses if one.motion is not None]
@@ -168,7 +171,7 @@ def advice_for(
     contests = tuple(one for each in questions for one in each.contests)
     menus: list[Menu] = []
     if contests:
-        menus = _menus(contests, Described(robot, _drivable(wire), motions[0].model.prior), motions)
+        menus = _menus(contests, Described(robot, drivable(wire), motions[0].model.prior), motions)
     return tuple(advice for one in questions for advice in _answers(one, menus))
 
 
@@ -297,12 +300,6 @@ def _always_alike(group: EffectSet) -> tuple[tuple[EffectSet, ...], ...]:
         for twin in twins_of(effect)
         if effect < twin and twin in group
     )
-
-
-def _drivable(wire: Wire) -> Wire:
-    """Return a wire that a simulated loop can use: wheels' speeds can only be read from a log."""
-    is_speed = wire.signal_map["left_count"].quantity in ("speed", "turn rate")
-    return load_wire() if is_speed else wire
 
 
 def _truth(effects: EffectSet, motion: MotionBlock) -> Hypothesis | None:

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
+from typing import Final
 
+from can_bus import CanBusError
+from firmware_model import FirmwareError
 from gap_diagnosis import no_news
 from gap_diagnosis.advising import advice_for
 from gap_diagnosis.agreement import contradiction, disagreements
@@ -28,13 +31,26 @@ from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import with_reference_put_right
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
-from gap_diagnosis.result_parts import InputFile, Metric, StageOrNone, Where
+from gap_diagnosis.result_parts import (
+    Advice,
+    Candidate,
+    InputFile,
+    Metric,
+    StageOrNone,
+    Structure,
+    Where,
+)
 from gap_diagnosis.structure import structure_of
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Effect
 from hil_harness.effects.user_effects import load_effect_library
+from hil_harness.errors import HarnessError
 from hil_harness.robot import Robot, load_robot
+from sim_plant import PlantError
+
+_NOT_SIMULATED: Final = (CanBusError, DiagnosisError, FirmwareError, HarnessError, PlantError)
+"""What a drive of a robot or on a bus of which not all fits together is refused with."""
 
 
 def diagnose(
@@ -150,6 +166,9 @@ def diagnose_recordings(
     found, metrics = _shrink(analyses, ranking, verdict, stage, robot, wire, held)
     progress("what to drive next", 0.95)
     structure = structure_of(analyses)
+    advice, without_advice = _advice(
+        ordered, robot, wire, analyses, structure if every_drive else None
+    )
     diagnosis = Diagnosis(
         verdict=verdict,
         stage=stage,
@@ -167,7 +186,7 @@ def diagnose_recordings(
         gap=found.gap,
         waterfall=found.waterfall,
         structure=structure,
-        advice=advice_for(ordered, robot, wire, analyses, structure if every_drive else None),
+        advice=advice,
         assumptions=ASSUMPTIONS,
         notes=(
             *contradiction(
@@ -178,7 +197,11 @@ def diagnose_recordings(
             ),
             *notes_on(
                 analyses,
-                (*found.notes, *no_news.notes(blocks, prior, ranking.best.effects, ranking.small)),
+                (
+                    *found.notes,
+                    *no_news.notes(blocks, prior, ranking.best.effects, ranking.small),
+                    *without_advice,
+                ),
                 is_unknown=verdict == UNKNOWN and stage == "wheel",
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),
@@ -216,6 +239,27 @@ def _unknown(analyses: Sequence[Analysis]) -> dict[str, float]:
         for stage, value in one.unknown.items():
             total[stage] = total.get(stage, 0.0) + value
     return total
+
+
+def _advice(
+    which: Sequence[Candidate],
+    robot: Robot,
+    wire: Wire,
+    analyses: Sequence[Analysis],
+    structure: Structure | None,
+) -> tuple[tuple[Advice, ...], tuple[str, ...]]:
+    """Return what to drive next; where no drive can be simulated none, and a note that says why.
+
+    The diagnosis is finished: it is not to be lost for what comes after it.
+    """
+    try:
+        return advice_for(which, robot, wire, analyses, structure), ()
+    except _NOT_SIMULATED as error:
+        note = (
+            "Nothing is said of what to drive next, as no drive can be simulated with this robot "
+            f"and bus: {str(error).rstrip('.')}."
+        )
+        return (), (note,)
 
 
 def _has_frames(analyses: Sequence[Analysis]) -> bool:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from can.interfaces.udp_multicast import UdpMulticastBus
 from numpy.typing import NDArray
 
-from can_bus import CanBusError, Database, check_interface, load_database
+from can_bus import CanBusError, Database, MessageSpec, check_interface, load_database
 from firmware_model.kernel import Implementation
 from hil_harness.effects import Effect, EffectSetting, Settings, apply_effects, combine_effects
 from hil_harness.errors import HarnessError
@@ -134,6 +135,20 @@ class Wire:
     def tick_period_us(self) -> int:
         """The tick period: the cycle of the left wheel's message."""
         return self.signal_map.tick_period_us
+
+    def with_messages(self, specs: Mapping[str, MessageSpec]) -> Wire:
+        """Return the wire with other *specs* of some messages, by name."""
+        signals = {
+            role: replace(one, message=specs.get(one.message.name, one.message))
+            for role, one in self.signal_map.signals.items()
+        }
+        messages = {
+            name: specs.get(name, message) for name, message in self.database.messages.items()
+        }
+        return Wire(
+            replace(self.database, messages=MappingProxyType(messages)),
+            replace(self.signal_map, signals=MappingProxyType(signals)),
+        )
 
 
 def load_wire(dbc: Path | None = None, signals: Path | None = None) -> Wire:

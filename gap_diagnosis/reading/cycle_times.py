@@ -5,10 +5,8 @@ Few DBCs that are passed round for cars have GenMsgCycleTime.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -35,19 +33,7 @@ def wire_of_log(log: Path, robot: Robot, dbc: Path | None, signals: Path | None)
     if not untimed:
         return wire
     columns = load_columns(log)
-    timed = {name: _timed(spec, columns) for name, spec in untimed.items()}
-
-    def known(message: MessageSpec) -> MessageSpec:
-        return timed.get(message.name, message)
-
-    messages: Mapping[str, MessageSpec] = MappingProxyType(
-        {name: known(message) for name, message in wire.database.messages.items()}
-    )
-    signals_by_role = {role: replace(m, message=known(m.message)) for role, m in mapped.items()}
-    return Wire(
-        replace(wire.database, messages=messages),
-        replace(wire.signal_map, signals=MappingProxyType(signals_by_role)),
-    )
+    return wire.with_messages({name: _timed(spec, columns) for name, spec in untimed.items()})
 
 
 def _timed(spec: MessageSpec, columns: LogColumns) -> MessageSpec:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -28,6 +29,7 @@ from hil_harness.assembly import Wire
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import load_scenario
 from hil_harness.signal_map import REQUIRED
+from hil_harness.signal_roles import Role
 
 LESSON_SPEED_M_S = 0.6
 
@@ -93,6 +95,15 @@ def at_half_the_beat(wire: Wire) -> Wire:
     return replace(wire, signal_map=replace(wire.signal_map, signals=signals))
 
 
+def with_cycles(wire: Wire, cycles_us: Mapping[Role, int | None], delay_us: int = 0) -> Wire:
+    """Return a bus on which some roles' messages come in these cycles, after this delay."""
+    signals = dict(wire.signal_map.signals)
+    for role, cycle_us in cycles_us.items():
+        spec = replace(signals[role].message, cycle_time_us=cycle_us, start_delay_us=delay_us)
+        signals[role] = replace(signals[role], message=spec)
+    return replace(wire, signal_map=replace(wire.signal_map, signals=signals))
+
+
 def test_what_a_drive_would_see_is_of_this_bus_and_not_of_one_asked_about_before() -> None:
     levels = with_nothing("square").motion.levels
     shown = []
@@ -115,6 +126,20 @@ def test_slip_is_told_from_a_lever_arm_by_a_drive_at_another_speed_or_on_the_spo
     assert only.expected_gain > 0.9
     assert only.scenario_file is not None
     assert only.scenario is not None
+
+
+@pytest.mark.parametrize(
+    ("wheels_us", "gyro_us", "delay_us"),
+    [(50_000, 25_000, 0), (50_017, 24_994, 0), (10_000, 25_000, 0), (20_000, None, 7_000)],
+    ids=["a faster gyro", "cycles as measured", "a slower gyro", "a gyro without a cycle"],
+)
+def test_a_drive_is_advised_whatever_the_cycles_of_wheels_and_gyro(wheels_us, gyro_us, delay_us):
+    """The finished diagnosis of a car with pulses in every second frame of its gyro was lost."""
+    cycles = {"left_count": wheels_us, "right_count": wheels_us, "gyro": gyro_us}
+    winner = named(("lateral_slip",), ("reference_lever_arm",))
+    (only,) = advice(winner, lesson_with_slip(), with_cycles(WIRE, cycles, delay_us))
+    assert only.scenario_file is not None
+    assert only.expected_gain > 0.5
 
 
 def test_the_drive_that_is_proposed_does_tell_them_apart(tmp_path):

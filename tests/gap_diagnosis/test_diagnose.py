@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from typing import NoReturn
 
 import pytest
 from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
@@ -15,6 +16,7 @@ from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
+from hil_harness.errors import HarnessError
 
 
 def test_two_effects_at_once_are_named() -> None:
@@ -61,6 +63,25 @@ def test_without_a_reference_wheels_and_gyro_are_one_group() -> None:
 
 def test_without_a_reference_something_is_driven_next() -> None:
     assert diagnosed("no reference").advice
+
+
+def test_what_no_drive_can_be_simulated_for_is_diagnosed_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only the advice is missing, and a note says why."""
+
+    def refuse(*_: object) -> NoReturn:
+        raise HarnessError("GYRO: cycle 25000 µs: expected a multiple of 50000 µs")
+
+    monkeypatch.setattr("gap_diagnosis.advising.sights", refuse)
+    found = diagnose("no reference")
+    assert found.verdict == diagnosed("no reference").verdict
+    assert found.advice == ()
+    (note,) = (one for one in found.notes if "what to drive next" in one)
+    assert note == (
+        "Nothing is said of what to drive next, as no drive can be simulated with this robot and "
+        "bus: GYRO: cycle 25000 µs: expected a multiple of 50000 µs."
+    )
 
 
 def test_a_sign_in_the_setup_explains_better_than_any_effect() -> None:
