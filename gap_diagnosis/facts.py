@@ -136,6 +136,7 @@ def notes_on(
         if lost:
             parts = ", ".join(f"{count} by {reason}" for reason, count in sorted(lost.items()))
             notes.append(f"{one.name}: frames rejected: {parts}.")
+        notes += [f"{one.name}: {note}" for note in one.notes]
     for analysis in analyses:
         if analysis.outliers:
             notes.append(

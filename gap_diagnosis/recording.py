@@ -96,6 +96,7 @@ class Recording:
         unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where ways
             were added up from speeds; None where counts were recorded, or speeds that are their
             differences.
+        notes: what was read otherwise than it may be meant, each a sentence.
     """
 
     name: str
@@ -122,6 +123,7 @@ class Recording:
     clock_skew_sd: float = float("nan")
     speed_cycle_s: float = 0.0
     unsure_ticks2: Floats | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def tick_s(self) -> float:

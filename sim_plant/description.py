@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sim_plant.errors import PlantError
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+WIDEST_COUNTER_BITS: Final = 16
 
 
 class _Table(BaseModel):
@@ -52,7 +53,9 @@ class Encoder(_Table):
     """Table [encoder]: one counter on each wheel."""
 
     ticks_per_rev: int = _number("counts per wheel turn, all edges counted", 2048, ge=1, le=65535)
-    counter_bits: int = _number("width of the wrapping counter [bit]", 16, ge=8, le=16)
+    counter_bits: int = _number(
+        "width of the wrapping counter [bit]", 16, ge=8, le=WIDEST_COUNTER_BITS
+    )
     noise_ticks: float = _number(
         "white noise of one reading about the true count, standard deviation [ticks]",
         0.2,

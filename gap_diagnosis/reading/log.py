@@ -26,6 +26,7 @@ from hil_harness.sensor_frames import code_scale
 from hil_harness.signal_map import MappedSignal
 from hil_harness.signal_roles import Role
 from hil_harness.wheel_counter import count_to_raw, wrap_of
+from sim_plant import WIDEST_COUNTER_BITS
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +76,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
         speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
+        notes=_beyond_the_counter(log, robot),
     )
     return recording, _reference(log)
 
@@ -122,6 +124,32 @@ def _counter_bits(mapped: MappedSignal, robot: Robot) -> int:
     if mapped.kind == "counts":
         return (int(wrap_of(mapped)[0]) - 1).bit_length()
     return robot.plant.encoder.counter_bits
+
+
+def _beyond_the_counter(log: LogByTicks, robot: Robot) -> tuple[str, ...]:
+    """Say that a wheel counts further than the described counter does.
+
+    No reason to refuse the log: an ECU may go on counting on the bus where its own counter wraps,
+    as the simulated one does on a wider signal. One that no description is wide enough for must.
+    """
+    described_bits = robot.plant.encoder.counter_bits
+    for role in ("left_count", "right_count"):
+        mapped, raw = _readings(log, role)
+        if mapped.kind != "counts" or not np.isfinite(raw).any():
+            continue
+        signal_bits = (int(wrap_of(mapped)[0]) - 1).bit_length()
+        low, high = int(np.nanmin(raw)), int(np.nanmax(raw))
+        span = 1 << described_bits
+        fits = (low >= 0 and high < span) or (-span // 2 <= low and high < span // 2)
+        if fits or signal_bits > WIDEST_COUNTER_BITS:
+            continue
+        told = (
+            f"{mapped.path} counts from {low} to {high}, encoder.counter_bits = {described_bits} "
+            f"to {span - 1}: taken for an ECU that goes on counting on the bus; expected "
+            f"encoder.counter_bits = {signal_bits} if it is the counter itself."
+        )
+        return (f"{robot.where(told)}: {told}",)
+    return ()
 
 
 def _gyro(log: LogByTicks) -> tuple[Floats, Floats] | None:

@@ -81,6 +81,11 @@ def test_a_faster_imu_is_averaged_over_the_tick_and_a_slower_one_covers_its_tick
     assert found.gyro_rate_rad_s[: len(want)] == pytest.approx(np.append(want, np.nan)[: len(want)])
 
 
+def test_a_counter_wider_than_any_description_can_say_is_no_news(tmp_path: Path) -> None:
+    lines = [(1 + k * 0.02, wheels(70_000 + 40 * k, 30 * k)) for k in range(400)]
+    assert read(tmp_path, COUNTS, (20, 20), lines).notes == ()
+
+
 def test_a_dbc_without_cycle_times_says_no_tick_for_a_design_to_contradict(tmp_path: Path) -> None:
     """What the log shows is a few microseconds off, as its stamps are."""
     made_for_20_ms = replace(

@@ -1,5 +1,6 @@
 """A table becomes a log, something happens to the log, and the table's numbers come back."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -269,6 +270,25 @@ def test_a_robot_made_for_another_tick_than_the_dbcs_is_the_sentence_that_a_run_
         read_recording(log, robot=load_robot(description))
     description.write_text("[design]\ntick_period_us = 10000\n")
     assert read_recording(log, robot=load_robot(description)).tick_period_s == TICK_S
+
+
+def test_counts_beyond_the_described_counter_are_a_note_for_a_narrow_counter_may_run_on_the_bus(
+    lines: list[Line], folder: Path
+) -> None:
+    """Described with 12 bits, counts up to 65535 were diagnosed without a word.
+
+    `run` writes such a log of a robot of 12 bits: its counter goes on in the wider signal.
+    """
+    log = write_lines(folder / "bus.log", lines)
+    assert read_recording(log, robot=ROBOT).notes == ()
+    description = folder / "robot.toml"
+    description.write_text("[encoder]\ncounter_bits = 12\n")
+    (note,) = read_recording(log, robot=load_robot(description)).notes
+    assert re.fullmatch(
+        r".*robot\.toml:2: ENCODER\.left_count counts from \d+ to 655\d\d, encoder\.counter_bits = "
+        r"12 to 4095: .* expected encoder\.counter_bits = 16 if it is the counter itself\.",
+        note,
+    )
 
 
 def test_codes_beyond_the_described_converter_are_one_sentence(
