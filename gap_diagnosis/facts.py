@@ -13,7 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import InputFile, LogFacts, Metric
+from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
@@ -102,6 +102,10 @@ _BESIDE: Final = {
     "bus": "frames come otherwise than described",
     "firmware": "the odometry frames are not what the described firmware gives",
 }
+
+
+_WORSE: Final = 2.0
+"""So many times the gap or its floor is no chance of the stretches held out."""
 
 
 def notes_on(
@@ -201,3 +205,15 @@ def _on_pushes(analysis: Analysis) -> list[str]:
     ]
     name = analysis.recording.name
     return [f"{name}: the body steps {', '.join(told)}, and no wheel turns with it."]
+
+
+def makes_worse(gap: Gap | None) -> tuple[str, ...]:
+    """Return a warning where with what is named the simulation lies farther off than without."""
+    if gap is None or gap.after is None or gap.floor is None:
+        return ()
+    if gap.after < _WORSE * max(gap.before, gap.floor):
+        return ()
+    return (
+        "With what is named the simulation lies farther from the log than without it, on stretches "
+        "that the fit never saw: as it stands that is no explanation, however probable.",
+    )

@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from fake_blocks import analysis
 
-from gap_diagnosis.facts import notes_on
+from gap_diagnosis.facts import makes_worse, notes_on
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import Gap, Metric
 
 _ROWS = np.arange(4)
 LOG = Recording("drive.csv", 0.01, _ROWS * 0.01, _ROWS * 0.01, _ROWS, _ROWS * 1.0, _ROWS * 1.0)
@@ -16,3 +18,16 @@ def test_what_reading_a_log_noted_is_said_under_its_name() -> None:
     noted = replace(LOG, notes=("3 values are missing.",))
     assert "drive.csv: 3 values are missing." in notes_on([analysis(noted)], ())
     assert not any(one.startswith("drive.csv") for one in notes_on([analysis(LOG)], ()))
+
+
+@pytest.mark.parametrize(
+    ("after", "is_worse"), [(1.07, True), (0.4, False), (0.001, False), (None, False)]
+)
+def test_a_name_with_which_the_simulation_lies_farther_off_is_warned_of(
+    after: float | None, is_worse: bool
+) -> None:
+    """Motors too weak, on one side more, were called a gain (> 0.999): 99 mm became 1.07 m, and the
+    gap so near its floor of 0.27 m that no share of it was said to be closed, or opened."""
+    windows = Metric(unit="m", before=0.099, after=after, floor=0.269, windows=4)
+    gap = Gap(metric="drive_position_m", held_out="stretches", **dict(windows))
+    assert [("farther" in one) for one in makes_worse(gap)] == [True] * is_worse
