@@ -94,6 +94,22 @@ class _Table:
         wrap_s = None if ecu is None or ecu.wrap is None else ecu.wrap * ecu.si_factor
         return table_clock(str(self.path), clocks[0], clocks[1], wrap_s)
 
+    def missing(self) -> tuple[str, ...]:
+        """Say how many values were missing, empty or not finite; nothing where none was.
+
+        Of a table that joins sensors of several rates a tick without a value, not an empty cell.
+        """
+        ticks = int(self.group[-1]) + 1
+        told = []
+        for role, mapped in self.map.columns.items():
+            valid = np.isfinite(self.values[role][: len(self.group)])
+            lost = ticks - len(np.unique(self.group[valid]))
+            if lost:
+                told.append(f"{lost:,} of {ticks:,} of {mapped.column}")
+        if not told:
+            return ()
+        return (f"Values empty or not finite were taken as missing: {', '.join(told)}.",)
+
     def last(self, role: ColumnRole) -> Floats:
         """Return the last reading of each tick on the rows, NaN where there is none."""
         value = self.values[role][: len(self.group)]
@@ -170,6 +186,7 @@ def read_table_recording(
         clock_skew_sd=clock.skew_sd,
         speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
         unsure_ticks2=unsure,
+        notes=table.missing(),
     )
     return recording, _reference(table, t_s)
 

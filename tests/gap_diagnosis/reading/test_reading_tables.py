@@ -231,6 +231,26 @@ def test_a_table_that_cannot_be_read_is_one_sentence(text: str, said: str, tmp_p
         read_recording(table, robot=ROBOT)
 
 
+def test_values_that_are_not_finite_are_missing_and_one_note_counts_them(tmp_path: Path) -> None:
+    """Columns with holes and infinities were diagnosed without a word of them."""
+    table = drive(300)
+    assert read(table, tmp_path).notes == ()
+    table.columns["left_ticks"][[40, 41]] = np.nan
+    table.columns["gyro_code"][[50, 51, 52]] = np.inf, -np.inf, np.nan
+    assert read(table, tmp_path).notes == (
+        "Values empty or not finite were taken as missing: 2 of 300 of left_ticks, 3 of 300 of "
+        "gyro_code.",
+    )
+
+
+def test_empty_cells_between_sensors_of_several_rates_are_no_news(tmp_path: Path) -> None:
+    table = drive(600)
+    for name in ("left_ticks", "right_ticks"):
+        table.columns[name][::2] = np.nan
+    table.columns["gyro_code"][1::2] = np.nan
+    assert read(table, tmp_path).notes == ()
+
+
 def test_a_row_without_time_is_one_sentence(tmp_path: Path) -> None:
     table = drive(300)
     table.columns["t_s"][7] = np.nan
