@@ -48,6 +48,7 @@ class Unit:
 _TURN_RAD: Final = 2 * math.pi
 _DEGREE_RAD: Final = math.pi / 180
 _GRAVITY_M_S2: Final = 9.80665
+_MILE_M: Final = 1609.344
 
 _SPELLINGS: Final[dict[str, Unit]] = {
     "m": Unit("length", 1.0),
@@ -57,16 +58,19 @@ _SPELLINGS: Final[dict[str, Unit]] = {
     "mrad": Unit("angle", 0.001),
     "deg degree degrees °": Unit("angle", _DEGREE_RAD),
     "turn turns rev": Unit("angle", _TURN_RAD),
-    "m/s": Unit("speed", 1.0),
+    "m/s m/sec mps meter/s meters/s metre/s metres/s": Unit("speed", 1.0),
     "cm/s": Unit("speed", 0.01),
     "mm/s": Unit("speed", 0.001),
-    "km/h kmh kph": Unit("speed", 1 / 3.6),
-    "rad/s": Unit("turn rate", 1.0),
+    "km/h km/hr kmh kmph kph": Unit("speed", 1 / 3.6),
+    "mph mi/h mile/h miles/h": Unit("speed", _MILE_M / 3600),
+    "rad/s rad/sec radian/s radians/s radian/sec radians/sec": Unit("turn rate", 1.0),
     "mrad/s": Unit("turn rate", 0.001),
-    "deg/s °/s dps": Unit("turn rate", _DEGREE_RAD),
+    "deg/s deg/sec degree/s degrees/s degree/sec degrees/sec °/s °/sec dps": Unit(
+        "turn rate", _DEGREE_RAD
+    ),
     "turn/s rev/s": Unit("turn rate", _TURN_RAD),
     "rpm 1/min": Unit("turn rate", _TURN_RAD / 60),
-    "m/s^2 m/s² m/s2 m/ss": Unit("acceleration", 1.0),
+    "m/s^2 m/s² m/s2 m/ss m/s/s m/sec^2 m/sec² m/sec2": Unit("acceleration", 1.0),
     "g": Unit("acceleration", _GRAVITY_M_S2),
     "mg": Unit("acceleration", _GRAVITY_M_S2 / 1000),
     "K kelvin": Unit("temperature", 1.0),

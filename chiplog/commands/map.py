@@ -38,6 +38,7 @@ def command(
     from can_bus import load_database
     from chiplog.terminal import show_line, show_table
     from gap_diagnosis.errors import DiagnosisError
+    from gap_diagnosis.reading.left_out import left_out
     from gap_diagnosis.reading.map_text import propose_map, signals_of
     from gap_diagnosis.reading.table_file import is_table
 
@@ -60,6 +61,8 @@ def command(
         bare = [guess.signal.path for guess in guesses.values() if guess.lacks_unit]
         units = f"; say the unit of {', '.join(bare)}" if bare else ""
         show_line(f"{out}: {len(guesses) - len(bare)} roles{check}{units}")
+        for sentence in () if is_table(log) else left_out(found, guesses).values():
+            show_line(sentence)
     else:
         show_line("")
         for line in text.splitlines():

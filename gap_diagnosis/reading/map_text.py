@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import cast
 
 from can_bus import Database
+from gap_diagnosis.reading.left_out import left_out
 from gap_diagnosis.reading.propose import Guess, propose
 from gap_diagnosis.reading.signals_found import (
     FoundSignal,
@@ -64,6 +65,8 @@ def _text(
         lines.insert(2, "# A line without a unit is commented out: say the unit, and remove the #.")
     taken = {guess.signal.path for guess in guesses.values()} | set(clocks)
     rest = [signal for path, signal in found.items() if path not in taken]
+    if dbc is not None and (told := left_out(found, guesses)):
+        lines += ["", *(f"# {sentence}" for sentence in told.values())]
     if rest:
         lines += ["", "# Not mapped:"]
         lines += [f"#   {signal.path}{_unit(signal)}" for signal in rest]

@@ -7,7 +7,6 @@ a gyro, which turns with right minus left.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -16,11 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal, sounds_like_time
 from gap_diagnosis.reading.unit_names import unit_of_signal
 from hil_harness.nearest import did_you_mean
 from hil_harness.signal_map import SHIPPED
-from hil_harness.signal_roles import COUNT_UNITS, QUANTITIES, RAW_KIND, ROLES, Role, unit_of
+from hil_harness.signal_roles import (
+    COUNT_UNITS,
+    QUANTITIES,
+    RAW_KIND,
+    ROLES,
+    Role,
+    unit_of,
+    units_for,
+)
 from hil_harness.table_map import NAMED_COLUMNS
 
 Floats = NDArray[np.float64]
@@ -33,7 +41,6 @@ _COMMANDS: Final[tuple[Role, ...]] = ("v_command", "w_command")
 _REFERENCES: Final[tuple[Role, ...]] = ("reference_x", "reference_y", "reference_heading")
 _ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
 _SENSORS: Final[tuple[Role, ...]] = ("accel_x", "accel_y", "temperature", "supply")
-_COMMAND_WORDS: Final = ("cmd", "command", "set", "target", "desired", "request", "ref_speed")
 _REFERENCE_WORDS: Final = ("reference", "mocap", "truth", "ground", "rtk", "gps", "optitrack")
 _SENSOR_WORDS: Final = ("gyro", "imu", "acc", "mag")
 """An axis of these is no coordinate."""
@@ -65,10 +72,6 @@ _REAR_AND_FRONT: Final[Mapping[Role, tuple[str, ...]]] = {
     "right_count": ("rr", "fr", "rf", "hr", "vr", "rechts"),
 }
 """How cars spell the sides: rear left, front left, also in German."""
-_AXES: Final = {
-    "x": "x", "y": "y", "z": "z",
-    "long": "x", "lon": "x", "longitudinal": "x", "lat": "y", "lateral": "y",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -129,9 +132,9 @@ def propose(
     _take_given(search, given or {})
     _take_plain_names(search)
     for role in _COMMANDS:
-        _choose(search, role, lambda s: _named(s, _COMMAND_WORDS))
+        _choose(search, role, lambda s: is_named(s, COMMAND_WORDS))
     for role in _REFERENCES:
-        _choose(search, role, lambda s: _named(s, _REFERENCE_WORDS))
+        _choose(search, role, lambda s: is_named(s, _REFERENCE_WORDS))
     _choose_wheels(search)
     turn = _turn(search)
     _choose(search, "gyro", None, turn)
@@ -152,7 +155,7 @@ def _take_given(search: _Search, given: Mapping[str, str]) -> None:
             raise DiagnosisError(f"{role}={path}: no such signal with values: {near}")
         wrap = signal.wrap if search.is_table and signal.wraps else None
         unit = unit_of_signal(signal, True) if search.is_table else None
-        if unit == "" and role in ("left_count", "right_count") and not _is_whole(signal):
+        if unit == "" and role in ("left_count", "right_count") and not is_whole(signal):
             raise DiagnosisError(
                 f"{role}={path}: its values are no whole counts and its name says no unit: "
                 f"expected the unit in the column's name, as in {path}_m_s, or a map.toml that "
@@ -174,29 +177,19 @@ def _take_plain_names(search: _Search) -> None:
             search.guesses[role] = Guess(role, signal, reasons=("its plain name",), is_certain=True)
 
 
-def _words_of(signal: FoundSignal) -> list[str]:
-    """Return the words in a name: ``IMU.gyroZ_raw`` has imu, gyro, z, raw."""
-    spaced = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", signal.path)
-    return [word for word in re.split(r"[^A-Za-z]+", spaced.lower()) if word]
-
-
-def _named(signal: FoundSignal, words: tuple[str, ...]) -> bool:
-    joined = " ".join(_words_of(signal))
-    return any(word in joined for word in words if len(word) > 2)
-
-
-def _is_whole(signal: FoundSignal) -> bool:
+def is_whole(signal: FoundSignal) -> bool:
+    """Tell whether its values are whole numbers, as counts and codes are."""
     return bool(np.all(signal.value[:1000] == np.rint(signal.value[:1000])))
 
 
 def _lacks_unit(search: _Search, role: Role, signal: FoundSignal) -> bool:
     """Tell a quantity of a table whose column does not say its unit: no counts, no codes."""
     said = unit_of_signal(signal, search.is_table).strip().lower() not in COUNT_UNITS
-    return search.is_table and not said and not (role in RAW_KIND and _is_whole(signal))
+    return search.is_table and not said and not (role in RAW_KIND and is_whole(signal))
 
 
 def _is_odometry(signal: FoundSignal) -> bool:
-    return not _named(signal, _COMMAND_WORDS + _REFERENCE_WORDS + _SENSOR_WORDS)
+    return not is_named(signal, COMMAND_WORDS + _REFERENCE_WORDS + _SENSOR_WORDS)
 
 
 def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float, str | None]:
@@ -204,7 +197,7 @@ def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float,
     unit = unit_of_signal(signal, is_table)
     if unit.strip().lower() in COUNT_UNITS:
         if role in RAW_KIND:
-            whole = _is_whole(signal)
+            whole = is_whole(signal)
             rate = is_table and role == "gyro"
             return (1.0 if whole else 0.0 if rate else -9.0), "whole numbers" if whole else None
         return (0.0 if is_table else -9.0), None
@@ -228,17 +221,18 @@ def _choose(
         if (role == "gyro" and signal.is_constant) or (fits is not None and not fits(signal)):
             continue
         if fits is None and (
-            _named(signal, _COMMAND_WORDS) or (role == "gyro" and _named(signal, ("accel", "acc")))
+            is_named(signal, COMMAND_WORDS)
+            or (role == "gyro" and is_named(signal, ("accel", "acc")))
         ):
             continue
         score, said = _unit_score(signal, role, search.is_table)
         reasons = [] if said is None else [said]
-        words = _words_of(signal)
+        words = words_of(signal)
         hits = [
             word
             for word in _WORDS[role]
             if word in words
-            or (len(word) > 2 and word not in _WHOLE_WORDS and _named(signal, (word,)))
+            or (len(word) > 2 and word not in _WHOLE_WORDS and is_named(signal, (word,)))
         ]
         if hits:
             score += 2.0 + (1.0 if words[-1] in hits or words[-2:-1] == [hits[0]] else 0.0)
@@ -247,7 +241,7 @@ def _choose(
             score += 1.0
         if role in ("accel_x", "accel_y", "gyro"):
             axis = role[-1] if role != "gyro" else "z"
-            axes = {_AXES[word] for word in words if word in _AXES}
+            axes = {AXES[word] for word in words if word in AXES}
             if axes and axis not in axes:
                 continue
             score += 1.0 if axes else 0.0
@@ -292,7 +286,7 @@ def _choose_wheels(search: _Search) -> None:
         score, guess = _wheel_evidence(search, signal)
         if score < _ENOUGH:
             continue
-        words = set(_words_of(signal))
+        words = set(words_of(signal))
         sides = [side for side in by_side if words & {*_WORDS[side], *_REAR_AND_FRONT[side]}]
         if len(sides) == 1:
             named = Guess(
@@ -315,6 +309,12 @@ def _choose_wheels(search: _Search) -> None:
                 f"{bare.path} has the name of a wheel, and no unit: expected it in a map.toml, "
                 f'below [{key}s], as in {missing[0]} = {{ {key} = "{bare.path}", unit = "km/h" }}'
             )
+        odd = next((one for one in search.free if _is_odd_wheel(search, one, missing)), None)
+        if odd is not None:
+            raise DiagnosisError(
+                f"{odd.path} has the name of a wheel, and its unit, {odd.unit}, is not understood: "
+                f"expected {units_for(missing[0])}"
+            )
         seen = ", ".join(search.found) if len(search.found) < 30 else f"{len(search.found)} signals"
         raise DiagnosisError(
             f"no signal looks like {' or '.join(missing)}: expected a wheel's counts, angle, "
@@ -324,22 +324,30 @@ def _choose_wheels(search: _Search) -> None:
 
 def _is_bare_wheel(search: _Search, signal: FoundSignal) -> bool:
     """Tell a wheel by its name whose values are no counts and whose unit nobody says."""
-    joined = " ".join(_words_of(signal))
     return (
-        any(hint in joined for hint in _WHEEL_WORDS)
+        is_named(signal, _WHEEL_WORDS)
         and unit_of_signal(signal, search.is_table).strip().lower() in COUNT_UNITS
         and not signal.is_constant
-        and not _is_whole(signal)
+        and not is_whole(signal)
     )
+
+
+def _is_odd_wheel(search: _Search, signal: FoundSignal, missing: list[Role]) -> bool:
+    """Tell a wheel, by its name and side, whose unit nobody understands; steering has no side."""
+    unit = unit_of_signal(signal, search.is_table).strip()
+    if unit.lower() in COUNT_UNITS or unit_of(unit) is not None or signal.is_constant:
+        return False
+    sides = {word for role in missing for word in (*_WORDS[role], *_REAR_AND_FRONT[role])}
+    return is_named(signal, _WHEEL_WORDS) and bool(sides & set(words_of(signal)))
 
 
 def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]:
     guess = Guess("left_count", signal)
-    if signal.is_constant or _named(signal, _COMMAND_WORDS + _REFERENCE_WORDS):
+    if signal.is_constant or is_named(signal, COMMAND_WORDS + _REFERENCE_WORDS):
         return -9.0, guess
     score, said = _unit_score(signal, "left_count", search.is_table)
     reasons = [] if said is None else [said]
-    words = _words_of(signal)
+    words = words_of(signal)
     sides = {word for role in _REAR_AND_FRONT for word in (*_WORDS[role], *_REAR_AND_FRONT[role])}
     if any(hint in word for word in words for hint in _WHEEL_WORDS) or (
         _WAY_WORDS & set(words) and sides & set(words)
@@ -363,7 +371,7 @@ def _wheel_evidence(search: _Search, signal: FoundSignal) -> tuple[float, Guess]
 def _sides_by_gyro(search: _Search, unnamed: list[tuple[float, Guess]]) -> None:
     """Tell two wheels without sides in their names apart by a gyro."""
     (_, one), (_, other) = sorted(unnamed, key=lambda entry: -entry[0])[:2]
-    gyros = [s for s in search.free if _named(s, _WORDS["gyro"]) and not s.is_constant]
+    gyros = [s for s in search.free if is_named(s, _WORDS["gyro"]) and not s.is_constant]
     for gyro in gyros:
         turn = _difference(search, one.signal, other.signal)
         likeness = _likeness(gyro, turn, is_rate=True)

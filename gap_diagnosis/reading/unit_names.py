@@ -10,13 +10,14 @@ from hil_harness.signal_roles import unit_of
 
 _IN_BRACKETS: Final = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDS: Final = {
-    "rad/s": ("rad_s", "rad_per_s", "rad_per_sec", "radps"),
-    "deg/s": ("deg_s", "deg_per_s", "deg_per_sec", "degps", "dps"),
-    "m/s": ("m_s", "m_per_s", "mps"),
+    "rad/s": ("rad_s", "rad_per_s", "rad_sec", "rad_per_sec", "radps"),
+    "deg/s": ("deg_s", "deg_per_s", "deg_sec", "deg_per_sec", "degps", "dps"),
+    "m/s": ("m_s", "m_sec", "m_per_s", "mps"),
     "mm/s": ("mm_s", "mm_per_s"),
     "cm/s": ("cm_s", "cm_per_s"),
     "m/s^2": ("m_s2", "m_per_s2", "mps2"),
     "km/h": ("kmh", "km_h", "kph", "kmph"),
+    "mph": ("mph",),
     "rpm": ("rpm",),
     "rad": ("rad",),
     "deg": ("deg", "degrees"),

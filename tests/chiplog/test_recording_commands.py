@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 from command_line import Chiplog
@@ -72,3 +73,30 @@ def test_equal_candidates_end_with_status_two_and_both_names(
     assert not (tmp_path / "map.toml").exists()
     known = ("--is", "left_count=wheel_a", "--is", "right_count=wheel_b")
     assert chiplog("map", "table.csv", *known, "--out", "map.toml").status == 0
+
+
+def test_a_yaw_rate_in_a_unit_of_its_own_is_told_as_left_out_and_stands_so_in_the_map(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    """It went to the end of the map without a word, and the diagnosis did without a gyro."""
+    (tmp_path / "mine.dbc").write_text(
+        'VERSION ""\nBU_: A B\nBO_ 256 CAR: 6 A\n'
+        ' SG_ wheel_left : 0|16@1+ (1,0) [0|65535] "" B\n'
+        ' SG_ wheel_right : 16|16@1+ (1,0) [0|65535] "" B\n'
+        ' SG_ yaw_rate : 32|16@1+ (0.01,0) [0|655] "furlong/s" B\n'
+    )
+    rows = [
+        f"({k / 100:.6f}) can0 100#{struct.pack('<3H', 3 * k, 2 * k + k * k // 40, k % 99).hex()}\n"
+        for k in range(200)
+    ]
+    (tmp_path / "bus.log").write_text("".join(rows))
+    told = (
+        "CAR.yaw_rate is left out: its unit, furlong/s, is not understood; as gyro one of none "
+        "(adc_code), rad/s, mrad/s, deg/s, turn/s, rpm would be"
+    )
+    said = chiplog("map", "bus.log", "--dbc", "mine.dbc", "--out", "map.toml")
+    assert said.status == 0
+    assert " ".join(said.out.split()).endswith(
+        f"map.toml: 2 roles; check the 2 marked GUESS {told}"
+    )
+    assert f"# {told}\n" in (tmp_path / "map.toml").read_text()

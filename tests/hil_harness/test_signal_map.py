@@ -223,3 +223,23 @@ def test_every_quantity_that_a_role_can_have_has_units() -> None:
     assert {quantity for role in ROLES for quantity in QUANTITIES[role]} == known - {"time"}
     assert unit_of(" DEG/S ") == UNITS["deg/s"]
     assert unit_of("furlong") is None
+
+
+@pytest.mark.parametrize(
+    ("spellings", "unit"),
+    [
+        ("deg/sec degree/s degrees/s degree/sec degrees/sec", "deg/s"),
+        ("rad/sec radian/s radians/s radians/sec", "rad/s"),
+        ("m/sec meter/s meters/s", "m/s"),
+        ("km/hr kph kmph kmh", "km/h"),
+        ("m/sec^2 m/s/s", "m/s^2"),
+        ("MPH mi/h", "mph"),
+    ],
+)
+def test_units_are_understood_as_dbcs_in_the_wild_spell_them(spellings: str, unit: str) -> None:
+    """A yaw rate in deg/sec was left out of the map, and the gyro out of the diagnosis."""
+    assert {unit_of(one) for one in spellings.split()} == {UNITS[unit]}
+
+
+def test_a_mile_per_hour_is_a_speed_of_447_millimetres_per_second() -> None:
+    assert (UNITS["mph"].quantity, UNITS["mph"].factor) == ("speed", 0.44704)

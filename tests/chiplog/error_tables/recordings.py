@@ -18,6 +18,13 @@ BA_DEF_DEF_ "GenMsgCycleTime" 0;
 BA_ "GenMsgCycleTime" BO_ 256 10;
 """
 _SPEED_MAP = '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\n'
+_ODD_DBC = """VERSION ""
+BU_: A B
+BO_ 256 CAR: 4 A
+ SG_ wheel_left : 0|16@1+ (0.01,0) [0|655] "furlong/s" B
+ SG_ wheel_right : 16|16@1+ (0.01,0) [0|655] "furlong/s" B
+"""
+_ODD_LOG = "".join(f"({k / 100:.6f}) can0 100#{k:02X}00{k:02X}00\n" for k in range(30))
 
 RECORDINGS: tuple[Row, ...] = (
     Row(
@@ -64,6 +71,14 @@ RECORDINGS: tuple[Row, ...] = (
         "left_count could be wheel_a as well as wheel_b: neither name says left or right: expected "
         "--is left_count=wheel_a or --is left_count=wheel_b",
         {"table.csv": _SIDELESS},
+    ),
+    Row(
+        "a log whose wheels are in an unknown unit",
+        "chiplog map bus.log --dbc mine.dbc",
+        "CAR.wheel_left has the name of a wheel, and its unit, furlong/s, is not understood: "
+        "expected none (counts), m, cm, mm, rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, mph, "
+        "rad/s, mrad/s, deg/s, turn/s, rpm",
+        {"bus.log": _ODD_LOG, "mine.dbc": _ODD_DBC},
     ),
     Row(
         "a log that the DBC does not know",

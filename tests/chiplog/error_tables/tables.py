@@ -178,7 +178,7 @@ TABLES: tuple[Row, ...] = (
         "a column in a unit of something else",
         "chiplog diagnose table.csv --signals map.toml",
         "map.toml:2: left_count: left_ticks has unit V: expected none (counts), m, cm, mm, "
-        "rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, rad/s, mrad/s, deg/s, turn/s, rpm",
+        "rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, mph, rad/s, mrad/s, deg/s, turn/s, rpm",
         {
             "table.csv": DRIVE,
             "map.toml": '[columns]\nleft_count = { column = "left_ticks", unit = "V" }\n',

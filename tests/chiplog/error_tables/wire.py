@@ -299,7 +299,7 @@ WIRE += (
         _CAR_WHEELS,
         "map.toml:2: left_count: WHEELS.left has factor 2 and offset 0: counts need a "
         'whole number with factor 1; a quantity needs unit = "…", one of none (counts), '
-        "m, cm, mm, rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, rad/s, mrad/s, deg/s, "
+        "m, cm, mm, rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, mph, rad/s, mrad/s, deg/s, "
         "turn/s, rpm",
     ),
     _car(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,10 @@ import pytest
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
-from gap_diagnosis.reading.map_text import propose_map
+from gap_diagnosis.reading.left_out import left_out
+from gap_diagnosis.reading.map_text import propose_map, signals_of
+from gap_diagnosis.reading.propose import propose
+from gap_diagnosis.reading.signals_found import FoundSignal
 from hil_harness.robot import load_robot
 
 NAMES = "timestamp_ms;WSS_RearLeft_kmh;WSS_RearRight_kmh;ESP_YawRate_deg_s;LatAccel_m_s2"
@@ -72,6 +76,7 @@ def test_a_cars_table_is_mapped_without_a_word_and_reads_as_it_drove(tmp_path: P
     [
         "t;WSpd_RL [km/h];WSpd_RR [km/h];yaw rate (deg/s);n",
         "time_ms;rl_kph;rr_kph;yawrate_dps;n",
+        "t;wheel_rl_mph;wheel_rr_mph;yaw_rate_deg_sec;n",
         "Timestamp;wheel_hl_km_h;wheel_hr_km_h;yaw_deg_per_s;n",
     ],
 )
@@ -102,3 +107,64 @@ def test_what_does_not_turn_is_no_heading_and_sideways_is_not_ahead(
     names = f"time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;{name}"
     _, guesses, _ = propose_map(car(tmp_path, names), None)
     assert not {"odom_heading", "accel_x"} & guesses.keys()
+
+
+def bus_of(
+    table: Path, yaw: str, yaw_unit: str, wheel_unit: str = "km/h"
+) -> dict[str, FoundSignal]:
+    """Return the signals of a bus that says what a car's table says."""
+    names = {"WSS_RearLeft_kmh": "ABS.WHEEL_RL", "WSS_RearRight_kmh": "ABS.WHEEL_RR"}
+    units = dict.fromkeys(names.values(), wheel_unit) | {yaw: yaw_unit}
+    found = {}
+    for column, signal in signals_of(table, None).items():
+        path = names.get(column, yaw if "Yaw" in column else f"OTHER.{column}")
+        found[path] = replace(signal, path=path, unit=units.get(path, ""))
+    return found
+
+
+@pytest.mark.parametrize("name", ["ESP.YawRate", "KINEMATICS.YAW_RATE", "IMU.gyro_z", "A.omega"])
+def test_a_yaw_rate_that_is_left_out_for_its_unit_is_told_with_those_it_could_have(
+    name: str, tmp_path: Path
+) -> None:
+    found = bus_of(car(tmp_path), name, "furlong/s")
+    guesses = propose(found, is_table=False)
+    assert "gyro" not in guesses
+    assert left_out(found, guesses) == {
+        name: f"{name} is left out: its unit, furlong/s, is not understood; as gyro one of none "
+        "(adc_code), rad/s, mrad/s, deg/s, turn/s, rpm would be"
+    }
+    bare = bus_of(car(tmp_path), name, "")
+    assert left_out(bare, propose(bare, is_table=False)) == {
+        name: f"{name} is left out: the DBC gives it no unit; expected one in the map, as in "
+        f'gyro = {{ signal = "{name}", unit = "deg/s" }}'
+    }
+
+
+@pytest.mark.parametrize("name", ["CMD.target_speed", "DRIVE.v_set"])
+def test_a_commanded_speed_that_is_left_out_for_its_unit_is_told_too(
+    name: str, tmp_path: Path
+) -> None:
+    found = bus_of(car(tmp_path), name, "furlong/s")
+    (line,) = left_out(found, propose(found, is_table=False)).values()
+    assert "as v_command one of m/s, cm/s, mm/s, km/h, mph would be" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("ESP.YawRate", "deg/s"), ("ESP.YawAngle", "grad"), ("ESP.Torque", "Nm")]
+)
+def test_nothing_is_said_of_what_is_read_or_is_no_rate_by_its_name(
+    name: str, unit: str, tmp_path: Path
+) -> None:
+    found = bus_of(car(tmp_path), name, unit)
+    assert left_out(found, propose(found, is_table=False)) == {}
+
+
+def test_wheels_in_a_unit_that_is_not_understood_are_told_which_would_be(tmp_path: Path) -> None:
+    found = bus_of(car(tmp_path), "ESP.YawRate", "deg/s", wheel_unit="furlong/s")
+    with pytest.raises(DiagnosisError) as caught:
+        propose(found, is_table=False)
+    assert str(caught.value) == (
+        "ABS.WHEEL_RL has the name of a wheel, and its unit, furlong/s, is not understood: "
+        "expected none (counts), m, cm, mm, rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, mph, "
+        "rad/s, mrad/s, deg/s, turn/s, rpm"
+    )
