@@ -178,7 +178,7 @@ def unknown_sentence(diagnosis: Diagnosis) -> str:
 def _window(start_s: float, stop_s: float) -> str:
     if stop_s - start_s < 1.0:
         return f"at {0.5 * (start_s + stop_s):.1f} s"
-    return f"from {start_s:.0f} to {stop_s:.0f} s"
+    return f"from {round(start_s)} to {round(stop_s)} s"  # a float would print as -0
 
 
 def _modelled_sentence(found: Unknown) -> str:

@@ -237,3 +237,12 @@ def test_a_moment_is_told_as_one_and_not_as_from_25_to_25_seconds() -> None:
     pushed = found.unknown.model_copy(update={"windows": ((24.9, 25.1), (30.0, 41.0))})
     said = unknown_sentence(found.model_copy(update={"unknown": pushed}))
     assert "at 25.0 s and from 30 to 41 s" in said
+
+
+def test_a_window_that_begins_a_rounding_before_zero_begins_at_0() -> None:
+    """A start of -1e-14 s read "from -0 to 120 s"."""
+    found = samples.unlisted()
+    assert found.unknown is not None
+    whole = found.unknown.model_copy(update={"windows": ((-1e-14, 120.0),)})
+    said = unknown_sentence(found.model_copy(update={"unknown": whole}))
+    assert "from 0 to 120 s" in said
