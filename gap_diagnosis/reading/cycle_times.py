@@ -39,9 +39,9 @@ def wire_of_log(log: Path, robot: Robot, dbc: Path | None, signals: Path | None)
 def _timed(spec: MessageSpec, columns: LogColumns) -> MessageSpec:
     """Return the message with the cycle at which it comes, frames lost on the way not counted."""
     named = (columns.frame_id == spec.frame_id) & (columns.is_extended == spec.is_extended)
-    apart_us = np.diff(np.sort(columns.timestamp_us[named]))
-    if len(apart_us) < _LEAST_FRAMES:
+    if np.count_nonzero(named) < _LEAST_FRAMES:
         return spec
+    apart_us = np.diff(np.sort(columns.timestamp_us[named]))
     middle_us = max(float(np.median(apart_us)), 1.0)
     cycles = np.rint(apart_us / middle_us)
     whole = (cycles > 0) & (cycles < 10)

@@ -50,12 +50,12 @@ class LogByTicks:
 
     def __init__(self, path: Path, robot: Robot, wire: Wire) -> None:
         self.path, self.plant, self.wire = path, robot.plant, wire
-        self.period_s = wire.tick_period_us * _US
         columns = load_columns(path)
         _refuse_backwards(path, columns.timestamp_us)
         self.frames, self.rejected = checked_frames(columns, wire.database)
         del columns
-        anchor = self._anchor()
+        anchor = self._anchor()  # a log without frames says no cycle where the DBC says none
+        self.period_s = wire.tick_period_us * _US
         self.start_us = int(anchor.stamp_us.min())
         ticks = self._unwrapped(anchor)
         self.first_tick = int(ticks.tick.min())
@@ -74,7 +74,9 @@ class LogByTicks:
         wheels = self.wire.signal_map["left_count"].message
         found = self.frames.get(wheels.name)
         if found is None or len(found) < _LEAST_FRAMES:
-            there = ", ".join(self.frames) or "nothing that the DBC knows"
+            is_empty = not self.frames and not any(self.rejected.values())
+            nothing = "no frames" if is_empty else "nothing that the DBC knows"
+            there = ", ".join(self.frames) or nothing
             refused = ", ".join(f"{why} {count}" for why, count in self.rejected.items() if count)
             raise DiagnosisError(
                 f"{self.path}: {0 if found is None else len(found)} frames of {wheels.name}: "

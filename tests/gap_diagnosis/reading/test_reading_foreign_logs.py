@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from drives import ROBOT
 
+from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.recording import Recording
 from hil_harness import Robot
@@ -123,3 +124,24 @@ def test_wheel_speeds_of_a_log_add_up(tmp_path: Path) -> None:
     plant = ROBOT.plant
     metres = found.left_ticks / plant.encoder.ticks_per_rev * 2 * np.pi * plant.wheels.radius_m
     assert metres == pytest.approx(0.4 * (1 - np.cos(seconds)), abs=1e-4)
+
+
+@pytest.mark.parametrize("says_cycles", [True, False])
+def test_an_empty_log_is_told_as_one_whether_or_not_the_dbc_says_cycles(
+    says_cycles: bool, tmp_path: Path
+) -> None:
+    """The DBC was blamed for what the log lacked: WHEELS has no GenMsgCycleTime."""
+    cycles_ms = (20, 20) if says_cycles else None
+    with pytest.raises(DiagnosisError, match=r"0 frames of WHEELS: .*; the log has no frames$"):
+        read(tmp_path, COUNTS, cycles_ms, [])
+    with pytest.raises(DiagnosisError, match=r"0 frames of WHEELS: .*; the log has YAW$"):
+        read(tmp_path, COUNTS, cycles_ms, [(0.02 * k, yaw(k)) for k in range(400)])
+    with pytest.raises(DiagnosisError, match="19 frames of WHEELS: expected at least 20"):
+        read(tmp_path, COUNTS, cycles_ms, [(0.02 * k, wheels(k, k)) for k in range(19)])
+
+
+@pytest.mark.parametrize("says_cycles", [True, False])
+def test_twenty_frames_say_their_cycle(says_cycles: bool, tmp_path: Path) -> None:
+    lines = [(0.2 * k, wheels(40 * k, 30 * k)) for k in range(20)]
+    found = read(tmp_path, COUNTS, (200, 200) if says_cycles else None, lines)
+    assert found.tick_period_s == pytest.approx(0.2)
