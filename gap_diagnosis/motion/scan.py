@@ -45,6 +45,9 @@ _LOOSE: Final = 0.25
 """Single effects so near are fitted, and those that lack at most this share of the best's gain."""
 _CLEAR: Final = 20.0
 """An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
+_CONTRADICTED: Final = 2
+"""Once stretches contradict so many of the best sets, they are asked of the next one before its
+parts, windows and neighbours are fitted: on a wheel on ice they contradict every set."""
 _BENT: Final = 200.0
 """Beside a set that gains this much [nat] others are sought along columns about it,"""
 _BESIDE: Final = 2
@@ -69,6 +72,8 @@ class Scan(Accounts):
         super().__init__(model)
         self._bending = frozenset({"encoder_dead"} if self._is_dead_for_long() else ())
         self._weighed: set[Effects] = set()
+        self._contradicted = 0
+        self._parts_beside: dict[Effects, Refitted] = {}
         self._surrounded: set[Effects] = set()
         self._windowed: set[Effects] = set()
         self._search(progress)
@@ -119,6 +124,8 @@ class Scan(Accounts):
         """Fit the best set, its parts and what comes beside it, until another one is no better."""
         for _ in range(_REFITTED):
             head = max(self.found.values(), key=self._belief)
+            if self._contradicted >= _CONTRADICTED and self._doubted(head):
+                continue
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
             if not unfitted and self._moved_windows(head):
                 continue
@@ -190,7 +197,10 @@ class Scan(Accounts):
         return max(self.found.values(), key=self._belief).effects != head.effects
 
     def _fit_parts(self, head: Found, fit: Refitted) -> None:
-        """Fit a set without each of its effects, from where the set's own fit ended."""
+        """Fit a set without each of its effects, once from where a fit of the set ended."""
+        if self._parts_beside.get(head.effects) is fit:
+            return
+        self._parts_beside[head.effects] = fit
         others = head.log_evidence - fit.log_evidence
         for effect in sorted(head.effects) if len(head.effects) > 1 else ():
             kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
@@ -264,7 +274,9 @@ class Scan(Accounts):
             log_evidence=head.log_evidence - too_much,
             log_likelihood=head.log_likelihood - too_much,
         )
-        return max(self.found.values(), key=self._belief).effects != head.effects
+        is_beaten = max(self.found.values(), key=self._belief).effects != head.effects
+        self._contradicted += is_beaten
+        return is_beaten
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.
