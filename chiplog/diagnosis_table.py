@@ -8,6 +8,7 @@ from textwrap import fill
 
 from chiplog.pages import diagnosis_words as words
 from chiplog.pages import quantities as q
+from chiplog.pages.log_time import from_log_start
 from chiplog.terminal import show_line, show_table
 from gap_diagnosis.result import Diagnosis
 
@@ -22,6 +23,7 @@ def show_diagnosis(
 ) -> None:
     """Print the verdict, the gap before and after, candidates, ambiguities and what to drive;
     *files* and *scenarios* to drive were written."""
+    found = from_log_start(found)
     show_line(words.headline(found))
     show_line()
     show_line(fill("".join(part.text for part in words.verdict(found)), _WIDTH))

@@ -82,6 +82,7 @@ def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric])
     skew = recording.clock_skew
     return LogFacts(
         name=recording.name,
+        start_s=float(recording.t_s[0]),
         duration_s=recording.duration_s,
         ticks=len(recording.t_s),
         distance_m=float(np.mean(steps)),
@@ -153,8 +154,10 @@ def notes_on(
 
 
 def _on_the_reference(analysis: Analysis) -> list[str]:
-    """Say what of the reference had to be mended before it could be used."""
+    """Say what of the reference had to be mended before it could be used, and when: in seconds
+    from the log's start, as nobody counts on a wall clock."""
     name, lost = analysis.recording.name, analysis.lost
+    from_s = float(analysis.recording.t_s[0])
     notes = []
     if analysis.late_s:
         early = "late" if analysis.late_s > 0 else "early"
@@ -170,14 +173,14 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
         )
     for start_s, stop_s in lost.holes:
         notes.append(
-            f"{name}: the reference has no samples from {start_s:.2f} s to {stop_s:.2f} s, while "
-            "the wheels drive on."
+            f"{name}: the reference has no samples from {start_s - from_s:.2f} s to "
+            f"{stop_s - from_s:.2f} s, while the wheels drive on."
         )
     for leap in lost.leaps:
         notes.append(
             f"{name}: the reference leaps by {1e3 * math.hypot(leap.x_m, leap.y_m):.0f} mm and "
-            f"{math.degrees(leap.heading_rad):.1f} degrees at {leap.t_s:.2f} s; what follows was "
-            "put back."
+            f"{math.degrees(leap.heading_rad):.1f} degrees at {leap.t_s - from_s:.2f} s; what "
+            "follows was put back."
         )
     return notes
 
@@ -198,8 +201,9 @@ def _on_pushes(analysis: Analysis) -> list[str]:
     pushes = analysis.pushes
     if pushes is None or analysis.alternatives[0].windows != pushes.windows:
         return []
+    from_s = float(analysis.recording.t_s[0])
     told = [
-        f"at {at_s:.2f} s by {1e3 * math.hypot(forward_m, left_m):.1f} mm and "
+        f"at {at_s - from_s:.2f} s by {1e3 * math.hypot(forward_m, left_m):.1f} mm and "
         f"{math.degrees(turned_rad):.2f} degrees"
         for at_s, (turned_rad, forward_m, left_m) in zip(pushes.at_s, pushes.steps, strict=True)
     ]

@@ -164,7 +164,8 @@ def _path(
         path = odometry_path(predict(motion, effects), robot)
         heading_rad = np.zeros(1) if path.heading_rad is None else path.heading_rad[inside]
         tracks.append(_moved(path.x_m[inside], path.y_m[inside], float(heading_rad[0])))
-    name = f"{recording.name}, {window.start_s:.0f} to {window.stop_s:.0f} s"
+    start_s, stop_s = (at_s - recording.t_s[0] for at_s in (window.start_s, window.stop_s))
+    name = f"{recording.name}, {start_s:.0f} to {stop_s:.0f} s"
     return HeldOutPath(name, measured, tracks[0], tracks[1] if settings else None)
 
 

@@ -320,6 +320,7 @@ class LogFacts(Part):
     """What one log holds."""
 
     name: str
+    start_s: float = Field(default=0.0, description="stamp of its first tick, on its own clock")
     duration_s: float
     ticks: int
     distance_m: float | None = None

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from chiplog.pages import diagnosis_words as words
 from chiplog.pages import quantities as q
 from chiplog.pages.diagnosis_data import embedded
+from chiplog.pages.log_time import report_from_log_start
 from chiplog.pages.rendering import render
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.result import NO_GAP, Diagnosis
@@ -36,6 +37,7 @@ def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) ->
 
     `opened` are the rows of a seal that was opened after the diagnosis.
     """
+    report = report_from_log_start(report)
     found, pictures = report.diagnosis, report.pictures
     script = files("chiplog.pages").joinpath("templates/diagnosis.js").read_text(encoding="utf-8")
     shown = [one for one in found.which if one is found.which[0] or one.probability >= _NEGLIGIBLE][

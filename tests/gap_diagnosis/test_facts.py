@@ -7,6 +7,7 @@ import pytest
 from fake_blocks import analysis
 
 from gap_diagnosis.facts import makes_worse, notes_on
+from gap_diagnosis.lost_tracking import Leap, Lost
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, Metric
 
@@ -31,3 +32,14 @@ def test_a_name_with_which_the_simulation_lies_farther_off_is_warned_of(
     windows = Metric(unit="m", before=0.099, after=after, floor=0.269, windows=4)
     gap = Gap(metric="drive_position_m", held_out="stretches", **dict(windows))
     assert [("farther" in one) for one in makes_worse(gap)] == [True] * is_worse
+
+
+def test_moments_in_notes_count_from_the_start_of_a_log_by_wall_clock() -> None:
+    """They said: no samples from 1717400012.00 s to 1717400014.50 s."""
+    noon = replace(LOG, t_s=LOG.t_s + 1_717_400_000.0)
+    lost = Lost(
+        holes=((1_717_400_012.0, 1_717_400_014.5),), leaps=(Leap(1_717_400_020.0, 0.3, 0.0, 0.0),)
+    )
+    notes = "\n".join(notes_on([replace(analysis(noon), lost=lost)], ()))
+    assert "no samples from 12.00 s to 14.50 s" in notes
+    assert "leaps by 300 mm and 0.0 degrees at 20.00 s" in notes
