@@ -73,7 +73,8 @@ def shrink(
     one = measured(analysis, effects, stage, robot, wire, held)
     if isinstance(one, Unmeasured):
         return Shrink(notes=(one.why,), pictures=one.pictures)
-    return _shrink([one], analysis.motion_of(effects), stage, is_other_log=held is not None)
+    shrunk = _shrink([one], analysis.motion_of(effects), stage, is_other_log=held is not None)
+    return replace(shrunk, notes=(_unmet(one),)) if one.unmet else shrunk
 
 
 def shrink_on(
@@ -119,6 +120,7 @@ def shrink_each(
         return Shrink(notes=tuple(notes), pictures=pictures), metrics
     own = frozenset[str]().union(*(analyses[place].motion_of(effects) for place in parts))
     shrunk = _shrink(list(parts.values()), own, stage, is_other_log=False)
+    notes += [f"{names[place]}: {_unmet(one)}" for place, one in parts.items() if one.unmet]
     if shrunk.gap is not None:
         notes.append(_which(shrunk.gap, names, metrics))
     return replace(shrunk, notes=tuple(notes)), metrics
@@ -147,6 +149,8 @@ def _shrink(
     if gap is None:
         return Shrink(pictures=parts[0].pictures())
     gap, modelled, why_not = _modelled(gap, acting, parts)
+    if all(one.is_untested for one in parts):
+        gap = _untested(gap)
     name = gap.metric
     having = [one for one in parts if name in one.metrics]
     shown = max(having, key=lambda one: one.metrics[name].before)
@@ -164,6 +168,25 @@ def _shrink(
         modelled=modelled,
         why_not=why_not,
     )
+
+
+def _untested(gap: Gap) -> Gap:
+    """Return a gap of which no share is closed or left open: no effect acts where it was held out.
+
+    What noise leaves of it before is what it leaves after: a share of 0 would be no finding.
+    """
+    blank = {"closed": None, "ci95": None}
+    metrics = {name: one.model_copy(update=blank) for name, one in gap.all.items()}
+    return gap.model_copy(update={**blank, "all": metrics})
+
+
+def _unmet(part: Measured) -> str:
+    """Return which effects act where nothing was held out, so that nothing tests them."""
+    told = ", ".join(
+        f"{effect} acts from {start_s:.3g} to {stop_s:.3g} s"
+        for effect, (start_s, stop_s) in sorted(part.unmet.items())
+    )
+    return f"Nothing that was held out lies in the window: {told}. Its size is not tested there."
 
 
 def _together(logs: Sequence[Mapping[str, Compared]]) -> dict[str, Metric]:

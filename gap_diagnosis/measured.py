@@ -72,6 +72,8 @@ class Measured:
         unlisted: the model of what an unlisted cause goes with; None with listed effects.
         why_not: in a few words why there is none.
         beside: each metric with that model, window by window; empty without one.
+        unmet: of the effects that act in a window of the log, those in whose window nothing was
+            held out, with the window.
     """
 
     where: Recording
@@ -88,6 +90,14 @@ class Measured:
     unlisted: Model | None = None
     why_not: str | None = ANOTHER_LOG
     beside: Mapping[str, Compared] = field(default_factory=dict)
+    unmet: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def is_untested(self) -> bool:
+        """All that was switched on acts where nothing was held out."""
+        acting = self.on_bus.union(one.effect for one, _ in self.settings)
+        acting = acting.union(*(one.effects for one in self.behind.values() if one is not None))
+        return bool(acting) and acting <= self.unmet.keys()
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
@@ -186,9 +196,12 @@ def measured(
     model, where = analysis.motion.model, analysis.recording
     unlisted: Model | None = None
     why_not: str | None = ANOTHER_LOG
+    unmet: Mapping[str, tuple[float, float]] = {}
     if held is None:
         kinds = kinds_of(where, robot)
-        sides = hold_out(where.t_s, kinds)
+        acting_s = _windows_s(analysis.motion, own)
+        sides = hold_out(where.t_s, kinds, list(acting_s.values()))
+        unmet = {effect: one for effect, one in acting_s.items() if one in sides.unmet}
         if sides.why_not is not None:
             drive = driven(analysis, effects, where, robot, None)
             firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=False)
@@ -251,7 +264,18 @@ def measured(
         unlisted=unlisted,
         why_not=why_not,
         beside=beside,
+        unmet=unmet,
     )
+
+
+def _windows_s(motion: MotionBlock, effects: Effects) -> dict[str, tuple[float, float]]:
+    """Return where in the log those of the effects act that do so in a window [start_s, stop_s]."""
+    found = {}
+    for term in motion.scan.account(effects).terms if effects else ():
+        fixed = term.variant.fixed
+        if {"start_s", "stop_s"} <= fixed.keys():
+            found[term.variant.effect] = float(fixed["start_s"]), float(fixed["stop_s"])
+    return found
 
 
 def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refitted | None:

@@ -189,7 +189,8 @@ class Metric(Part):
     floor: float | None = Field(default=None, ge=0, description="what noise alone leaves")
     closed: float | None = Field(
         default=None,
-        description="(before − after)/(before − floor); null when before is below 1.2 floors",
+        description="(before − after)/(before − floor); null when before is below 1.2 floors, or "
+        "when nothing that was held out lies in the windows in which the effects act",
     )
     ci95: Interval | None = Field(default=None, description="of closed, over windows and values")
     windows: int = Field(default=0, ge=0, description="disjoint windows behind the RMS")

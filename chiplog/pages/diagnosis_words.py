@@ -151,6 +151,8 @@ def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:
         return "too close to the floor to say how much closed"
     if diagnosis.verdict == NO_GAP:
         return "what stands above the floor lies within tolerance"
+    if gap.after is not None:
+        return "nothing that was held out lies in the window in which it acts"
     return "no listed effect closes it"
 
 

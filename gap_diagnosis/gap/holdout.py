@@ -1,11 +1,13 @@
 """Which stretches of a log no fit may see, so that the shrink of the gap is proved on them.
 
-Chosen from the manoeuvres alone: blocks of at least 10 s, together about a quarter of the log, such
-that each kind of manoeuvre lies on both sides. The fit loses 1 s more at each border.
+Chosen from the manoeuvres and from where effects act: blocks of at least 10 s, together about a
+quarter of the log, such that each kind of manoeuvre and each window in which an effect acts lies on
+both sides. The fit loses 1 s more at each border.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -37,6 +39,7 @@ class HoldOut:
         held_out: bool[n], ticks that it never sees; false everywhere where no hold-out is possible.
         windows: [start_s, stop_s] of each held-out block.
         one_sided: kinds of manoeuvre (of at least 2 s) that lie on one side only.
+        unmet: of the windows in which effects act, those whose motion is not held out.
         why_not: one sentence where no hold-out is possible, else None.
     """
 
@@ -44,11 +47,13 @@ class HoldOut:
     held_out: Mask
     windows: tuple[tuple[float, float], ...]
     one_sided: tuple[str, ...] = ()
+    unmet: tuple[tuple[float, float], ...] = ()
     why_not: str | None = None
 
 
-def hold_out(t_s: Floats, kinds: Kinds) -> HoldOut:
-    """Return the sides of a log whose ticks at t_s, float64[n], are of these kinds, int8[n].
+def hold_out(t_s: Floats, kinds: Kinds, acting_s: Sequence[tuple[float, float]] = ()) -> HoldOut:
+    """Return the sides of a log whose ticks at t_s, float64[n], are of these kinds, int8[n];
+    *acting_s* are the windows [start_s, stop_s] in which effects act.
 
     The same log gives the same sides. Between 25 and 40 s the one block of 10 s is more than a
     quarter; a shorter log, or one that moves for less than 8 s, has none.
@@ -69,13 +74,15 @@ def hold_out(t_s: Floats, kinds: Kinds) -> HoldOut:
             f"nothing is held out: the robot moves for only {moving_s:.3g} s, and both sides need "
             f"motion (at least {_LEAST_MOVING_S:g} s in all)",
         )
-    blocks = _best_blocks(t_s, kinds, weight_s, duration_s)
+    moving = kinds != REST
+    acts = [moving & (t_s >= start_s) & (t_s <= stop_s) for start_s, stop_s in acting_s]
+    sorts = np.column_stack([*(kinds == kind for kind in range(len(KINDS))), *acts])
+    blocks = _best_blocks(t_s, sorts, weight_s, duration_s)
     held, near = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for start_s, stop_s in blocks:
         held |= (t_s >= start_s) & (t_s <= stop_s)
         near |= (t_s >= start_s - CUT_S) & (t_s <= stop_s + CUT_S)
     fit = ~near
-    moving = kinds != REST
     sides = [float(weight_s[side & moving].sum()) for side in (fit, held)]
     if min(sides) < _WORTH_S:
         return _none(
@@ -89,17 +96,25 @@ def hold_out(t_s: Floats, kinds: Kinds) -> HoldOut:
         if weight_s[kinds == kind].sum() >= _WORTH_S
         and min(weight_s[side & (kinds == kind)].sum() for side in (fit, held)) < _PRESENT_S
     )
-    return HoldOut(fit, held, tuple(blocks), one_sided)
+    unmet = tuple(
+        window
+        for window, act in zip(acting_s, acts, strict=True)
+        if weight_s[held & act].sum() < _PRESENT_S
+    )
+    return HoldOut(fit, held, tuple(blocks), one_sided, unmet)
 
 
 def _none(count: int, why: str) -> HoldOut:
-    return HoldOut(np.ones(count, np.bool_), np.zeros(count, np.bool_), (), (), why)
+    return HoldOut(np.ones(count, np.bool_), np.zeros(count, np.bool_), (), why_not=why)
 
 
 def _best_blocks(
-    t_s: Floats, kinds: Kinds, weight_s: Floats, duration_s: float
+    t_s: Floats, sorts: Mask, weight_s: Floats, duration_s: float
 ) -> list[tuple[float, float]]:
-    """Try several grids of slots; in each, swap slots until nothing gets better."""
+    """Try several grids of slots; in each, swap slots until nothing gets better.
+
+    *sorts*, bool[n, s], are the kinds of the ticks and then the windows that they lie in.
+    """
     length_s = max(BLOCK_S, duration_s / _MOST_SLOTS)
     chosen_count = max(1, round(SHARE * duration_s / length_s))
     slots = int(duration_s / length_s + 1e-9)
@@ -108,9 +123,9 @@ def _best_blocks(
     grids += [
         (spare_s + length_s * k / _OFFSETS, slots - 1) for k in range(1, _OFFSETS) if slots > 1
     ]
-    # Time of each kind up to each tick: a block's content is a difference of two rows.
-    is_kind = kinds[:, np.newaxis] == np.arange(len(KINDS))
-    until = np.vstack([np.zeros(len(KINDS)), np.cumsum(is_kind * weight_s[:, np.newaxis], axis=0)])
+    # Time of each sort up to each tick: a block's content is a difference of two rows.
+    times_s = sorts * weight_s[:, np.newaxis]
+    until = np.vstack([np.zeros(sorts.shape[1]), np.cumsum(times_s, axis=0)])
 
     def content(edges_s: Floats) -> Floats:
         return np.asarray(until[np.searchsorted(t_s, edges_s)])
@@ -150,13 +165,14 @@ def _swapped(
 
 
 def _cost(held: Floats, lost: Floats, total: Floats) -> Floats:
-    """Return how badly held-out times per kind, float64[..., 7], share out the log's kinds."""
+    """Return how badly held-out times per sort, float64[..., s], share out the log's."""
     worth = total >= _WORTH_S
     share = held / np.maximum(total, 1e-9)
     uneven = np.where(worth, (share - SHARE) ** 2, 0.0).sum(-1)
     missing = worth & ((held < _PRESENT_S) | (total - lost < _PRESENT_S))
     unseen = worth & (total - lost < _PRESENT_S)  # worse: the fit would never have met it
-    moving = held[..., REST + 1 :].sum(-1) / max(float(total[REST + 1 :].sum()), 1e-9)
+    moves = slice(REST + 1, len(KINDS))
+    moving = held[..., moves].sum(-1) / max(float(total[moves].sum()), 1e-9)
     return np.asarray(
         uneven + 2.0 * (moving - SHARE) ** 2 + 10.0 * missing.sum(-1) + 5.0 * unseen.sum(-1)
     )

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
-from chiplog.pages.diagnosis_words import limit, unknown_sentence
+from chiplog.pages.diagnosis_words import gap_sentence, limit, unknown_sentence
 from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import About, Advice, LogFacts, Waterfall, WaterfallStep
@@ -246,3 +246,11 @@ def test_a_window_that_begins_a_rounding_before_zero_begins_at_0() -> None:
     whole = found.unknown.model_copy(update={"windows": ((-1e-14, 120.0),)})
     said = unknown_sentence(found.model_copy(update={"unknown": whole}))
     assert "from 0 to 120 s" in said
+
+
+def test_a_gap_that_no_held_out_stretch_tests_says_why_no_share_is_closed() -> None:
+    """Where no held-out stretch lay in a slip's window, "0 % closed" was said of it."""
+    found = samples.diagnosis()
+    untested = samples.gap().model_copy(update={"closed": None, "ci95": None})
+    said = gap_sentence(found.model_copy(update={"gap": untested}))
+    assert said.endswith("nothing that was held out lies in the window in which it acts.")

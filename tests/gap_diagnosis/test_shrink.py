@@ -203,3 +203,33 @@ def test_what_is_held_out_of_a_drive_leaves_no_trace_in_its_values() -> None:
     # How roughly the unseen part was driven is taken from its counts.
     assert found[0].value == pytest.approx(found[1].value, rel=1e-9)
     assert float(found[0].value) == pytest.approx(0.3, abs=0.02)
+
+
+def slip_of_the_left_wheel(start_s: float, stop_s: float) -> EffectSetting:
+    window = (("start_s", start_s), ("stop_s", stop_s))
+    return EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.3), *window))
+
+
+def test_of_an_effect_in_a_window_a_part_is_held_out() -> None:
+    """The one stretch held out of this drive lay behind the slip, which closed 0 % of its gap."""
+    log = drive("figure8", slip_of_the_left_wheel(10.0, 20.0))
+    shrunk = shrink(analysis_of(log), frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE, None)
+    assert shrunk.gap is not None
+    assert shrunk.gap.closed == pytest.approx(1.0, abs=0.05)
+    assert shrunk.notes == ()
+
+
+def test_where_nothing_of_an_effect_s_window_is_held_out_no_share_is_told_but_why() -> None:
+    """Of 1.5 s no part can be held out and another one fitted; what is the same before and after
+    there is not 0 % closed."""
+    log = drive("figure8", slip_of_the_left_wheel(12.0, 13.5))
+    analysis = analysis_of(log)
+    shrunk = shrink(analysis, frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE, None)
+    assert shrunk.gap is not None
+    assert shrunk.gap.after is not None
+    assert {one.closed for one in (shrunk.gap, *shrunk.gap.all.values())} == {None}
+    assert shrunk.gap.ci95 is None
+    (why,) = shrunk.notes
+    assert why.startswith("Nothing that was held out lies in the window: one_sided_slip acts from")
+    together, _ = shrink_each([analysis], frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE)
+    assert any("Nothing that was held out lies in the window" in one for one in together.notes)

@@ -86,3 +86,25 @@ def test_motion_within_one_block_is_cut_through_so_that_both_sides_move() -> Non
     assert sides_of.why_not is None
     assert (kinds[sides_of.fit] == 1).any()
     assert (kinds[sides_of.held_out] == 1).any()
+
+
+@pytest.mark.parametrize("window_s", [(40.0, 60.0), (3.0, 9.0), (100.0, 118.0)])
+def test_a_part_of_the_window_in_which_an_effect_acts_is_held_out_and_a_part_is_fitted(
+    window_s: tuple[float, float],
+) -> None:
+    """Of a slip from 40 to 60 s nothing was held out: its share closed was 0 %."""
+    t_s, kinds, _ = sides(120.0, 1)
+    sides_of = hold_out(t_s, kinds, [window_s])
+    inside = (t_s >= window_s[0]) & (t_s <= window_s[1])
+    assert (inside & sides_of.held_out).sum() * TICK_S >= 0.5
+    assert (inside & sides_of.fit).sum() * TICK_S >= 0.5
+    assert sides_of.unmet == ()
+    assert sides_of.held_out.mean() == pytest.approx(0.25, abs=0.07)
+
+
+def test_a_window_of_which_nothing_is_held_out_is_told() -> None:
+    """While a robot stands, nothing tells what its wheels would slip."""
+    t_s, kinds, _ = sides(120.0, 1)
+    resting_s = (50.0, 56.0)
+    kinds[(t_s >= resting_s[0]) & (t_s <= resting_s[1])] = 0
+    assert hold_out(t_s, kinds, [resting_s, (60.0, 90.0)]).unmet == (resting_s,)
