@@ -181,9 +181,11 @@ def _untested(gap: Gap) -> Gap:
 
 
 def _unmet(part: Measured) -> str:
-    """Return which effects act where nothing was held out, so that nothing tests them."""
+    """Return which effects act where nothing was held out, so that nothing tests them; from the
+    log's start: nobody counts from that of a wall clock."""
+    begun_s = float(part.where.t_s[0])
     told = ", ".join(
-        f"{effect} acts from {start_s:.3g} to {stop_s:.3g} s"
+        f"{effect} acts from {start_s - begun_s:.4g} to {stop_s - begun_s:.4g} s"
         for effect, (start_s, stop_s) in sorted(part.unmet.items())
     )
     return f"Nothing that was held out lies in the window: {told}. Its size is not tested there."

@@ -13,6 +13,7 @@ from gap_diagnosis.bus import bus_block
 from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.how_far import shrink, shrink_each, shrink_on
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -217,6 +218,20 @@ def test_of_an_effect_in_a_window_a_part_is_held_out() -> None:
     assert shrunk.gap is not None
     assert shrunk.gap.closed == pytest.approx(1.0, abs=0.05)
     assert shrunk.notes == ()
+
+
+def by_wall_clock(log: Recording) -> Recording:
+    """Return a log without frames, stamped with seconds since 1970."""
+    assert log.reference is not None
+    reference = replace(log.reference, t_s=log.reference.t_s + 1.7e9)
+    return replace(log, t_s=log.t_s + 1.7e9, reference=reference, frames={})
+
+
+def test_a_window_of_which_nothing_is_held_out_is_told_from_the_log_s_start() -> None:
+    log = by_wall_clock(drive("figure8", slip_of_the_left_wheel(12.0, 13.5)))
+    slip = frozenset({"one_sided_slip"})
+    (why,) = shrink(analysis_of(log), slip, "wheel", ROBOT, WIRE, None).notes
+    assert "one_sided_slip acts from 12 to 13.5 s." in why
 
 
 def test_where_nothing_of_an_effect_s_window_is_held_out_no_share_is_told_but_why() -> None:
