@@ -273,11 +273,12 @@ class Waterfall(Part):
 
 
 class Foreseen(Part):
-    """What wheels, gyro and reference can tell, before any fit: from a log's manoeuvres and the
-    noise that its robot is described with."""
+    """What a log can tell, before any fit: from its manoeuvres and the noise that its robot is
+    described with, or drives usually have."""
 
     detectable: dict[str, float | None] = Field(
-        description="detection limit per effect, in its parameter's unit; null: cannot be seen"
+        description="detection limit per effect, in its parameter's unit; null: cannot be seen, "
+        "0: shows whenever it acts"
     )
     groups: tuple[EffectSet, ...] = Field(
         default=(), description="effects that such a log cannot tell apart"
@@ -297,8 +298,8 @@ class Structure(Part):
     )
     foreseen: Foreseen | None = Field(
         default=None,
-        description="the same of wheels, gyro and reference before any fit, at the noise described "
-        "instead of the noise found; null: nothing to compare the wheels with",
+        description="the same before any fit, at the noise described or usual instead of the noise "
+        "found; null: nothing to compare the wheels with",
     )
 
 

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.drive.limits import BOUNDS, limits_of_bounds
+from gap_diagnosis.drive.block import DriveBlock
+from gap_diagnosis.drive.limits import BOUNDS, limits_of_answers, limits_of_bounds
 from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.imitation import Effects, Imitators, Truth, merged
 from gap_diagnosis.limits_elsewhere import limits_elsewhere, limits_of_twins
@@ -22,6 +23,7 @@ from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Foreseen, Structure
 from gap_diagnosis.visibility import Sights, sight_of
 from hil_harness.effects import catalogue
+from hil_harness.robot import Robot
 
 _TIMES: Final = 2.0
 """Effects are compared at so many times their detection limit."""
@@ -49,45 +51,49 @@ def structure_of(analyses: Sequence[Analysis]) -> Structure:
     The limit is the size at which the expected separation from no effect is 29, other effects
     being free within their tolerances; never below the effect's own tolerance. For a phase or
     direction that may be any, separations are averaged; for a window, the median one counts.
-    What the motion shows is told twice: as it was foreseen before any fit, at the described noise,
-    and at the noise that was found.
+    It is told twice: as it was foreseen before any fit, at the described noise, and at the noise
+    that was found.
     """
     recordings = [one.recording for one in analyses]
+    blocks = [block for one in analyses for block in one.blocks]
+    elsewhere = limits_elsewhere(recordings, blocks)
     motions = [one.motion for one in analyses if one.motion is not None]
-    limits = limits_elsewhere(recordings, [block for one in analyses for block in one.blocks])
     if not motions:
-        return Structure(detectable=dict(sorted(limits.items())))
-    sights = sights_of([(one.model, one.levels) for one in motions])
+        return Structure(detectable=dict(sorted(elsewhere.items())))
+    robot = motions[0].model.robot
+    bounds = limits_of_bounds(recordings, robot)
+    elsewhere |= {name: bounds.get(name) for name in BOUNDS if elsewhere.get(name) is not None}
+    can = frozenset[str]().union(*(one.effects for one in motions))
+    elsewhere |= _limits_of_noise(motions[0].model, can)
+    drives = [one for one in blocks if isinstance(one, DriveBlock)]
+    usual = elsewhere | limits_of_answers(drives, typical=True)
+    twins = twins_on(recordings)
+    found = _told(sights_of([(one.model, one.levels) for one in motions]), elsewhere, twins, robot)
+    foreseen = _told(Sights(tuple(one.scan.foreseen for one in motions)), usual, twins, robot)
+    return Structure(detectable=found.detectable, groups=found.groups, foreseen=foreseen)
+
+
+def _told(
+    sights: Sights,
+    elsewhere: Mapping[str, float | None],
+    twins: Sequence[Effects],
+    robot: Robot,
+) -> Foreseen:
+    """Return the limits, those of *elsewhere* where the motion has none, and the groups."""
     seen = visible(sights)
+    limits = dict(elsewhere)
     for effect, one in seen.items():
         if one is not None or limits.get(effect) is None:
             limits[effect] = None if one is None else one.limit
-    can = frozenset[str]().union(*(one.effects for one in motions))
     limits |= {effect: 0.0 for effect in _OCCURRING if limits.get(effect) is None}
-    bounds = limits_of_bounds(recordings, motions[0].model.robot)
-    limits |= {effect: bounds.get(effect) for effect in BOUNDS if limits.get(effect) is not None}
-    limits |= _limits_of_noise(motions[0].model, can)
-    limits |= limits_of_twins(limits, motions[0].model.robot)
+    limits |= limits_of_twins(limits, robot)
     shown = frozenset(effect for effect, limit in limits.items() if limit is not None)
-    twins = [twin & shown for twin in twins_on(recordings)]
-    twins = [twin for twin in twins if len(twin) > 1]
-    return Structure(
-        detectable=dict(sorted(limits.items())),
-        groups=_named(alike(sights, seen, twins)),
-        foreseen=_foreseen(Sights(tuple(one.scan.foreseen for one in motions)), twins),
-    )
-
-
-def _foreseen(sights: Sights, twins: Sequence[Effects]) -> Foreseen:
-    seen = visible(sights)
-    limits = {effect: None if one is None else one.limit for effect, one in seen.items()}
+    pairs = [twin & shown for twin in twins if len(twin & shown) > 1]
+    groups = alike(sights, seen, pairs)
     return Foreseen(
-        detectable=dict(sorted(limits.items())), groups=_named(alike(sights, seen, twins))
+        detectable=dict(sorted(limits.items())),
+        groups=tuple(tuple(sorted(group)) for group in groups),
     )
-
-
-def _named(groups: Sequence[Effects]) -> tuple[tuple[str, ...], ...]:
-    return tuple(tuple(sorted(group)) for group in groups)
 
 
 def _limits_of_noise(model: MotionModel, can: frozenset[str]) -> dict[str, float | None]:

@@ -15,7 +15,7 @@ import numpy as np
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.data import Floats, drive_data
-from gap_diagnosis.drive.noise import whitened
+from gap_diagnosis.drive.noise import STARTS, Levels, whitened
 from gap_diagnosis.drive.shapes import Shapes
 from gap_diagnosis.priors import ParameterPrior
 from gap_diagnosis.ranking import THRESHOLD
@@ -38,18 +38,22 @@ _SIZES: Final[Mapping[str, ParameterPrior]] = {
 }
 
 
-def limits_of_answers(blocks: Sequence[DriveBlock]) -> dict[str, float | None]:
+def limits_of_answers(
+    blocks: Sequence[DriveBlock], *, typical: bool = False
+) -> dict[str, float | None]:
     """Return the size of a gain [1], lag [s] and delay [s] whose expected separation from no effect
     is 29 on these drives together, the others being free within their tolerances; never below the
     effect's own. None where that is beyond what is believed, or nothing was driven.
 
-    Of a gain of either wheel, that which shows the sooner.
+    Of a gain of either wheel, that which shows the sooner. *typical*: at the noise that drives
+    usually have, instead of that found.
     """
     found: dict[str, float | None] = {}
     for effect, own in _NUISANCES.items():
         power = np.zeros(len(own))
         for block in blocks:
-            power += _powers(block, own)
+            levels = Levels.of(STARTS[0], block.data.tick_rad) if typical else block.levels
+            power += _powers(block, own, levels)
         size = _SIZES[effect]
         best = float(power.max())
         limit = math.sqrt(THRESHOLD / best) if best > 0 else math.inf
@@ -57,13 +61,13 @@ def limits_of_answers(blocks: Sequence[DriveBlock]) -> dict[str, float | None]:
     return found
 
 
-def _powers(block: DriveBlock, own: Sequence[int]) -> Floats:
+def _powers(block: DriveBlock, own: Sequence[int], levels: Levels) -> Floats:
     """Return the Fisher information of some columns' sizes, float64[own], one at a time; the
     columns that are not theirs are free within their tolerances."""
     if block.data.manner is not None:
         return np.zeros(len(own))  # a drive with a manner of its own is never said to have these
     setting = block.undisturbed
-    white, _ = whitened(setting.variant.data, setting.fixed, block.levels)
+    white, _ = whitened(setting.variant.data, setting.fixed, levels)
     inner = white @ white.T
     place = np.array(own)
     rest = np.setdiff1d(np.arange(len(inner)), place)

@@ -160,8 +160,22 @@ def test_what_is_foreseen_is_of_the_drive_and_the_description_alone():
     told = visible(sights_of([(unfitted, unfitted.level_prior.median)]))
     foreseen = structure_of([analysis_of(log)]).foreseen
     assert foreseen is not None
-    assert foreseen.detectable == {name: one and one.limit for name, one in told.items()}
+    shown = {name: one.limit for name, one in told.items() if one is not None}
+    assert {name: foreseen.detectable[name] for name in shown} == shown
     assert foreseen.detectable["lateral_slip"] is None
+
+
+def test_what_is_foreseen_is_told_of_every_effect_that_is_told_of_at_all():
+    """What frames, codes and odometry show has no noise that a fit would find."""
+    motion = analysis_of(drive("square"))
+    owned = ("frame_loss", "adc_stuck_bit", "drive_saturation", "encoder_dead")
+    log = replace(motion, blocks=(*motion.blocks, FakeBlock(dict.fromkeys(owned, 0.0))))
+    structure = structure_of([log])
+    assert structure.foreseen is not None
+    foreseen, found = structure.foreseen.detectable, structure.detectable
+    assert set(foreseen) == set(found)
+    assert {name: foreseen[name] for name in owned} == {name: found[name] for name in owned}
+    assert foreseen["ticks_per_rev"] == foreseen["radius_scale"] is not None
 
 
 def test_louder_noise_than_described_shows_less_than_was_foreseen():

@@ -12,7 +12,7 @@ from drive_recordings import ROBOT, recording_of, simulated
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.block import DriveBlock, drive_block
 from gap_diagnosis.drive.limits import BOUNDS, limits_of_answers, limits_of_bounds
-from gap_diagnosis.drive.noise import whitened
+from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Recording
 
@@ -102,3 +102,14 @@ def test_the_longer_a_drive_the_smaller_what_it_shows_down_to_the_tolerance() ->
     for effect, limit in one.items():
         assert limit is None or limit >= (more[effect] or math.inf)
     assert limits_of_answers([]) == dict.fromkeys(one, None)
+
+
+def test_what_a_drive_shows_at_usual_noise_is_told_without_that_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    block = coarse(20.0)
+    found, usual = limits_of_answers([block]), limits_of_answers([block], typical=True)
+    assert usual != found
+    monkeypatch.setattr(DriveBlock, "levels", Levels(1.0, 1.0, 1.0, 1.0))
+    assert limits_of_answers([block]) != found
+    assert limits_of_answers([block], typical=True) == usual
