@@ -84,7 +84,7 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
     if after is not None and floor is not None:
         closed = closed_share(before, after, floor)
         if closed is not None:
-            interval = _closed_interval(compared)
+            interval = _closed_interval(compared, closed)
     window_m = window_s = None
     if compared.extents is not None:
         window_m, window_s = (float(mean) for mean in compared.extents.mean(0))
@@ -183,7 +183,9 @@ def _picks(count: int) -> NDArray[np.int64] | None:
     return np.random.default_rng(_SEED).integers(count, size=(_RESAMPLES, count))
 
 
-def _closed_interval(compared: Compared) -> tuple[float, float] | None:
+def _closed_interval(compared: Compared, closed: float) -> tuple[float, float] | None:
+    """Return the interval, which holds what was *closed*: drawn values leave more of a gap than the
+    best do, and of few windows, one of them hardly a gap, all draws may close less."""
     before, after, floor = compared.before, compared.after, compared.floor
     picks = _picks(len(before.mean_square))
     if after is None or floor is None:
@@ -205,4 +207,4 @@ def _closed_interval(compared: Compared) -> tuple[float, float] | None:
     if good.mean() < 0.9:
         return None  # too many draws have no gap to close
     low, high = np.quantile((before_rms - after_rms)[good] / width[good], [0.025, 0.975])
-    return float(low), float(high)
+    return min(float(low), closed), max(float(high), closed)

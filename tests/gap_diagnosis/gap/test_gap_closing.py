@@ -96,6 +96,17 @@ def test_of_a_single_window_values_and_noise_tell_how_sure_the_share_is(spread: 
     assert 0.6 * wide < metric.ci95[1] - metric.ci95[0] < 1.5 * wide
 
 
+def test_the_interval_holds_the_share_where_every_drawn_value_leaves_more_than_the_best() -> None:
+    """Said of a wheelbase: 100 % closed (95 %: 0 to 99 %)."""
+    before, after = np.array([9.0, 25.0]), np.array([1.0, 1.0])
+    drawn = np.full((40, 2), 1.5)
+    known = Compared(errors_of(before), errors_of(after), np.ones((3, 2)), drawn)
+    metric = metric_of("odometry_position_m", known)
+    assert metric is not None
+    assert metric.ci95 is not None
+    assert metric.ci95[0] < metric.ci95[1] == metric.closed == 1.0
+
+
 def test_the_gap_is_told_in_the_first_metric_of_its_stage_that_has_one() -> None:
     def metric(before: float) -> Compared:
         return Compared(errors_of(np.full(4, before)), errors_of(np.full(4, 1.0)), np.ones((2, 4)))
