@@ -138,15 +138,6 @@ def _side_by_side(draws: Sequence[Floats]) -> Floats:
     return np.hstack([one[np.arange(most) % len(one)] for one in draws])
 
 
-def bootstrap_interval(mean_square: Floats) -> tuple[float, float] | None:
-    """Return the 95 % interval of an RMS over windows, from mean squares float64[w]."""
-    picks = _picks(len(mean_square))
-    if picks is None:
-        return None
-    low, high = np.quantile(np.sqrt(mean_square[picks].mean(1)), [0.025, 0.975])
-    return float(low), float(high)
-
-
 def gap_of(
     metrics: Mapping[str, Metric], stage: str, held_out: Literal["log", "stretches"]
 ) -> Gap | None:
