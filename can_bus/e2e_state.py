@@ -52,11 +52,6 @@ _PROFILE_STATUS: Final = {
 _GOOD: Final = frozenset((ProfileStatus.OK, ProfileStatus.OKSOMELOST))
 
 
-def profile_status(status: E2EStatus) -> ProfileStatus:
-    """Return what a result of Profile 1 means to the state machine."""
-    return _PROFILE_STATUS[status]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateLimits:
     """How many good and damaged cycles in the window make and keep a stream valid.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 Floats = NDArray[np.float64]
 
@@ -107,11 +106,6 @@ def log_sum(logarithms: Floats) -> float:
     """Return the logarithm of a sum given by logarithms."""
     top = float(logarithms.max())
     return top + math.log(float(np.exp(logarithms - top).sum()))
-
-
-def log_binomial(count: int, chosen: int) -> float:
-    """Return the logarithm of the number of ways."""
-    return float(gammaln(count + 1) - gammaln(chosen + 1) - gammaln(count - chosen + 1))
 
 
 def _refined(least: int, chances: int) -> int:

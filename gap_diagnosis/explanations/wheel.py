@@ -195,11 +195,6 @@ def grade_slip(p: Prediction, *, north: float, east: float) -> None:
     p.right_m = p.right_m * (1 + np.sign(p.right_m) * down)
 
 
-def wheel_toe(p: Prediction, *, angle: float) -> None:
-    """Roll to the left of the body's x axis."""
-    p.lateral_m = p.lateral_m + np.tan(angle) * p.forward_m
-
-
 def wheel_eccentricity_left(p: Prediction, *, cosine: float, sine: float) -> None:
     """Vary the left radius once per turn: 1 + cosine*cos(phi) + sine*sin(phi)."""
     angle = p.motion.left_angle_rad - 0.5 * p.motion.left_step_rad

@@ -17,7 +17,6 @@ from gap_diagnosis.recording import Floats
 from gap_diagnosis.result_parts import Segment, StageOrNone
 
 _LEAST_SEGMENT_S: Final = 1.0
-_MOST_BINS: Final = 400
 
 
 @dataclass(frozen=True)
@@ -104,21 +103,3 @@ def segments_of(
         row = {"start_s": start_s, "stop_s": stop_s, "kind": kind}
         found.append(Segment.model_validate({**row, "stage": stage, "share": shares[stage]}))
     return tuple(found)
-
-
-def onset_and_end(t_s: Floats, residual: Floats) -> tuple[float, float, float]:
-    """Return (start_s, stop_s, gain): the stretch whose mean explains a residual best.
-
-    *residual* is float64[n] of whitened increments (unit variance, mean zero where nothing acts).
-    The gain is in log likelihood over no effect: ½(Σr)²/m over the stretch's m samples; compare it
-    with that of the whole log, ½(Σr)²/n, and with the log of the number of stretches tried.
-    """
-    count = len(residual)
-    edges = np.unique(np.linspace(0, count, min(count, _MOST_BINS) + 1).astype(np.int64))
-    sums = np.concatenate([[0.0], np.cumsum(residual)])[edges]
-    length = edges[np.newaxis, :] - edges[:, np.newaxis]
-    rise = sums[np.newaxis, :] - sums[:, np.newaxis]
-    gain = np.where(length > 0, 0.5 * rise**2 / np.maximum(length, 1), -np.inf)
-    first, stop = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    last = min(int(edges[stop]), count - 1)
-    return float(t_s[edges[first]]), float(t_s[last]), float(gain[first, stop])

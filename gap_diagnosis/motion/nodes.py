@@ -291,11 +291,6 @@ def without_jumps(motion: Motion) -> Motion:
     return replace(motion, left_jump_rad=none, right_jump_rad=none)
 
 
-def _at_end(means: Floats) -> Floats:
-    """Return what means over ticks are at the ticks' ends."""
-    return np.asarray(0.5 * (means + np.append(means[1:], means[-1])))
-
-
 def _compare_reference(
     nodes: Nodes, p: Prediction, d_x: Floats, d_y: Floats, d_heading: Floats, out: Floats
 ) -> None:

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from gap_diagnosis.gap.how_far import Compared, closed_share, gap_of, metric_of, pooled
 from gap_diagnosis.gap.metrics import WindowErrors
-from gap_diagnosis.gap.shares import chain_of, onset_and_end, shares_of
+from gap_diagnosis.gap.shares import chain_of, shares_of
 from gap_diagnosis.gap.waterfall import MOST_EFFECTS, shapley_reductions
 from gap_diagnosis.result_parts import StageOrNone
 
@@ -208,13 +208,3 @@ def test_an_effect_that_adds_the_same_to_every_company_takes_off_just_that(
 def test_more_effects_than_a_waterfall_bears_are_refused() -> None:
     with pytest.raises(ValueError, match="expected at most"):
         shapley_reductions([str(k) for k in range(MOST_EFFECTS + 1)], lambda on: 0.0)
-
-
-def test_onset_and_end_of_an_effect_are_found() -> None:
-    t_s = np.arange(6000) * 0.01
-    residual = np.random.default_rng(3).standard_normal(6000)
-    residual[2000:3500] += 0.4
-    start_s, stop_s, gain = onset_and_end(t_s, residual)
-    assert start_s == pytest.approx(20.0, abs=0.6)
-    assert stop_s == pytest.approx(35.0, abs=0.6)
-    assert gain > 0.5 * residual.sum() ** 2 / 6000
