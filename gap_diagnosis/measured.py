@@ -230,6 +230,11 @@ def measured(
     on_bus = frozenset(e for e in effects if e in catalogue() and catalogue()[e].stage == "bus")
     fitted_on = analysis.recording
     skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept) if _SKEW in effects else 0.0
+    # Without a name the log's levels have the cause in them: noise alone leaves what is left of a
+    # model of it.
+    levels = levels_of(
+        analysis.motion.levels if unlisted is None else unlisted.levels, robot, motion
+    )
     compared = compare_all(
         where,
         robot,
@@ -237,14 +242,13 @@ def measured(
         windows,
         effects=settings,
         draws=drawn,
-        levels=levels_of(analysis.motion.levels, robot, motion),
+        levels=levels,
         drive=None if drive is None else drive.replayed,
         firmware=None if firmware is None else firmware.replayed,
         clock_skew=skew if on_bus else None,
     )
     beside: Mapping[str, Compared] = {}
     if unlisted is not None:
-        levels = levels_of(unlisted.levels, robot, motion)
         beside = compare_all(
             where, robot, motion, windows,
             effects=unlisted.settings, draws=unlisted.drawn, levels=levels, drive=unlisted.drive,

@@ -15,6 +15,7 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.gap import hold_out, kinds_of
 from gap_diagnosis.how_far import shrink
 from gap_diagnosis.modelled import told_apart, unseen_dropped
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.stand_in import stand_in
 from gap_diagnosis.motion.unknown import Alternative, alternatives
@@ -25,6 +26,19 @@ from hil_harness.effects import EffectSetting
 SLIP = EffectSetting("lateral_slip", (("compliance", 0.05),))
 SLIDES = Alternative("wheel", "lateral_acceleration", 0.0, 0.0, 1.0)
 NOTHING: frozenset[str] = frozenset()
+
+
+class Nameless(MotionBlock):
+    """The motion of a log of which no listed effect tells anything: its levels hold the cause."""
+
+    def __init__(self, model: MotionModel, levels: Floats) -> None:
+        super().__init__(model)
+        self._risen = levels
+
+    @property
+    def levels(self) -> Floats:
+        """Those of no effect."""
+        return self._risen
 
 
 def modelled(
@@ -51,6 +65,22 @@ def test_what_slides_with_the_pull_across_slides_less_where_the_model_never_saw_
     assert model.closed > 0.8
     assert model.ci95 is not None
     assert model.ci95[0] > 0.5
+
+
+def test_what_noise_alone_leaves_is_told_without_the_cause_in_the_noise() -> None:
+    """Levels that had risen with a slip without a name told a floor of 3.5 mm as 15."""
+    log = drive("calibration", EffectSetting("lateral_slip", (("compliance", 0.3),)))
+    motion = analysis_of(log)
+    assert motion.motion is not None
+    model = motion.motion.model
+    risen = model.no_effect_levels
+    nameless = Nameless(model, risen)
+    found = alternatives(model, risen)
+    told = replace(motion, motion=nameless, alternatives=tuple(found))
+    gap = shrink(told, NOTHING, "wheel", ROBOT, WIRE).gap
+    assert gap is not None
+    assert gap.floor is not None
+    assert gap.floor < 0.1 * gap.before
 
 
 def test_where_nothing_is_wrong_no_model_is_said_to_close_anything() -> None:
