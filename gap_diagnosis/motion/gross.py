@@ -23,7 +23,8 @@ _BLOCK_S: Final = 0.5
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
     """Tell whether turns or ways of two sources differ by more than any effect makes likely."""
-    motion = estimate_motion(recording, robot)
+    # Each source is looked at by itself: nothing is bent onto the reference.
+    motion = estimate_motion(replace(recording, reference=None), robot)
     t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
     if len(t_s) < 8:
         return False
