@@ -67,7 +67,7 @@ def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
 
 def gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
     """Bend the scale with the rate's size."""
-    _bend(p, p.gyro_rad_s, quadratic, cubic)
+    _bend(p, rate_of_columns(p), quadratic, cubic)
 
 
 def exact_gyro_nonlinearity(p: Prediction, *, quadratic: float, cubic: float) -> None:
@@ -84,17 +84,36 @@ def rate_with_details(p: Prediction) -> Floats:
 
     Counters tell that by themselves, sharper than the estimated heading, which a reference bends.
     """
-    m = p.motion
-    if not m.has_counters or m.sharp_s == np.inf:
-        return seen(p, turn_rate_with_details(m))
+    if _counters_tell(p.motion):
+        return rate_of_columns(p)
+    return seen(p, turn_rate_with_details(p.motion))
+
+
+def rate_of_columns(p: Prediction) -> Floats:
+    """Return the rate as the gyro has it so far, as smooth as the counters are, if there are any.
+
+    Smoother, the scale of a gyro would not be that of the turns by the wheels: where turns are
+    short the one would be told from the other.
+    """
+    return np.asarray(p.gyro_rad_s + rounded_off(p.motion))
+
+
+def rounded_off(m: Motion) -> Floats:
+    """Return by how much the counters tell a turn rate from the smooth one, float64[n]; nothing
+    where there are none."""
+    if not _counters_tell(m):
+        return np.zeros_like(m.turn_rate_rad_s)
     wheels = m.radius_m * (m.right_step_rad - m.left_step_rad) / (m.wheelbase_m * m.tick_s)
-    rounded = gaussian_filter1d(wheels, m.turning_s / m.tick_s, mode="nearest")
-    return seen(p, m.turn_rate_rad_s + wheels - rounded)
+    return np.asarray(wheels - gaussian_filter1d(wheels, m.turning_s / m.tick_s, mode="nearest"))
+
+
+def _counters_tell(m: Motion) -> bool:
+    return m.has_counters and m.sharp_s < np.inf
 
 
 def gyro_asymmetry(p: Prediction, *, asymmetry: float) -> None:
     """Scale left turns unlike right turns."""
-    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(p.gyro_rad_s)
+    p.gyro_rad_s = p.gyro_rad_s + 0.5 * asymmetry * np.abs(rate_of_columns(p))
 
 
 def exact_gyro_asymmetry(
@@ -114,7 +133,7 @@ def exact_gyro_asymmetry(
 
 def gyro_scale(p: Prediction, *, scale: float) -> None:
     """Read every rate too large."""
-    p.gyro_rad_s = p.gyro_rad_s * (1 + scale)
+    p.gyro_rad_s = p.gyro_rad_s + scale * rate_of_columns(p)
 
 
 def exact_gyro_scale(p: Prediction, *, scale: float) -> None:
@@ -125,7 +144,7 @@ def exact_gyro_scale(p: Prediction, *, scale: float) -> None:
 def gyro_temperature_scale(p: Prediction, *, slope: float) -> None:
     """Let the scale follow the temperature."""
     if p.motion.warm_k is not None:
-        p.gyro_rad_s = p.gyro_rad_s * (1 + slope * p.motion.warm_k)
+        p.gyro_rad_s = p.gyro_rad_s + slope * p.motion.warm_k * rate_of_columns(p)
 
 
 def exact_gyro_temperature_scale(p: Prediction, *, slope: float) -> None:

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.explanations.gyro import rounded_off
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats
 
@@ -135,6 +136,7 @@ def _by_forces(motion: Motion) -> Basis:
 def _by_rate(motion: Motion) -> Basis:
     """Return functions of the turn rate: hats, and a scale that bends with the rate's size or
     differs between the sides. Hats follow a bend by straight lines, which a gyro tells from it."""
+    motion = replace(motion, turn_rate_rad_s=motion.turn_rate_rad_s + rounded_off(motion))
     by_rate = _of_the_body(motion, "turn_rate")
     if not by_rate.functions:
         return by_rate

@@ -84,7 +84,8 @@ def smoothed(motion: Motion) -> Motion:
         x_m=x_m,
         y_m=y_m,
         turn_rate_rad_s=turn * geometry / tick_s,
-        turning_s=math.hypot(motion.turning_s, USUAL_S),
+        # Smoother than the wheels by so much.
+        turning_s=USUAL_S if is_speed else motion.turning_s,
         left_step_rad=left,
         right_step_rad=right,
         left_angle_rad=np.cumsum(left),
@@ -108,7 +109,8 @@ def sharpened(smooth: Motion) -> Motion:
     )
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
-    return replace(smooth, left_step_rad=left, right_step_rad=right)
+    turning_s = math.hypot(smooth.turning_s, USUAL_S)
+    return replace(smooth, left_step_rad=left, right_step_rad=right, turning_s=turning_s)
 
 
 def _begun(step_rad: Floats) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.gyro import rate_of_columns
 from gap_diagnosis.motion.bases import PLAY_RAD, Basis, basis, turns
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
@@ -128,7 +129,7 @@ def _gyro(p: Prediction, f: Floats) -> None:
 
 
 def _gyro_gain(p: Prediction, f: Floats) -> None:
-    p.gyro_rad_s = p.gyro_rad_s * (1 + f)
+    p.gyro_rad_s = p.gyro_rad_s + f * rate_of_columns(p)
 
 
 def _reference_along(p: Prediction, f: Floats) -> None:
