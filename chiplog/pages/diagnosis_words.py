@@ -70,7 +70,11 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.contradicting:
         line = f"the logs contradict each other; as of one robot {line}"
     gap = diagnosis.gap
-    return line if gap is None else f"{line}: gap {gap_arrow(gap)}"
+    if gap is None:
+        return line
+    if _is_nothing(gap):
+        return f"{line}: no gap in the {metric_name(gap.metric)}"
+    return f"{line}: gap {gap_arrow(gap)}"
 
 
 def verdict(diagnosis: Diagnosis) -> list[Words]:
@@ -133,6 +137,8 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
         return "No gap was measured: nothing could be held out."
     where = "another log" if gap.held_out == "log" else "stretches the fit never saw"
     name = metric_name(gap.metric)
+    if _is_nothing(gap):
+        return f"{name[:1].upper()}{name[1:]} on {where}: no gap."
     text = f"{name[:1].upper()}{name[1:]}, RMS on {where}: {gap_arrow(gap)}"
     if gap.closed is None:
         return f"{text}; {_why_not_closed(diagnosis, gap)}."
@@ -141,6 +147,11 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
         low, high = (100 * bound for bound in gap.ci95)
         interval = f" (95 %: {low:.0f} to {high:.0f} %)"
     return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
+
+
+def _is_nothing(gap: Metric) -> bool:
+    """Tell whether there is nothing to close: a delay that is the same all along moves no beat."""
+    return gap.before < _ROUNDING
 
 
 def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:

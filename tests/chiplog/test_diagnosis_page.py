@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
-from chiplog.pages.diagnosis_words import gap_sentence, limit, unknown_sentence
+from chiplog.pages.diagnosis_words import gap_sentence, headline, limit, unknown_sentence
 from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import About, Advice, LogFacts, Waterfall, WaterfallStep
@@ -254,3 +254,14 @@ def test_a_gap_that_no_held_out_stretch_tests_says_why_no_share_is_closed() -> N
     untested = samples.gap().model_copy(update={"closed": None, "ci95": None})
     said = gap_sentence(found.model_copy(update={"gap": untested}))
     assert said.endswith("nothing that was held out lies in the window in which it acts.")
+
+
+def test_where_there_is_nothing_to_close_no_gap_of_0_is_told() -> None:
+    """Of frames that are late by the same all along it read "gap 0 s → 0 s (floor 0 s)"."""
+    found = samples.diagnosis()
+    gap = samples.gap().model_copy(
+        update={"metric": "timing_s", "unit": "s", "before": 5e-15, "after": 5e-15, "floor": 5e-15}
+    )
+    late = found.model_copy(update={"gap": gap})
+    assert headline(late).endswith(": no gap in the timing")
+    assert gap_sentence(late) == "Timing on stretches the fit never saw: no gap."
