@@ -17,9 +17,10 @@ from typing import Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from gap_diagnosis.explanations.choices import dead_ticks
+from gap_diagnosis.explanations.reference import USUAL_S, counting_slope
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats
@@ -44,6 +45,8 @@ QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
 beats with the samples."""
 _LATER: Final = 4.0
+_SURELY: Final = 1.0
+"""A rate by counts of less of its standard deviations may be that of a wheel at rest."""
 _FINER: Final = 0.5
 _AROUND: Final = 5
 """Blocks, a quarter of a second."""
@@ -116,6 +119,11 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
     moved = [path / per_count_m for path in (left_path, right_path)]
     slow = [nodes.mean(_creep(motion, step)) * block_s for step in signed]
+    if noise_ticks > 0:
+        creeps = [nodes.mean(_creep_beside_jitter(motion, step)) * block_s for step in signed]
+        # What settles goes on for a while, ever more slowly.
+        creeps = [np.maximum(one, 0.5 * np.append(0.0, one[:-1])) for one in creeps]
+        slow = [np.maximum(one, creep) for one, creep in zip(slow, creeps, strict=True)]
     if _is_finer(nodes, per_count_m):
         slow = [np.maximum(one, seen) for one, seen in zip(slow, _seen(nodes), strict=True)]
     unsure = [nodes.mean(np.cumsum(one)) * radius**2 for one in motion.wheel_unsure_rad2]
@@ -204,6 +212,18 @@ def _creep(motion: Motion, step_rad: Floats) -> Floats:
                 ticks = math.ceil(1 / (between[known] * tick_s))
                 rate[part][:ticks] = 0.5 * between[known]
     return rate
+
+
+def _creep_beside_jitter(motion: Motion, step_rad: Floats) -> Floats:
+    """Return how fast a wheel goes by its counts over a while [counts/s], float64[n].
+
+    Where readings jitter, a wheel that comes to a stop counts to and fro before, and tells as
+    little by its next count whether it still goes as one that stands on an edge.
+    """
+    width = max(USUAL_S / motion.tick_s, 0.5)
+    rate = np.abs(gaussian_filter1d(step_rad / motion.rounding_rad, width)) / motion.tick_s
+    noise = math.sqrt(counting_slope(width)) / motion.tick_s
+    return np.asarray(np.where(rate > _SURELY * noise, rate, 0.0))
 
 
 def _gyro_floor(nodes: Nodes) -> Floats:
