@@ -76,6 +76,9 @@ def smoothed(motion: Motion) -> Motion:
     left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
     left[0] = right[0] = 0.0
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
+    # What one wheel speeds up more than the other is the noise of counting on a straight.
+    together = 0.5 * (motion.left_acceleration_rad_s2 + motion.right_acceleration_rad_s2)
+    apart = gaussian_filter1d(np.gradient(turning / tick_s, tick_s), max(USUAL_S / tick_s, 0.5))
     geometry = motion.radius_m / motion.wheelbase_m
     turn = motion.turn_rate_rad_s * tick_s / geometry
     turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S, is_counted=False)
@@ -90,6 +93,8 @@ def smoothed(motion: Motion) -> Motion:
         right_step_rad=right,
         left_angle_rad=np.cumsum(left),
         right_angle_rad=np.cumsum(right),
+        left_acceleration_rad_s2=together - 0.5 * apart,
+        right_acceleration_rad_s2=together + 0.5 * apart,
     )
 
 
