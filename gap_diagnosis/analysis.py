@@ -36,7 +36,7 @@ from gap_diagnosis.motion.unknown import (
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
+from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock, with_reference_put_right
 from gap_diagnosis.traces import Trace, traces
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
@@ -61,6 +61,7 @@ class Analysis:
         pushes: steps of the body that no wheel makes, if they are likelier than no effect.
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
+        mistake: of the reference's set-up, put right in the recording.
     """
 
     recording: Recording
@@ -74,6 +75,7 @@ class Analysis:
     lost: Lost = field(default_factory=Lost)
     late_s: float = 0.0
     pushes: Pushes | None = None
+    mistake: Mistake | None = None
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -178,6 +180,7 @@ def analyse(
         lost,
         late_s,
         pushes,
+        mistake,
     )
 
 

@@ -159,6 +159,14 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
     name, lost = analysis.recording.name, analysis.lost
     from_s = float(analysis.recording.t_s[0])
     notes = []
+    if analysis.mistake is not None and analysis.mistake.quarter_turns:
+        # Ahead by three quarters is behind by one.
+        degrees = 90 * (analysis.mistake.quarter_turns - 4 * (analysis.mistake.quarter_turns > 2))
+        compass = ", as of a compass beside east and north" if degrees == -90 else ""
+        notes.append(
+            f"{name}: the reference's heading runs clockwise and, mirrored, stays {degrees:+d} "
+            f"degrees off the frame of its positions{compass}; it was turned into that."
+        )
     if analysis.late_s:
         early = "late" if analysis.late_s > 0 else "early"
         notes.append(

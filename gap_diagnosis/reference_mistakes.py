@@ -17,6 +17,7 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import turns_of
+from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.setup_mistakes import FACTORS
@@ -34,6 +35,10 @@ _LEAST_TURN_RAD: Final = 0.05
 _LEAST_WAY_M: Final = 0.01
 _LITTLE: Final = 0.1
 """A step so many times the usual one leads nowhere."""
+_QUARTER_RAD: Final = math.pi / 2
+_FINE_RAD: Final = 0.1
+"""A frame so far off a quarter turn is another one; up to there it is the effect reference_yaw's,
+by its prior."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +48,15 @@ class Mistake:
     Attributes:
         signal: reference_position, reference_heading, or reference where all of it is mirrored.
         factor: a known one; -1 for a mirror image.
+        quarter_turns: by which the heading, once mirrored, was ahead of the positions' frame (0 to
+            3): a compass counts clockwise from north, positions from east.
         log_evidence: of the log without it, less that with it.
     """
 
     signal: str
     factor: float
     log_evidence: float
+    quarter_turns: int = 0
 
     @property
     def effect(self) -> str:
@@ -99,12 +107,16 @@ def with_reference_put_right(
     tried = []
     for signal, factor in candidates:
         right = replace(recording, reference=_divided(reference, signal, factor))
+        quarters = 0
+        if (signal, factor) == ("reference_heading", -1.0):
+            quarters = _quarter_turns(right, robot)
+            right = _with_heading_turned(right, -quarters)
         after = MotionModel(right, robot, prior)
         # The same numbers in a larger unit are less likely each, by as much.
         residuals = [(0, 1), (2,)][signal == "reference_heading"]
         values = np.isfinite(after.columns.values[residuals, :, 0]).sum()
         gain = _log_evidence(after) - before - float(values) * math.log(abs(factor))
-        tried.append((right, Mistake(signal, factor, gain)))
+        tried.append((right, Mistake(signal, factor, gain, quarters)))
     right, mistake = max(tried, key=lambda one: one[1].log_evidence)
     if mistake.effect in without or mistake.log_evidence <= 0:
         return recording, None
@@ -117,8 +129,7 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
     if reference is None or len(reference.t_s) < _LEAST_STEPS:
         return []
     motion = estimate_motion(replace(recording, reference=None), robot)
-    first, last = (f(motion.t_s[place], reference.t_s[place]) for f, place in ((max, 0), (min, -1)))
-    grid_s = np.arange(first, last, _STEP_S)
+    grid_s = _grid(motion, reference)
     if len(grid_s) <= _LEAST_STEPS:
         return []
 
@@ -198,6 +209,42 @@ def _divided(reference: Reference, signal: str, factor: float) -> Reference:
     right = reference if heading is None else replace(reference, heading_rad=heading / factor)
     # About whichever axis it is mirrored, the rest is a turn of the frame, which is free.
     return replace(right, y_m=reference.y_m / factor) if signal == "reference" else right
+
+
+def _quarter_turns(recording: Recording, robot: Robot) -> int:
+    """Return how many quarter turns (0 to 3) the reference's heading is ahead of its positions'
+    frame; 0 where it is ahead by none that is known."""
+    reference = recording.reference
+    if reference is None or reference.heading_rad is None:
+        return 0
+    motion = estimate_motion(replace(recording, reference=None), robot)
+    grid_s = _grid(motion, reference)
+    ahead_rad = np.interp(grid_s, reference.t_s, reference.heading_rad) - np.interp(
+        grid_s, motion.t_s, motion.heading_rad
+    )
+    ours, theirs = (
+        np.diff(np.interp(grid_s, one.t_s, one.x_m) + 1j * np.interp(grid_s, one.t_s, one.y_m))
+        for one in (motion, reference)
+    )
+    # Steps as the body takes them, not courses: a robot in reverse moves against its heading.
+    turn = np.sum(ours * np.exp(1j * ahead_rad[:-1]) * np.conj(theirs))
+    quarters = round(float(np.angle(turn)) / _QUARTER_RAD)
+    left_rad = float(np.angle(turn)) - quarters * _QUARTER_RAD
+    return quarters % 4 if abs(left_rad) < _FINE_RAD else 0
+
+
+def _with_heading_turned(recording: Recording, quarters: int) -> Recording:
+    reference = recording.reference
+    if reference is None or reference.heading_rad is None or not quarters:
+        return recording
+    turned_rad = reference.heading_rad + quarters * _QUARTER_RAD
+    return replace(recording, reference=replace(reference, heading_rad=turned_rad))
+
+
+def _grid(motion: Motion, reference: Reference) -> Floats:
+    """Return the ends of steps [s] over the time that both have."""
+    first, last = (f(motion.t_s[place], reference.t_s[place]) for f, place in ((max, 0), (min, -1)))
+    return np.arange(first, last, _STEP_S)
 
 
 def _log_evidence(model: MotionModel) -> float:

@@ -9,6 +9,7 @@ from fake_blocks import analysis
 from gap_diagnosis.facts import makes_worse, notes_on
 from gap_diagnosis.lost_tracking import Leap, Lost
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.reference_mistakes import Mistake
 from gap_diagnosis.result_parts import Gap, Metric
 
 _ROWS = np.arange(4)
@@ -32,6 +33,25 @@ def test_a_name_with_which_the_simulation_lies_farther_off_is_warned_of(
     windows = Metric(unit="m", before=0.099, after=after, floor=0.269, windows=4)
     gap = Gap(metric="drive_position_m", held_out="stretches", **dict(windows))
     assert [("farther" in one) for one in makes_worse(gap)] == [True] * is_worse
+
+
+@pytest.mark.parametrize(
+    ("quarters", "told"),
+    [
+        (0, None),
+        (1, "stays +90 degrees off the frame of its positions; it was"),
+        (2, "stays +180 degrees off the frame of its positions; it was"),
+        (3, "stays -90 degrees off the frame of its positions, as of a compass beside east"),
+    ],
+)
+def test_a_heading_that_was_turned_into_the_frame_of_its_positions_is_told(
+    quarters: int, told: str | None
+) -> None:
+    mistake = Mistake("reference_heading", -1.0, 1000.0, quarters)
+    said = notes_on([replace(analysis(LOG), mistake=mistake)], ())
+    assert [told is not None and told in one for one in said if "clockwise" in one] == (
+        [] if told is None else [True]
+    )
 
 
 def test_moments_in_notes_count_from_the_start_of_a_log_by_wall_clock() -> None:

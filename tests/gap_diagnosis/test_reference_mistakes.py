@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 from diagnosed import ROBOT, WIRE
 
@@ -83,6 +84,40 @@ def test_what_is_wrong_elsewhere_is_not_laid_to_the_reference(
 ) -> None:
     recording = drive(*effects)
     assert with_reference_put_right(recording, ROBOT) == (recording, None)
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
+    name: str, quarters: int
+) -> None:
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=60.0
+    )
+    reference = recording.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    compass = replace(reference, heading_rad=quarters * math.pi / 2 - reference.heading_rad)
+    right, mistake = with_reference_put_right(replace(recording, reference=compass), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference_heading")
+    assert mistake.quarter_turns == -quarters % 4
+    assert mistake.log_evidence > 1000
+    assert right.reference is not None
+    assert right.reference.x_m == pytest.approx(reference.x_m)
+    assert right.reference.heading_rad is not None
+    off_rad = right.reference.heading_rad - reference.heading_rad
+    assert np.exp(1j * off_rad) == pytest.approx(1.0)
+
+
+def test_a_clockwise_heading_of_no_known_zero_keeps_its_zero() -> None:
+    recording = drive()
+    reference = recording.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    other = replace(reference, heading_rad=0.7 - reference.heading_rad)
+    _, mistake = with_reference_put_right(replace(recording, reference=other), ROBOT)
+    assert mistake is None or mistake.quarter_turns == 0
 
 
 def test_a_mistake_that_is_not_to_be_named_stays() -> None:
