@@ -2,6 +2,7 @@
 
     python benchmarks/blind_trial.py DIR --cases 6000 [--jobs N]
     python benchmarks/blind_trial.py DIR --page docs/reference/blind-trial.md [--at METHOD=COMMIT]
+        [--again AGAIN --at again=COMMIT]
 
 The first makes a trial in DIR where there is none, has it diagnosed by this tool and by every rival
 (a run that was stopped goes on where it was), and writes DIR/scores.html. The second writes the
@@ -103,6 +104,9 @@ def markdown(
         option = "" if name == OWN_METHOD else f" --method gap_diagnosis/trials/rivals/{name}.py"
         command = f"`chiplog blind run DIR{option}`"
         lines.append(f"| {name} | {command} | {commits.get(name, '')} | {len(one.judged)} |")
+    if again is not None:
+        of_again = f"{commits.get('again', '')} | {len(again.judged)}"
+        lines.append(f"| chiplog, one manoeuvre more | `chiplog blind run AGAIN` | {of_again} |")
     lines += ["", "## What must be reached, and what is", ""]
     lines += table(["figure", "measured (95 %), cases", "must be", ""], rows)
     if missed:
