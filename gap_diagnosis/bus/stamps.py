@@ -23,6 +23,8 @@ _LEAST_FOR_TAILS: Final = 200
 _CLIP: Final = 12.0
 _STAMP_STEP_S: Final = 1e-6
 _SCALES: Final = 6
+_REACH: Final = 6.0
+"""Standard deviations about a measured delay on which its grid is close."""
 MOST_INDEPENDENT: Final = 400
 """Stamps are late together: a log says no more of its jitter than so many stamps on their own."""
 
@@ -106,19 +108,13 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
     found: dict[str, Choice] = {}
     if len(seen) < 2:
         return found
-    scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, _SCALES)
-    value = np.concatenate(([0.0], np.geomspace(1e-5, 2 * prior.LATENCY.high, 4 * _GRID)))
-    width = np.gradient(value)
-    density = np.mean(
-        2 * np.exp(-0.5 * (value[:, np.newaxis] / scales) ** 2) / (scales * math.sqrt(2 * math.pi)),
-        axis=1,
-    )
     for name, offset in seen.items():
         others = [one for other, one in seen.items() if other != name]
         away = offset - float(np.median(others))
         usual = prior.LATENCY_USUAL_S
+        value, weight = _delays(away)
         null = -0.5 * (away / usual) ** 2
-        logs = -0.5 * ((away - value) / usual) ** 2 + np.log(density * width)
+        logs = -0.5 * ((away - value) / usual) ** 2 + np.log(weight)
         found[name] = Choice(
             float(logsumexp(logs)) - null,
             max(-null, 0.0) if away > 0 else 0.0,
@@ -126,6 +122,20 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
             _weights(logs),
         )
     return found
+
+
+def _delays(seen_s: float) -> tuple[Floats, Floats]:
+    """Return delays on a grid [s], close about the one that was seen, and their prior weights."""
+    scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, _SCALES)
+    reach_s = _REACH * prior.LATENCY_USUAL_S
+    far = np.geomspace(1e-5, 2 * prior.LATENCY.high + abs(seen_s), 4 * _GRID)
+    near = np.linspace(seen_s - reach_s, seen_s + reach_s, _GRID + 1)
+    value = np.unique(np.concatenate(([0.0], far, near[near > 0])))
+    density = np.mean(
+        2 * np.exp(-0.5 * (value[:, np.newaxis] / scales) ** 2) / (scales * math.sqrt(2 * math.pi)),
+        axis=1,
+    )
+    return value, np.asarray(density * np.gradient(value), dtype=np.float64)
 
 
 def skew(measured: float, sd: float) -> tuple[float, float, Floats, Floats]:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.log_ticks import LogByTicks
 from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
@@ -19,6 +21,7 @@ from gap_diagnosis.reading.wheels import (
     running_count,
     ticks_per_unit,
 )
+from gap_diagnosis.reading.whole_rounds import rounds_late
 from gap_diagnosis.recording import FrameTimes, Recording, Reference
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
@@ -31,6 +34,8 @@ from sim_plant import WIDEST_COUNTER_BITS
 Floats = NDArray[np.float64]
 
 _US = 1e-6
+_IN_TIME_S = default_prior().of("frame_latency", "delay").tolerance
+"""Frames of one tick queue behind each other; those that lie nearer than this are in time."""
 
 
 def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording, Reference | None]:
@@ -42,8 +47,6 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     """
     log = LogByTicks(path, robot, wire)
     tick = log.rows.tick - log.rows.tick[0]
-    gyro = _gyro(log)
-    heading = _quantity(log.on_rows("odom_heading"))
     unsure = None
     if _is_speed(log.wire.signal_map["left_count"]):
         left, right = _speed(log, "left_count"), _speed(log, "right_count")
@@ -52,6 +55,8 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
     else:
         left_ticks, right_ticks = _wheel(log, "left_count"), _wheel(log, "right_count")
+    gyro = _gyro_beside(log, right_ticks - left_ticks)
+    heading = _quantity(log.on_rows("odom_heading"))
     recording = Recording(
         name=path.name,
         tick_period_s=log.period_s,
@@ -163,6 +168,23 @@ def _gyro(log: LogByTicks) -> tuple[Floats, Floats] | None:
     if every > 1:
         value = _spread_back(value, every)
     return gyro_code_and_rate(value, mapped.kind, log.plant, mapped.path)
+
+
+def _gyro_beside(log: LogByTicks, wheel_turn: Floats) -> tuple[Floats, Floats] | None:
+    """Return the gyro's codes and rates, its frames late by as many rounds of their counter as its
+    turns say beside the wheels': float64[n], in any unit."""
+    found, mapped = _gyro(log), log.wire.signal_map.get("gyro")
+    if found is None or mapped is None:
+        return found
+    apart_s = log.apart_s(mapped.message.name)
+    if apart_s is None or abs(apart_s) <= _IN_TIME_S:
+        return found
+    steps = np.diff(wheel_turn, prepend=np.nan)
+    rounds = rounds_late(steps, found[1], COUNTER_MODULO)
+    if rounds == 0:
+        return found
+    log.put_earlier(mapped.message.name, rounds)
+    return _gyro(log)
 
 
 def _spread_back(value: Floats, every: int) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.reading.clock import fit_clock, lowered
+from gap_diagnosis.reading.clock import fit_clock, lower_edge, lowered
 from gap_diagnosis.reading.frames import MessageFrames, checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
 from gap_diagnosis.reading.rows import hold, rows_of_ticks
@@ -28,6 +29,8 @@ _US = 1e-6
 _LEAST_FRAMES = 20
 _LARGEST_SKEW = 0.1
 _FASTER = 0.75
+_EARLY_TICKS = 1.0
+"""So far before the line of the earliest frames a stamp may lie: it jitters."""
 _BACK_S = 1.0
 """Frames of several buses in one log may be out of order, but not by this much."""
 
@@ -139,8 +142,12 @@ class LogByTicks:
         back = np.argsort(order)
         return Ticks(ticks.tick[back], ticks.segment[back])
 
-    def _aligned(self, frames: MessageFrames) -> Ticks:
-        """Unwrap another message's ticks, and count them as the left wheel's message does."""
+    def _aligned(self, frames: MessageFrames, *, is_never_early: bool = False) -> Ticks:
+        """Unwrap another message's ticks, and count them as the left wheel's message does.
+
+        Of whole rounds of the counter the nearest are taken; *is_never_early*: those by which the
+        message comes after the clock's line, since that lies where the earliest frames do.
+        """
         stamps = self._seconds(frames)
         starts = self.clock.time_s(self._segment_starts(), np.arange(len(self.clock.start_s)))
         segment = np.maximum(np.searchsorted(starts, stamps, side="right") - 1, 0)
@@ -159,11 +166,50 @@ class LogByTicks:
             if frames.counter is not None and shared:
                 wanted = self._counter_offset(int(number))
                 wanted -= int(tick[here][0] - frames.counter[here][0])
-                shift = wanted + COUNTER_MODULO * round((lag - wanted) / COUNTER_MODULO)
+                away_rounds = (lag - wanted) / COUNTER_MODULO
+                if is_never_early:
+                    rounds = math.floor(away_rounds + _EARLY_TICKS / COUNTER_MODULO)
+                else:
+                    rounds = round(away_rounds)
+                shift = wanted + COUNTER_MODULO * rounds
             else:
                 shift = round(lag)
             tick[here] += shift
         return Ticks(tick, segment.astype(np.int64))
+
+    def apart_s(self, name: str) -> float | None:
+        """Return how much later the earliest frames of a message are than the wheels', as far as
+        stamps and the counter that they share tell it: up to whole rounds. None where they share
+        none."""
+        frames = self.frames[name]
+        if frames is self.anchor or self.is_faster(frames) or not _is_shared(frames, self.anchor):
+            return None
+        return self._earliest_s(frames, self.ticks[name]) - self._earliest_s(
+            self.anchor, self.anchor_ticks
+        )
+
+    def _earliest_s(self, frames: MessageFrames, ticks: Ticks) -> float:
+        stamps = self._seconds(frames)
+        late_s = stamps - self.clock.time_s(ticks.tick, ticks.segment)
+        return lower_edge(late_s, float(stamps[-1] - stamps[0]))
+
+    def put_earlier(self, name: str, rounds: int) -> None:
+        """Count a message's ticks from so many rounds of the counter before: its frames are as much
+        later than was taken. What comes with the earliest frames is laid beside them anew."""
+        ticks = self.ticks[name]
+        moved = Ticks(ticks.tick - rounds * COUNTER_MODULO, ticks.segment)
+        sure = {id(self.anchor), id(self.frames[name])}
+        both = ((self.anchor, self.anchor_ticks), (self.frames[name], moved))
+        self.clock = lowered(
+            self.clock, [(own.tick, own.segment, self._seconds(one)) for one, own in both]
+        )
+        self.ticks = {
+            other: self.ticks[other]
+            if id(frames) in sure
+            else self._aligned(frames, is_never_early=True)
+            for other, frames in self.frames.items()
+        } | {name: moved}
+        self.clock = lowered(self.clock, self._sampled_with_the_tick())
 
     def _segment_starts(self) -> Ints:
         segment, tick = self.anchor_ticks.segment, self.anchor_ticks.tick
