@@ -54,7 +54,7 @@ def run(folder: Path, cases: int, jobs: int | None) -> None:
     home = Path(gap_diagnosis.trials.rivals.__file__).parent
     for method in (None, *(home / f"{name}.py" for name in RIVALS)):
         run_trial(folder, jobs=jobs, method=method, progress=told(method.stem if method else "own"))
-    opened = open_methods(folder, key_of(folder), methods_run(folder))
+    opened = open_methods(folder, key_of(folder), methods_run(folder), jobs=jobs or processors())
     page = trial_page(folder.name, OWN_METHOD, opened)
     (folder / "scores.html").write_text(page, encoding="utf-8")
 
@@ -185,8 +185,13 @@ def main() -> None:
     if chosen.cases is not None:
         run(chosen.folder, chosen.cases, chosen.jobs)
     if chosen.page is not None:
-        opened = open_methods(chosen.folder, key_of(chosen.folder), methods_run(chosen.folder))
-        again = None if chosen.again is None else open_trial(chosen.again, key_of(chosen.again))
+        jobs = chosen.jobs or processors()
+        opened = open_methods(
+            chosen.folder, key_of(chosen.folder), methods_run(chosen.folder), jobs=jobs
+        )
+        again = None
+        if chosen.again is not None:
+            again = open_trial(chosen.again, key_of(chosen.again), jobs=jobs)
         commits = dict(one.split("=", 1) for one in chosen.at)
         chosen.page.write_text(markdown(opened, commits, chosen.made, again), encoding="utf-8")
 

@@ -202,7 +202,7 @@ def score(
     """Check that the answers are those committed to, open them, and score every result."""
     from chiplog.terminal import progress
     from gap_diagnosis.trials.opening import methods_run, open_methods, open_trial
-    from gap_diagnosis.trials.run import results_of
+    from gap_diagnosis.trials.run import processors, results_of
     from gap_diagnosis.trials.score import scores
     from gap_diagnosis.trials.seal import key_of
 
@@ -210,9 +210,15 @@ def score(
     beside = [] if html_file is None else [one for one in methods_run(folder) if one != own]
     with progress("scoring") as bar:
         opened = open_methods(
-            folder, key or key_of(folder), [own, *beside], bar or (lambda done, total: None)
+            folder,
+            key or key_of(folder),
+            [own, *beside],
+            bar or (lambda done, total: None),
+            processors(),
         )
-    driven = None if again_folder is None else open_trial(again_folder, key_of(again_folder))
+    driven = None
+    if again_folder is not None:
+        driven = open_trial(again_folder, key_of(again_folder), jobs=processors())
     found = scores(opened[own], driven)
     if json_file is not None:
         write_json(json_file, found)

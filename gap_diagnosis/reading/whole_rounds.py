@@ -59,7 +59,8 @@ def _smooth(turn: Floats) -> Floats:
     if not known.any():
         return np.zeros(len(turn))
     place = np.arange(len(turn))
-    return gaussian_filter1d(np.interp(place, place[known], turn[known]), _SMOOTHED_TICKS)
+    filled = np.interp(place, place[known], turn[known])
+    return np.asarray(gaussian_filter1d(filled, _SMOOTHED_TICKS), dtype=np.float64)
 
 
 def _correlation(one: Floats, other: Floats) -> float:

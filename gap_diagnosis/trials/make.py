@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, cast
 
@@ -37,6 +34,7 @@ from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, SCHEMA, TA
 from gap_diagnosis.trials.logs import measured, tum_lines, write_log
 from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.processes import as_done
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.seal import seal
@@ -82,37 +80,14 @@ def make_trial(
     for place, one in enumerate(plan):
         home = folder / CASES / f"{place + 1:0{width}d}"
         home.mkdir()
-        todo.append((one, home, secret.child(f"case {place}")))
+        todo.append((counts, one, home, secret.child(f"case {place}")))
     cases: dict[str, Case] = {}
     progress(0, len(plan))
-    for case in _made(todo, counts, jobs):
+    for case in as_done(_make_alone, todo, jobs):
         cases[case.name] = case
         progress(len(cases), len(plan))
-    answers = [cases[home.name].as_json() for _, home, _ in todo]
+    answers = [cases[home.name].as_json() for _, _, home, _ in todo]
     return seal({"schema": SCHEMA, "cases": answers}, folder, key)
-
-
-def _made(
-    todo: Sequence[tuple[Planned, Path, Secret]], counts: Counts, jobs: int
-) -> Iterator[Case]:
-    """Yield cases as they are made; on the way out no further one is begun."""
-    if jobs == 1:
-        wire = load_wire()
-        yield from (make_case(one, home, wire, counts, secret) for one, home, secret in todo)
-        return
-    # begun anew, not forked: a fork of a process with threads may wait for ever
-    with ProcessPoolExecutor(
-        jobs,
-        mp_context=get_context("spawn"),
-        # an interrupt is for the one that waits: it lets what is begun be made, and ends
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
-    ) as pool:
-        try:
-            made = [pool.submit(_make_alone, counts, *case) for case in todo]
-            yield from (one.result() for one in as_completed(made))
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def _make_alone(counts: Counts, one: Planned, home: Path, secret: Secret) -> Case:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.motion.noise import NOISES
@@ -14,12 +15,16 @@ from gap_diagnosis.trials.case import Case
 from gap_diagnosis.trials.judge import Judged, judge
 from gap_diagnosis.trials.layout import CASES, LOG, OWN_METHOD, REFERENCE, RESULTS, ROBOT
 from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.processes import as_done
 from gap_diagnosis.trials.run import results_of
 from gap_diagnosis.trials.seal import unseal
 from gap_diagnosis.trials.sizes import UNLISTED
 from gap_diagnosis.trials.truth import Answer, canonical
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.robot import load_robot
+
+_WORTH_LOADING: Final = 10
+"""A process of its own takes as long to load as so many cases to be opened."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +61,14 @@ def open_trial(
     *,
     method: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    jobs: int = 1,
 ) -> Opened:
-    """Check the seal, open it and judge every result of a method.
+    """Check the seal, open it and judge every result of a method, so many at once.
 
     Raises DiagnosisError where the answers are not those committed to, or nothing was run.
     """
     results = results_of(folder, method)
-    return open_methods(folder, key, [results.name], progress)[results.name]
+    return open_methods(folder, key, [results.name], progress, jobs)[results.name]
 
 
 def methods_run(folder: Path) -> list[str]:
@@ -77,28 +83,52 @@ def open_methods(
     key: Path,
     methods: Iterable[str],
     progress: Callable[[int, int], None] = lambda done, total: None,
+    jobs: int = 1,
 ) -> dict[str, Opened]:
-    """Open the results of several methods; what anyone could know is found once for each case."""
+    """Open the results of several methods; what anyone could know is found once for each case, of
+    so many cases at once."""
     cases = [Case.from_json(one) for one in unseal(folder, key)["cases"]]
-    wire = load_wire()
-    judged: dict[str, list[Judged]] = {name: [] for name in methods}
-    for place, case in enumerate(cases):
-        progress(place, len(cases))
-        known = None
-        for name, found in judged.items():
-            path = folder / RESULTS / name / f"{case.name}.json"
-            if path.exists():
-                known = known or known_of(folder / CASES / case.name, case, wire)
-                told = json.loads(path.read_text(encoding="utf-8"))
-                found.append(judge(case, told, known.oracle, known.over_limit, known.bounds))
-    progress(len(cases), len(cases))
-    for name, found in judged.items():
+    results = {name: _results_of(folder / RESULTS / name, cases) for name in methods}
+    told = {name for found in results.values() for name in found}
+    todo = [(folder / CASES / case.name, case) for case in cases if case.name in told]
+    known: dict[str, Known] = {}
+    progress(0, len(todo))
+    for case_name, one in as_done(_known_alone, todo, min(jobs, 1 + len(todo) // _WORTH_LOADING)):
+        known[case_name] = one
+        progress(len(known), len(todo))
+    opened = {}
+    for name, found in results.items():
         if not found:
             raise DiagnosisError(
                 f"{folder / RESULTS / name}: no results: expected those of `chiplog blind run "
                 f"{folder}`"
             )
-    return {name: Opened(tuple(one), len(cases) - len(one)) for name, one in judged.items()}
+        judged = tuple(
+            _judged(case, found[case.name], known[case.name])
+            for case in cases
+            if case.name in found
+        )
+        opened[name] = Opened(judged, len(cases) - len(judged))
+    return opened
+
+
+def _judged(case: Case, told: Mapping[str, Any], known: Known) -> Judged:
+    return judge(case, told, known.oracle, known.over_limit, known.bounds)
+
+
+def _results_of(home: Path, cases: Iterable[Case]) -> dict[str, dict[str, Any]]:
+    """Return by case what a method told."""
+    paths = {case.name: home / f"{case.name}.json" for case in cases}
+    return {
+        name: json.loads(path.read_text(encoding="utf-8"))
+        for name, path in paths.items()
+        if path.exists()
+    }
+
+
+def _known_alone(home: Path, case: Case) -> tuple[str, Known]:
+    """Return a case's name and what anyone could know of it, in a process that has nothing yet."""
+    return case.name, known_of(home, case, load_wire())
 
 
 def known_of(home: Path, case: Case, wire: Wire) -> Known:
