@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.gap.windows import Window
+from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.recording import Floats, FrameTimes
 
 Complexes = NDArray[np.complex128]
@@ -111,8 +112,7 @@ def path_errors(path: Path, measured: Path, windows: Sequence[Window]) -> PathEr
         mean_square = float((np.abs(off[known:]) ** 2).mean())
         position.append((place, mean_square, np.array([off[-1].real, off[-1].imag])))
         if measured.heading_rad is not None:
-            angle = np.angle(np.exp(1j * turn) / turned)
-            angle = np.unwrap(angle)
+            angle = unwrapped(np.angle(np.exp(1j * turn) / turned))
             heading.append((place, float((angle[known:] ** 2).mean()), angle[-1:]))
     return PathErrors(
         _errors(position, 2), None if measured.heading_rad is None else _errors(heading, 1)

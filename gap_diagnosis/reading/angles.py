@@ -1,12 +1,49 @@
 """Angles without their jumps."""
 
+from __future__ import annotations
+
+import math
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+Floats = NDArray[np.float64]
+
+_SAFE: Final = 5.0
+"""A step of so many standard deviations comes once in two million samples."""
+_SAMPLES: Final = 15
+"""Of noisy angles so many are averaged before turns are counted."""
+_SD_PER_MEDIAN: Final = 1.4826
 
 
-def unwrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return angles without jumps of a turn; NaN stays NaN."""
+def unwrapped(angle_rad: Floats) -> Floats:
+    """Return angles without jumps of a turn; NaN stays NaN.
+
+    From sample to sample, as long as noise alone cannot make a step of half a turn; noisier ones
+    about the direction of their neighbours' mean (Mardia and Jupp, Directional Statistics, 2.2).
+    """
     result = angle_rad.copy()
     known = np.isfinite(result)
-    result[known] = np.unwrap(result[known])
+    values = result[known]
+    if _noise_rad(values) * math.sqrt(2.0) * _SAFE < math.pi:
+        result[known] = np.unwrap(values)
+        return result
+    cosine, sine = (uniform_filter1d(one, _SAMPLES) for one in (np.cos(values), np.sin(values)))
+    middle = np.unwrap(np.arctan2(sine, cosine))
+    result[known] = middle + _within_half_a_turn(values - middle)
     return result
+
+
+def _noise_rad(angle_rad: Floats) -> float:
+    """Return the standard deviation of angles about a smooth course, by their second differences;
+    nearly half a turn for angles that have none."""
+    if len(angle_rad) < _SAMPLES:
+        return 0.0
+    bends = np.abs(_within_half_a_turn(np.diff(angle_rad, 2)))
+    return _SD_PER_MEDIAN * float(np.median(bends)) / math.sqrt(6.0)
+
+
+def _within_half_a_turn(angle_rad: Floats) -> Floats:
+    return np.asarray((angle_rad + math.pi) % math.tau - math.pi, dtype=np.float64)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.ros_reference import read_ros_rows, ros_file
 from gap_diagnosis.recording import Recording, Reference
 
@@ -64,7 +65,7 @@ def read_reference(path: str | Path) -> Reference:
     _refuse(
         path, lines, np.abs(norm - 1) > _NORM_TOLERANCE, "the quaternion is not of length 1", _FORM
     )
-    heading = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    heading = unwrapped(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     x_m, y_m = rows[:, 1].copy(), rows[:, 2].copy()
     is_position_only = bool(np.ptp(heading) == 0) and _bends(x_m, y_m)
     return Reference(t_s.copy(), x_m, y_m, None if is_position_only else heading)
