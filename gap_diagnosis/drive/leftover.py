@@ -13,13 +13,12 @@ from gap_diagnosis.drive.likelihood import fitted_levels, linear_sizes, setting_
 from gap_diagnosis.drive.linear import explained_by
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.drive.shapes import WAVE, Shapes
-from gap_diagnosis.drive.told import off
 from gap_diagnosis.drive.unlisted import (
-    AS_TOLD,
     STANDS,
     WAVES_TOLD,
     Foreign,
     Null,
+    as_told,
     foreign,
     poles_of,
 )
@@ -105,7 +104,7 @@ def depends_on(null: Null, robot: Robot) -> list[Dependence]:
 def _ways(null: Null, robot: Robot) -> dict[str, list[Foreign]]:
     """Return, by variable, what may answer otherwise, as far as it would be taken for a cause."""
     shapes = Shapes(null.data, robot)
-    does_as_told = off(null.data, robot) < AS_TOLD
+    does_as_told = as_told(null.data, robot)
     found: dict[str, list[Foreign]] = {}
     if not does_as_told:
         lags_and_bend, late, *bent = shapes.foreign()

@@ -110,7 +110,7 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
     one that answers slow commands in a way of their own, or whose poles show in its rate.
     """
     shapes = Shapes(null.data, robot)
-    does_as_told = off(null.data, robot) < AS_TOLD
+    does_as_told = as_told(null.data, robot)
     found = []
     for columns in shapes.foreign():
         one = foreign(null, robot, columns)
@@ -125,6 +125,12 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
         found.append(poles)
     total = float(np.logaddexp.reduce([one.evidence for one in found])) - math.log(len(found))
     return total, max(one.likelihood for one in found)
+
+
+def as_told(data: DriveData, robot: Robot) -> bool:
+    """Tell whether what a drive does otherwise than it is told is no news, in whatever way that
+    goes with its speed or its commands."""
+    return off(data, robot) < AS_TOLD or is_as_described(data, robot)
 
 
 def manner(null: Null, robot: Robot, listed: Callable[[], float]) -> Manner | None:

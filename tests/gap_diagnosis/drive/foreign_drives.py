@@ -96,3 +96,18 @@ def _turned(commands: np.ndarray, rates: np.ndarray, seed: int) -> Recording:
     noise = 0.2 * np.random.default_rng(seed + 1000).standard_normal(angle.shape)
     counts = np.floor(angle * TICKS_PER_RAD + noise)
     return recording_of(commands, counts[:, 0], counts[:, 1])
+
+
+def logged_a_row_late(recording: Recording, late_s: float) -> Recording:
+    """A recording of which the commands of the last *late_s* stand one row late, as where the clock
+    that they are sent by drifts past the one that rows are written by."""
+    rows = len(recording.tick)
+    late = recording.t_s > recording.t_s[-1] - late_s
+    from_row = np.where(late, np.maximum(np.arange(rows) - 1, 0), np.arange(rows))
+    assert recording.v_command_m_s is not None
+    assert recording.w_command_rad_s is not None
+    return replace(
+        recording,
+        v_command_m_s=recording.v_command_m_s[from_row],
+        w_command_rad_s=recording.w_command_rad_s[from_row],
+    )

@@ -8,6 +8,7 @@ from drive_recordings import ROBOT, WIRE, drive_scenario, recording_of, simulate
 from foreign_drives import (
     commanded_rates,
     disturbed,
+    logged_a_row_late,
     second_order,
     table_with_lost_rows,
     velocity_loop,
@@ -163,6 +164,22 @@ def test_the_manner_of_a_motor_that_is_as_late_as_described_is_no_news(seed: int
     block = block_of(second_order(seed))
     assert max(evidence(block, one) for one in block.effects) < 1
     assert block.unexplained().log_evidence < 1
+
+
+@pytest.mark.parametrize(
+    "recording",
+    [
+        logged_a_row_late(disturbed(2, level=0.003), 2.0),
+        logged_a_row_late(simulated(seed=1), 8.0),
+        logged_a_row_late(simulated(seed=2), 30.0),
+    ],
+    ids=["2 s", "8 s", "30 s"],
+)
+def test_commands_that_are_logged_a_row_late_for_a_while_are_no_cause_without_a_name(
+    recording: Recording,
+) -> None:
+    """14, 4 and 57 nats for what moves wheels by less than a tolerated lag does."""
+    assert block_of(recording).unexplained().log_evidence < 0.5
 
 
 def test_a_described_drive_leaves_nothing_unexplained() -> None:
