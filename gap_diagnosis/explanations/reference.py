@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
@@ -143,20 +143,31 @@ def with_details(smooth: Floats, width: float, noise: float, step_s: float) -> F
     as is no *noise* (the variance that it left)."""
     once, twice = rounded_off(smooth, width)
     detail = once + twice
-    first, second = (
-        gaussian_filter1d(one**2, _AROUND_S / step_s, mode="nearest") for one in (once, twice)
-    )
+    first, second = (_power_around(one, step_s) for one in (once, twice))
     share = likely_signal(detail, noise, step_s)
     # A series whose terms grow tells nothing: there the smooth rate has an edge of its own making.
     is_smooth = second < _GROWING**2 * first
+    # Nor do those that are larger than what the rate does around: no Gaussian rounds off so much.
+    is_smooth &= _power_around(detail, step_s) < _range_around(smooth, width) ** 2
     return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
 
 
 def likely_signal(detail: Floats, noise: float, step_s: float) -> Floats:
     """Return what share of a detail is likelier signal than *noise* (its variance), by its power
     around."""
-    power = gaussian_filter1d(detail**2, _AROUND_S / step_s, mode="nearest")
+    power = _power_around(detail, step_s)
     return np.asarray(np.maximum(1.0 - _STANDS_OUT * noise / np.maximum(power, 1e-300), 0.0))
+
+
+def _power_around(series: Floats, step_s: float) -> Floats:
+    """Return the mean square of a series around each of its values."""
+    return np.asarray(gaussian_filter1d(series**2, _AROUND_S / step_s, mode="nearest"))
+
+
+def _range_around(smooth: Floats, width: float) -> Floats:
+    """Return between which values a series stays within three Gaussians of *width* ticks."""
+    size = 2 * math.ceil(3.0 * width) + 1
+    return np.asarray(maximum_filter1d(smooth, size) - minimum_filter1d(smooth, size))
 
 
 def counting_slope(width: float) -> float:
