@@ -20,8 +20,8 @@ def backlash(p: Prediction, *, width: float, left: float, right: float, ahead: f
         p: turns of the motors, as counted; become those of the wheels.
         width: angle at the wheel from one flank to the other [rad].
         left, right: 1 for a side with play, 0 for one without.
-        ahead: 1 if the log begins with the motors at their forward flanks, 0 if at those of
-            their first way.
+        ahead: 1 if the log begins with the motors at their forward flanks, -1 if at their backward
+            ones, 0 if at those of their first way.
     """
     m = p.motion
     p.left_rad = p.left_rad - left * _lost(m.left_motor_rad, width, ahead)
@@ -30,7 +30,7 @@ def backlash(p: Prediction, *, width: float, left: float, right: float, ahead: f
 
 def _lost(step_rad: Floats, width_rad: float, ahead: float) -> Floats:
     """Return what of a motor's steps the wheel does not turn."""
-    backward = not ahead and _begins_backward(step_rad)
+    backward = ahead < 0 or (ahead == 0 and _begins_backward(step_rad))
     return step_rad - followed(step_rad, width_rad, width_rad if backward else 0.0)
 
 
@@ -59,7 +59,8 @@ def variants_of_backlash(motion: Motion) -> Iterable[Variant]:
         if not any(np.any(crossed[one] > 0) and np.any(crossed[one] < 0) for one in own):
             continue
         report: dict[str, Value] = {"side": side}
-        begins_backward = any(_begins_backward(steps[one]) for one in own)
-        for ahead in (1.0, 0.0) if begins_backward else (1.0,):
+        # A log may begin after a way back, whichever way the motors turn first.
+        begin_alike = len({_begins_backward(steps[one]) for one in own}) == 1
+        for ahead in (1.0, -1.0) if begin_alike else (1.0, -1.0, 0.0):
             fixed = {"left": float(left), "right": float(right), "ahead": ahead}
             yield Variant("backlash", backlash, ("width",), fixed, report, is_positive=True)
