@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
@@ -67,6 +68,7 @@ def run(seeds: Sequence[int], folder: Path) -> None:
             if (cause, seed) in done:
                 continue
             home = folder / f"{cause}-{seed}"
+            shutil.rmtree(home, ignore_errors=True)  # begun, and not ended
             made = write_case(cause, seed, home, kind=kinds[(place + seed) % len(kinds)])
             told = _diagnosed(home)
             with rows.open("a", encoding="utf-8") as file:
