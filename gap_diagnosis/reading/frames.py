@@ -27,6 +27,10 @@ Column = NDArray[np.int64] | NDArray[np.uint64] | NDArray[np.float64]
 _WORD_BYTES = 8
 _FNV_PRIME = np.uint64(0x100000001B3)
 _FNV_START = np.uint64(0xCBF29CE484222325)
+_SELDOM = 0.05
+"""A range that more of an unprotected message's frames leave is not what its sender keeps to."""
+_ERROR_CODES = 3
+"""So many values outside a range may stand for an error or for not available."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,7 @@ class MessageFrames:
         counter: int64[f], alive counter 0 to 14; None where the message has none.
         raw: per payload signal float64[f], raw values; NaN where marked as not available.
         payload: uint64[f], all bits but counter and CRC (above eight bytes: a hash of them).
+        boundless: signals whose described range cannot be theirs, so that it was not checked.
     """
 
     spec: MessageSpec
@@ -46,6 +51,7 @@ class MessageFrames:
     counter: Ints | None
     raw: Mapping[str, Floats]
     payload: NDArray[np.uint64]
+    boundless: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -64,7 +70,8 @@ def checked_frames(
 
     Refused are, in the ECU's order: unknown identifiers, wrong lengths and remote frames, wrong
     CRCs, a counter that is never sent (15), values outside the described range. Age and sequence
-    are not checked: the diagnosis wants to see what came late, twice or in another order.
+    are not checked: the diagnosis wants to see what came late, twice or in another order. Nor is a
+    range that cannot be the signal's (see `_cannot_be_its_range`).
     """
     rejected = dict.fromkeys(("unknown_id", "length", "crc", "counter", "range"), 0)
     found: dict[str, MessageFrames] = {}
@@ -92,8 +99,14 @@ def checked_frames(
             for signal in spec.payload
         }
         inside = np.ones(len(rows), dtype=np.bool_)
+        boundless = []
         for signal in spec.payload:
-            inside &= ~present[signal.name] | _in_range(signal, raw[signal.name])
+            there = present[signal.name]
+            within = ~there | _in_range(signal, raw[signal.name])
+            if not spec.is_protected and _cannot_be_its_range(signal, raw[signal.name], ~within):
+                boundless.append(signal.name)
+            else:
+                inside &= within
         rejected["range"] += int(np.count_nonzero(good & ~inside))
         good &= inside
         if good.any():
@@ -103,6 +116,7 @@ def checked_frames(
                 counter=None if counter is None else counter[good],
                 raw={name: value[good] for name, value in values.items()},
                 payload=_payload(spec, data[good]),
+                boundless=tuple(boundless),
             )
     rejected["unknown_id"] = len(columns) - known
     return found, rejected
@@ -141,6 +155,25 @@ def _in_range(signal: SignalSpec, raw: Column) -> Bools:
         return good
     inside: Bools = (raw >= signal.low_raw) & (raw <= signal.high_raw)
     return inside if signal.invalid_raw is None else inside | (raw == signal.invalid_raw)
+
+
+def _cannot_be_its_range(signal: SignalSpec, raw: Column, outside: Bools) -> bool:
+    """Tell a range that says nothing of a signal some of whose values are *outside* it.
+
+    In DBCs that were written by those who read a bus, ranges are often copied from another signal
+    or say what raw values there may be: a yaw rate from -125 to 125 deg/s has [0|65535], and every
+    turn to the right would be refused. Such a range has an end that the bits cannot hold, or the
+    frames leave it again and again, by more values than error codes would have.
+    """
+    if signal.is_float or not outside.any():
+        return False
+    ends = [end for end in (signal.minimum, signal.maximum) if end is not None]
+    held = sorted(signal.to_scaled(code) for code in (signal.low_code, signal.high_code))
+    step = abs(signal.factor)
+    if any(not held[0] - step <= end <= held[1] + step for end in ends):
+        return True
+    is_seldom = np.count_nonzero(outside) <= _SELDOM * len(outside)
+    return not is_seldom and len(np.unique(raw[outside])) > _ERROR_CODES
 
 
 def _payload(spec: MessageSpec, data: NDArray[np.uint8]) -> NDArray[np.uint64]:

@@ -81,7 +81,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
         speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
-        notes=_beyond_the_counter(log, robot),
+        notes=(*_boundless(log), *_beyond_the_counter(log, robot)),
     )
     return recording, _reference(log)
 
@@ -129,6 +129,22 @@ def _counter_bits(mapped: MappedSignal, robot: Robot) -> int:
     if mapped.kind == "counts":
         return (int(wrap_of(mapped)[0]) - 1).bit_length()
     return robot.plant.encoder.counter_bits
+
+
+def _boundless(log: LogByTicks) -> tuple[str, ...]:
+    """Say which mapped signals have a range in the DBC that was not taken for theirs."""
+    paths = [
+        mapped.path
+        for mapped in log.wire.signal_map.signals.values()
+        if mapped.message.name in log.frames
+        and mapped.signal.name in log.frames[mapped.message.name].boundless
+    ]
+    if not paths:
+        return ()
+    return (
+        f"The DBC's range of {', '.join(paths)} cannot be right, as many frames lie outside or no "
+        "frame can hold its ends: it was not checked.",
+    )
 
 
 def _beyond_the_counter(log: LogByTicks, robot: Robot) -> tuple[str, ...]:

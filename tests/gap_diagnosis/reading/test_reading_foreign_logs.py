@@ -1,5 +1,6 @@
 """Logs of foreign buses: no counters, other kinds of wheels, an IMU with a rate of its own."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,8 +34,9 @@ def read(
     cycles_ms: tuple[int, int] | None,
     lines: list[tuple[float, str]],
     robot: Robot = ROBOT,
+    yaw_message: str = YAW,
 ) -> Recording:
-    dbc = HEAD + wheels + YAW
+    dbc = HEAD + wheels + yaw_message
     if cycles_ms is not None:
         dbc += CYCLES
         dbc += f'BA_ "GenMsgCycleTime" BO_ 256 {cycles_ms[0]};\n'
@@ -145,3 +147,25 @@ def test_twenty_frames_say_their_cycle(says_cycles: bool, tmp_path: Path) -> Non
     lines = [(0.2 * k, wheels(40 * k, 30 * k)) for k in range(20)]
     found = read(tmp_path, COUNTS, (200, 200) if says_cycles else None, lines)
     assert found.tick_period_s == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("said", ["[0|9999999999]", "[0|2000]"])
+def test_a_range_that_cannot_be_the_signals_refuses_no_frames(said: str, tmp_path: Path) -> None:
+    """DBCs passed round for cars say [0|65535] of a yaw rate that turns both ways."""
+    ticks = [(1 + k * 0.02, wheels(40 * k, 30 * k)) for k in range(400)]
+    rates = [round(3000 * math.sin(k / 40)) for k in range(400)]
+    lines = ticks + [(1.001 + k * 0.02, yaw(rate)) for k, rate in enumerate(rates)]
+    narrow = YAW.replace("[-200000|200000]", said)
+    found = read(tmp_path, COUNTS, (20, 20), lines, yaw_message=narrow)
+    assert np.nanmin(found.gyro_rate_rad_s) == pytest.approx(math.radians(-0.3), rel=0.01)
+    assert found.rejected["range"] == 0
+    assert "range of YAW.rate cannot be right" in found.notes[0]
+
+
+def test_an_error_code_outside_the_range_is_refused_however_often_it_comes(tmp_path: Path) -> None:
+    ticks = [(1 + k * 0.02, wheels(40 * k, 30 * k)) for k in range(400)]
+    rates = [100_000_000 if k < 100 else k for k in range(400)]
+    lines = ticks + [(1.001 + k * 0.02, yaw(rate)) for k, rate in enumerate(rates)]
+    found = read(tmp_path, COUNTS, (20, 20), lines, yaw_message=YAW.replace("200000]", "2000]"))
+    assert found.rejected["range"] == 100
+    assert found.notes == ()
