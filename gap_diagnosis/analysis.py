@@ -118,7 +118,6 @@ def analyse(
     recording, mistake = with_reference_put_right(recording, robot, without)
     recording, late_s = with_clock_set(recording, robot)
     recording, lost = with_tracking(recording, robot)
-    as_received = replace(received, reference=recording.reference)
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
@@ -137,6 +136,7 @@ def analyse(
             model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
         )
         blocks.append(motion)
+    as_received = replace(received, reference=recording.reference)
     progress("commands against wheels", 0.55)
     doubted = COMMANDS | COUNTS if motion is None else COUNTS if gross else COMMANDS
     drive = drive_block(unwrapped(recording, robot), robot, doubted)

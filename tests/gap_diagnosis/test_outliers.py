@@ -61,8 +61,21 @@ def test_heavy_tails_are_noise(scale_m: float) -> None:
 
 def test_a_reference_that_is_often_far_off_is_taken_as_it_is() -> None:
     x_m = reference().x_m.copy()
-    x_m[::20] += 1.0
+    x_m[::7] += 1.0
     cleaned, count = without_outliers(with_x(x_m), ROBOT)
     assert count == 0
     assert cleaned.reference is not None
     assert len(cleaned.reference.t_s) == len(x_m)
+
+
+def test_good_neighbours_of_a_wrong_fix_are_kept() -> None:
+    """A wrong fix bends the motion that its neighbours are held against, most at a few a second."""
+    slow = reference().only(np.arange(len(reference().t_s)) % 20 == 0)
+    wrong = np.arange(5, len(slow.t_s), 33)
+    x_m = slow.x_m.copy()
+    x_m[wrong] += 1.5
+    blind = replace(slow, x_m=x_m, heading_rad=None)
+    cleaned, count = without_outliers(replace(drive(), reference=blind), ROBOT)
+    assert count == len(wrong)
+    assert cleaned.reference is not None
+    np.testing.assert_array_equal(cleaned.reference.t_s, np.delete(slow.t_s, wrong))
