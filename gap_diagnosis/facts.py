@@ -123,19 +123,6 @@ def notes_on(
         for stage in beside
     ]
     recordings = [one.recording for one in analyses]
-    if all(one.reference is None for one in recordings):
-        notes.append(
-            "No reference: what bends wheels and gyro alike, and whether wheelbase or gyro scale "
-            "is wrong, cannot be known."
-        )
-    elif any(one.reference is not None and one.reference.heading_rad is None for one in recordings):
-        notes.append("The reference has no orientation: headings are compared by its course only.")
-    if all(one.gyro_rate_rad_s is None for one in recordings):
-        notes.append("No gyro in the log: nothing is said of it.")
-    if all(one.v_command_m_s is None for one in recordings):
-        notes.append("No commands in the log: nothing is said of the drive.")
-    if all(one.odometry_x_m is None for one in recordings):
-        notes.append("No odometry frames: a replay has nothing to be compared with.")
     for one in recordings:
         lost = {reason: count for reason, count in one.rejected.items() if count}
         if lost:
@@ -150,7 +137,26 @@ def notes_on(
             )
         notes += _on_the_reference(analysis)
         notes += [*_on_burst(analysis), *_on_pushes(analysis)] if is_unknown else []
-    return (*notes, *more)
+    return (*notes, *more, *_missing(recordings))
+
+
+def _missing(recordings: Sequence[Recording]) -> list[str]:
+    """Say what is not in the logs. Last: whoever recorded them knows, and a terminal shows few."""
+    notes = []
+    if all(one.reference is None for one in recordings):
+        notes.append(
+            "No reference: what bends wheels and gyro alike, and whether wheelbase or gyro scale "
+            "is wrong, cannot be known."
+        )
+    elif any(one.reference is not None and one.reference.heading_rad is None for one in recordings):
+        notes.append("The reference has no orientation: headings are compared by its course only.")
+    if all(one.gyro_rate_rad_s is None for one in recordings):
+        notes.append("No gyro in the log: nothing is said of it.")
+    if all(one.v_command_m_s is None for one in recordings):
+        notes.append("No commands in the log: nothing is said of the drive.")
+    if all(one.odometry_x_m is None for one in recordings):
+        notes.append("No odometry frames: a replay has nothing to be compared with.")
+    return notes
 
 
 def _on_the_reference(analysis: Analysis) -> list[str]:

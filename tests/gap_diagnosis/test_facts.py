@@ -22,6 +22,13 @@ def test_what_reading_a_log_noted_is_said_under_its_name() -> None:
     assert not any(one.startswith("drive.csv") for one in notes_on([analysis(LOG)], ()))
 
 
+def test_what_a_log_has_not_is_said_after_what_is_wrong_with_it() -> None:
+    """A terminal shows three notes: that there is no reference hid that fixes were left out."""
+    said = notes_on([replace(analysis(LOG), outliers=18)], ("something of the verdict",))
+    assert "18 samples of the reference" in said[0]
+    assert [one.split()[0] for one in said[2:]] == ["No"] * 4
+
+
 @pytest.mark.parametrize(
     ("after", "is_worse"), [(1.07, True), (0.4, False), (0.001, False), (None, False)]
 )
