@@ -8,7 +8,7 @@ a gyro, which turns with right minus left.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -72,6 +72,7 @@ _REAR_AND_FRONT: Final[Mapping[Role, tuple[str, ...]]] = {
     "right_count": ("rr", "fr", "rf", "hr", "vr", "rechts"),
 }
 """How cars spell the sides: rear left, front left, also in German."""
+_REAR_WORDS: Final = frozenset({"rear", "back", "rl", "lr", "hl", "rr", "hr", "hinten"})
 
 
 @dataclass(frozen=True)
@@ -295,6 +296,7 @@ def _choose_wheels(search: _Search) -> None:
             by_side[sides[0]].append((score, named))
         else:
             unnamed.append((score, guess))
+    _prefer_rear(by_side)
     for role, scored in by_side.items():
         if role not in search.guesses and (best := _best(scored, role)) is not None:
             search.guesses[role] = best
@@ -320,6 +322,23 @@ def _choose_wheels(search: _Search) -> None:
             f"no signal looks like {' or '.join(missing)}: expected a wheel's counts, angle, "
             f"distance or speed among {seen}; --is {missing[0]}=SIGNAL says which"
         )
+
+
+def _prefer_rear(by_side: dict[Role, list[tuple[float, Guess]]]) -> None:
+    """Raise the evidence of a whole rear axle beside other wheels: a car's front ones are steered,
+    and run farther in a turn than wheels that stay behind each other."""
+    rear = {
+        role: [bool(_REAR_WORDS & set(words_of(guess.signal))) for _, guess in scored]
+        for role, scored in by_side.items()
+    }
+    is_axle = all(any(flags) for flags in rear.values())
+    if not is_axle or all(all(flags) for flags in rear.values()):
+        return
+    for role, scored in by_side.items():
+        for place, (score, guess) in enumerate(scored):
+            if rear[role][place]:
+                reasons = (*guess.reasons, "the rear wheels, as the front ones may be steered")
+                scored[place] = (score + 2 * _SAME, replace(guess, reasons=reasons))
 
 
 def _is_bare_wheel(search: _Search, signal: FoundSignal) -> bool:

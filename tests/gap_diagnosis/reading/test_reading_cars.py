@@ -88,9 +88,27 @@ def test_cars_spell_sides_and_units_in_many_ways(names: str, tmp_path: Path) -> 
     )
 
 
-def test_front_and_rear_wheels_are_not_chosen_from_by_a_coin(tmp_path: Path) -> None:
-    names = "time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;wheel_fl_kmh"
-    with pytest.raises(DiagnosisError, match=r"wheel_rl_kmh as well as wheel_fl_kmh.*--is"):
+@pytest.mark.parametrize(
+    "names",
+    [
+        "time_ms;wheel_rl_kmh;wheel_rr_kmh;wheel_fl_kmh;wheel_fr_kmh",
+        "time_ms;WSS_RearLeft_kmh;WSS_RearRight_kmh;WSS_FrontLeft_kmh;WSS_FrontRight_kmh",
+        "time_ms;left_back_wheel_mph;right_back_wheel_mph;left_wheel_mph;right_wheel_mph",
+    ],
+)
+def test_of_four_wheels_the_rear_ones_are_guessed_as_front_ones_are_steered(
+    names: str, tmp_path: Path
+) -> None:
+    _, guesses, text = propose_map(car(tmp_path, names), None)
+    columns = names.split(";")
+    assert [guesses[role].signal.path for role in ("left_count", "right_count")] == columns[1:3]
+    assert "GUESS: name" in text
+    assert text.count("the rear wheels, as the front ones may be steered") == 2
+
+
+def test_wheels_of_one_side_are_not_chosen_from_by_a_coin(tmp_path: Path) -> None:
+    names = "time_ms;wheel_fl_kmh;wheel_fr_kmh;yaw_deg_s;wheel_rl_kmh"
+    with pytest.raises(DiagnosisError, match=r"wheel_fl_kmh as well as wheel_rl_kmh.*--is"):
         propose_map(car(tmp_path, names), None)
 
 
