@@ -71,6 +71,7 @@ def our_traffic(count: int) -> LogColumns:
         length=np.full(count, 8, dtype=np.uint8),
         is_rx=np.ones(count, dtype=np.bool_),
         is_data=np.ones(count, dtype=np.bool_),
+        bus=np.zeros(count, dtype=np.uint32),
     )
 
 

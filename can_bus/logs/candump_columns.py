@@ -10,11 +10,11 @@ import numpy as np
 
 from can_bus.frames import timestamp_us
 from can_bus.logs.frame_block import CLASSIC_BYTES, FD_BYTES
-from can_bus.logs.log_columns import LogColumns, empty_columns, joined
+from can_bus.logs.log_columns import LogColumns, bus_of, empty_columns, joined
 from can_bus.logs.reader import read_candump_line
 
 _BLOCK_BYTES: Final = 1 << 20
-SCANNED: Final = ("timestamp_us", "frame_id", "is_extended", "data", "length", "is_rx")
+SCANNED: Final = ("timestamp_us", "frame_id", "is_extended", "data", "length", "is_rx", "bus")
 """The columns that the pass over data frames fills, in the order in which it takes them."""
 
 
@@ -76,6 +76,7 @@ def _columns(path: Path, block: bytes, line: int) -> LogColumns:
             columns["data"][row, : len(content)] = np.frombuffer(content, dtype=np.uint8)
             columns["length"][row] = len(content)
             columns["is_rx"][row] = message.is_rx
+            columns["bus"][row] = bus_of(message.channel)
             columns["is_data"][row] = not (message.is_remote_frame or message.is_error_frame)
             row += 1
         line += 1

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from can_bus.logs.frame_block import EXTENDED_IDS, FD_LENGTHS, STANDARD_IDS
+from can_bus.logs.log_columns import BUS_PRIME, BUS_START
 
 _NO_DIGIT: Final = 255
 _MAX_SECONDS: Final = 2**32
@@ -25,6 +26,8 @@ _MAX_LINE: Final = 500
 _LINE_END: Final = ord("\n")
 _SPACE: Final = ord(" ")
 _ZERO: Final = ord("0")
+_BUS_START: Final = np.uint32(BUS_START)
+_BUS_PRIME: Final = np.uint32(BUS_PRIME)
 
 
 def _hex_values() -> NDArray[np.uint8]:
@@ -46,7 +49,7 @@ _IS_LENGTH: Final = _data_lengths()
 
 @njit(cache=True, nogil=True)
 def read_lines(  # type: ignore[no-untyped-def]
-    text, at, row, stamp_us, frame_id, is_extended, data, length, is_rx
+    text, at, row, stamp_us, frame_id, is_extended, data, length, is_rx, bus
 ):
     """Read lines from `at` on into the columns, from `row` on.
 
@@ -84,7 +87,9 @@ def read_lines(  # type: ignore[no-untyped-def]
             return start, row
         at += 3
         channel = at
+        number = np.uint32(_BUS_START)
         while at < last and text[at] > _SPACE and text[at] < 127:
+            number = np.uint32((number ^ np.uint32(text[at])) * _BUS_PRIME)
             at += 1
         if at == channel or text[at] != _SPACE or at + 5 > last:
             return start, row
@@ -125,6 +130,7 @@ def read_lines(  # type: ignore[no-untyped-def]
         is_extended[row] = digits == 8
         length[row] = count
         is_rx[row] = received
+        bus[row] = number
         row += 1
         at += 1
     return at, row

@@ -23,6 +23,9 @@ from can_bus.logs.frame_block import (
 )
 from can_bus.specs import MessageSpec
 
+BUS_START = 2166136261
+BUS_PRIME = 16777619
+
 
 @dataclass(frozen=True)
 class LogColumns:
@@ -36,6 +39,7 @@ class LogColumns:
         length: uint8[frames]: bytes of data in the frame.
         is_rx: bool[frames]: received by the logging node, not sent.
         is_data: bool[frames]: False for remote and error frames.
+        bus: uint32[frames]: equal where the log says the same channel; what it is, `bus_of` says.
     """
 
     timestamp_us: NDArray[np.int64]
@@ -45,6 +49,7 @@ class LogColumns:
     length: NDArray[np.uint8]
     is_rx: NDArray[np.bool_]
     is_data: NDArray[np.bool_]
+    bus: NDArray[np.uint32]
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -75,7 +80,18 @@ def empty_columns(frames: int, width: int) -> dict[str, NDArray[Any]]:
         "length": np.zeros(frames, dtype=np.uint8),
         "is_rx": np.ones(frames, dtype=np.bool_),
         "is_data": np.ones(frames, dtype=np.bool_),
+        "bus": np.zeros(frames, dtype=np.uint32),
     }
+
+
+def bus_of(channel: object) -> int:
+    """Return a number that stands for a channel: its own, or of its name (FNV-1a)."""
+    if isinstance(channel, int):
+        return channel & 0xFFFFFFFF
+    number = BUS_START
+    for byte in str(channel).encode():
+        number = (number ^ byte) * BUS_PRIME & 0xFFFFFFFF
+    return number
 
 
 def joined(parts: list[LogColumns]) -> LogColumns:
@@ -107,12 +123,15 @@ def columns_of_block(block: FrameBlock) -> LogColumns:
         length=block.length,
         is_rx=block.flags & SENT == 0,
         is_data=block.flags & (REMOTE | ERROR) == 0,
+        bus=block.channel.astype(np.uint32),
     )
 
 
 def columns_of(messages: Iterable[can.Message]) -> LogColumns:
     """Return frames from anywhere as columns, in their order."""
     stamps, identifiers = array("q"), array("I")
+    buses = array("I")
+    known: dict[object, int] = {}
     flags, lengths = bytearray(), bytearray()
     payload = bytearray()
     width = CLASSIC_BYTES
@@ -130,6 +149,10 @@ def columns_of(messages: Iterable[can.Message]) -> LogColumns:
             | (not (message.is_remote_frame or message.is_error_frame)) << 2
         )
         lengths.append(size)
+        channel = message.channel
+        buses.append(
+            known[channel] if channel in known else known.setdefault(channel, bus_of(channel))
+        )
         payload += data.ljust(width, b"\0")
     bits = np.frombuffer(bytes(flags), dtype=np.uint8)
     return LogColumns(
@@ -140,6 +163,7 @@ def columns_of(messages: Iterable[can.Message]) -> LogColumns:
         length=np.frombuffer(bytes(lengths), dtype=np.uint8),
         is_rx=(bits >> 1 & 1).astype(np.bool_),
         is_data=(bits >> 2 & 1).astype(np.bool_),
+        bus=np.array(buses, dtype=np.uint32),
     )
 
 

@@ -68,21 +68,26 @@ def checked_frames(
 ) -> tuple[dict[str, MessageFrames], dict[str, int]]:
     """Return the frames of each message of *database* in the log, and what was refused by reason.
 
-    Refused are, in the ECU's order: unknown identifiers, wrong lengths and remote frames, wrong
-    CRCs, a counter that is never sent (15), values outside the described range. Age and sequence
-    are not checked: the diagnosis wants to see what came late, twice or in another order. Nor is a
+    Refused are frames of another bus (see `_of_its_bus`) and then, in the ECU's order: unknown
+    identifiers, wrong lengths and remote frames, wrong CRCs, a counter that is never sent (15),
+    values outside the described range. Age and sequence are not checked: the diagnosis wants to
+    see what came late, twice or in another order. Nor is a
     range that cannot be the signal's (see `_cannot_be_its_range`).
     """
-    rejected = dict.fromkeys(("unknown_id", "length", "crc", "counter", "range"), 0)
+    rejected = dict.fromkeys(("other_bus", "unknown_id", "length", "crc", "counter", "range"), 0)
     found: dict[str, MessageFrames] = {}
     known = 0
+    main = _main_bus(columns, database)
     for spec in database.messages.values():
-        named = (columns.frame_id == spec.frame_id) & (columns.is_extended == spec.is_extended)
-        count = int(np.count_nonzero(named))
-        known += count
+        named = _named(columns, spec)
+        known += int(np.count_nonzero(named))
+        own = _of_its_bus(columns, named, main)
+        count = int(np.count_nonzero(own))
+        rejected["other_bus"] += int(np.count_nonzero(named)) - count
         if count == 0:
             continue
         rows = columns.rows_of(spec)
+        rows = rows[own[rows]]
         rejected["length"] += count - len(rows)
         rows = _drop(rows, _crc_is_right(spec, columns.data[rows]), rejected, "crc")
         data = columns.data[rows]
@@ -120,6 +125,44 @@ def checked_frames(
             )
     rejected["unknown_id"] = len(columns) - known
     return found, rejected
+
+
+def _named(columns: LogColumns, spec: MessageSpec) -> Bools:
+    return np.asarray(
+        (columns.frame_id == spec.frame_id) & (columns.is_extended == spec.is_extended)
+    )
+
+
+def _main_bus(columns: LogColumns, database: Database) -> int | None:
+    """Return the bus with most of the messages that a DBC knows, then most frames; None of one."""
+    buses: list[int] = np.unique(columns.bus[columns.is_data]).tolist()
+    if len(buses) < 2:
+        return None
+    frames = dict.fromkeys(buses, 0)
+    messages = frames.copy()
+    for spec in database.messages.values():
+        on, counts = np.unique(
+            columns.bus[_named(columns, spec) & columns.is_data], return_counts=True
+        )
+        for bus, count in zip(on.tolist(), counts.tolist(), strict=True):
+            messages[bus] += 1
+            frames[bus] += count
+    return max(frames, key=lambda bus: (messages[bus], frames[bus]))
+
+
+def _of_its_bus(columns: LogColumns, named: Bools, main: int | None) -> Bools:
+    """Return which frames of a message are of one bus: the DBC's, if they are there.
+
+    In a log of several buses a gateway's copies come some ms later, and an identifier may be
+    another message elsewhere. What the main bus does not have is taken from where it comes most.
+    """
+    if main is None or not named.any():
+        return named
+    own: Bools = named & (columns.bus == main)
+    if own.any():
+        return own
+    buses, counts = np.unique(columns.bus[named], return_counts=True)
+    return np.asarray(named & (columns.bus == buses[np.argmax(counts)]))
 
 
 def _drop(

@@ -45,7 +45,8 @@ def read(
     (folder / "map.toml").write_text(
         '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\ngyro = "YAW.rate"\n'
     )
-    text = "".join(f"({stamp:.6f}) can0 {rest}\n" for stamp, rest in sorted(lines))
+    frames = [(stamp, *rest.partition("@")[::2]) for stamp, rest in sorted(lines)]
+    text = "".join(f"({stamp:.6f}) {bus or 'can0'} {rest}\n" for stamp, rest, bus in frames)
     (folder / "bus.log").write_text(text)
     return read_recording(
         folder / "bus.log", robot=robot, dbc=folder / "mine.dbc", signals=folder / "map.toml"
@@ -169,3 +170,16 @@ def test_an_error_code_outside_the_range_is_refused_however_often_it_comes(tmp_p
     found = read(tmp_path, COUNTS, (20, 20), lines, yaw_message=YAW.replace("200000]", "2000]"))
     assert found.rejected["range"] == 100
     assert found.notes == ()
+
+
+def test_of_several_buses_a_message_is_read_from_one(tmp_path: Path) -> None:
+    """A gateway repeats it 3 ms later, and elsewhere its identifier is another message."""
+    ticks = [(1 + k * 0.02, wheels(40 * k, 30 * k)) for k in range(400)]
+    rates = [(1.001 + k * 0.02, yaw(k)) for k in range(400)]
+    plain = read(tmp_path, COUNTS, (20, 20), ticks + rates)
+    copies = [(stamp + 0.003, f"{rest}@can2") for stamp, rest in ticks]
+    others = [(1.002 + k * 0.005, f"{yaw(77)}@can1") for k in range(1600)]
+    found = read(tmp_path, COUNTS, (20, 20), ticks + rates + copies + others)
+    np.testing.assert_array_equal(found.left_ticks, plain.left_ticks)
+    np.testing.assert_array_equal(found.gyro_rate_rad_s, plain.gyro_rate_rad_s)
+    assert found.rejected["other_bus"] == 2000

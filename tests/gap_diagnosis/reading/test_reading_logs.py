@@ -177,7 +177,8 @@ def test_damaged_frames_are_counted_by_reason_and_used_nowhere(
     out[short] = replace(lines[short], rest=f"{head}#{data[:8]}{data[16:]}")
     out.append(replace(lines[-1], rest="vcan0 7FF#00 R"))
     found = read(out, folder)
-    assert found.rejected == {"unknown_id": 1, "length": 1, "crc": 2, "counter": 0, "range": 0}
+    reasons = {"unknown_id": 1, "length": 1, "crc": 2, "counter": 0, "range": 0, "other_bus": 0}
+    assert found.rejected == reasons
     assert np.flatnonzero(np.isnan(found.left_ticks)).tolist() == [100, 200, 300]
 
 
