@@ -15,9 +15,13 @@ AXES: Final = {
 
 
 def words_of(signal: FoundSignal) -> list[str]:
-    """Return the words in a name: ``IMU.gyroZ_raw`` has imu, gyro, z, raw."""
+    """Return the words in a name: ``IMU.gyroZ_raw`` has imu, gyro, z, raw.
+
+    Letters are those of any language, and what stands for one that could not be read: of ``für``
+    an r by itself would be a right wheel.
+    """
     spaced = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", signal.path)
-    return [word for word in re.split(r"[^A-Za-z]+", spaced.lower()) if word]
+    return [word for word in re.split(r"(?:[\W\d_](?<!\ufffd))+", spaced.lower()) if word]
 
 
 def is_named(signal: FoundSignal, words: tuple[str, ...]) -> bool:

@@ -14,6 +14,7 @@ from gap_diagnosis.reading import read_recording
 from gap_diagnosis.reading.left_out import left_out
 from gap_diagnosis.reading.map_text import propose_map, signals_of
 from gap_diagnosis.reading.propose import propose
+from gap_diagnosis.reading.signal_names import words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from hil_harness.robot import load_robot
 
@@ -116,6 +117,14 @@ def test_wheels_without_a_unit_are_asked_for_it(tmp_path: Path) -> None:
     names = "time_ms;WHEEL_FL;WHEEL_FR;yaw_deg_s;n"
     with pytest.raises(DiagnosisError, match=r"WHEEL_FL has the name of a wheel, and no unit"):
         propose_map(car(tmp_path, names), None)
+
+
+@pytest.mark.parametrize("name", ["Gierwinkel für odom [deg]", "Lenkwinkel f\ufffdr Rad [deg]"])
+def test_a_letter_beside_an_umlaut_is_no_side_of_a_wheel(name: str, tmp_path: Path) -> None:
+    names = f"time_ms;wheel_rl_kmh;wheel_rr_kmh;yaw_deg_s;{name}"
+    found = signals_of(car(tmp_path, names), None)
+    assert not {"r", "f"} & set(words_of(found[name]))
+    assert propose(found, is_table=True)["right_count"].signal.path == "wheel_rr_kmh"
 
 
 @pytest.mark.parametrize("name", ["STEER_ANGLE_deg", "LAT_ACCEL_m_s2"])
