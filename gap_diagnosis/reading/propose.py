@@ -317,6 +317,12 @@ def _choose_wheels(search: _Search) -> None:
                 f"{odd.path} has the name of a wheel, and its unit, {odd.unit}, is not understood: "
                 f"expected {units_for(missing[0])}"
             )
+        still = next((one for one in search.free if _is_still_wheel(one, missing)), None)
+        if still is not None:
+            raise DiagnosisError(
+                f"{still.path} has the name of a wheel, and never changes ({still.low:g}): "
+                "expected a log in which the robot drives"
+            )
         seen = ", ".join(search.found) if len(search.found) < 30 else f"{len(search.found)} signals"
         raise DiagnosisError(
             f"no signal looks like {' or '.join(missing)}: expected a wheel's counts, angle, "
@@ -348,6 +354,17 @@ def _is_bare_wheel(search: _Search, signal: FoundSignal) -> bool:
         and unit_of_signal(signal, search.is_table).strip().lower() in COUNT_UNITS
         and not signal.is_constant
         and not is_whole(signal)
+    )
+
+
+def _is_still_wheel(signal: FoundSignal, missing: list[Role]) -> bool:
+    """Tell a wheel, by its name and side, that did not turn in this log."""
+    sides = {word for role in missing for word in (*_WORDS[role], *_REAR_AND_FRONT[role])}
+    return (
+        signal.is_constant
+        and is_named(signal, _WHEEL_WORDS)
+        and not is_named(signal, COMMAND_WORDS)
+        and bool(sides & set(words_of(signal)))
     )
 
 

@@ -15,7 +15,7 @@ from can_bus import Database
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.frames import checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
-from gap_diagnosis.reading.table_file import read_columns, read_header
+from gap_diagnosis.reading.table_file import is_of_numbers, read_columns, read_header
 
 Floats = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
     """Return the columns of numbers that a table has, constants included.
 
     The clock is the first column with a time's name that ascends throughout. Raises DiagnosisError
-    for a table without one.
+    for a table without one, for a row of too few cells, and for a word in a column of numbers.
     """
     header = read_header(table)
     if len(header) > _MOST_COLUMNS:
@@ -121,6 +121,8 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
         try:
             columns |= read_columns(table, [name])
         except DiagnosisError:
+            if is_of_numbers(table, name):
+                raise  # without a word the map would do without a sensor that the table has
             continue  # a column of words is nothing to map
     clock, factor = _clock(table, columns)
     time_s = columns[clock] * factor
@@ -180,6 +182,15 @@ def _clock(table: Path, columns: Mapping[str, Floats]) -> tuple[str, float]:
     for name, values in columns.items():
         if sounds_like_time(name) and np.isfinite(values).all() and np.all(np.diff(values) >= 0):
             return name, time_unit(values)[1]
+    for name, values in columns.items():
+        back = np.flatnonzero(np.diff(values) < 0)
+        if sounds_like_time(name) and np.isfinite(values).all() and len(back) > 0:
+            row = int(back[0]) + 1
+            raise DiagnosisError(
+                f"{table}: {name} goes back, from {values[row - 1]:.16g} in row {row} to "
+                f"{values[row]:.16g} in the next: expected rows in the order of time, of one "
+                "recording"
+            )
     raise DiagnosisError(
         f"{table}: no clock among the columns: expected one with time, stamp or t in its name "
         "whose values ascend"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import importlib
+import re
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final, TextIO
@@ -24,6 +26,9 @@ _MAX_COLUMNS: Final = 2_000
 _MAX_LINE: Final = 1 << 20
 _CHUNK_ROWS: Final = 20_000
 _DELIMITERS: Final = ",;\t"
+_DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_LOOKED_AT: Final = 200
 _MISSING: Final = frozenset({"", "nan", "na", "n/a", "null", "none", "-nan"})
 
 
@@ -58,6 +63,9 @@ def read_header(path: Path) -> list[str]:
 def read_columns(path: Path, columns: Sequence[str]) -> dict[str, Floats]:
     """Return columns of a table as float64[rows]; empty cells and NaN are NaN.
 
+    Decimal commas are understood where cells are apart by something else; dates and times of day
+    (ISO 8601, in UTC where they say no zone) are seconds since 1970.
+
     Raises DiagnosisError naming row and column of a cell that is no number, and for a table that
     would fill the memory.
     """
@@ -74,10 +82,28 @@ def read_columns(path: Path, columns: Sequence[str]) -> dict[str, Floats]:
     return {name: np.ascontiguousarray(whole[:, k]) for k, name in enumerate(columns)}
 
 
+def is_of_numbers(path: Path, column: str) -> bool:
+    """Tell a column that holds a word among numbers from one of words, by its first cells.
+
+    A table that is no text has types of its own: what cannot be read as numbers there is none.
+    """
+    if path.suffix.lower() == ".parquet":
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        names, delimiter = _header(path, file)
+        place = names.index(column)
+        rows = csv.reader(islice(_bounded_lines(path, file), _LOOKED_AT), delimiter=delimiter)
+        cells = [row[place].strip() for row in rows if len(row) > place]
+    said = [cell for cell in cells if cell.lower() not in _MISSING]
+    return 2 * sum(map(_is_number, said)) > len(said)
+
+
 def _header(path: Path, file: TextIO) -> tuple[list[str], str]:
     line = file.readline(_MAX_LINE)
     if not line.strip():
         raise DiagnosisError(f"{path}: empty: expected a line with the names of the columns")
+    if "\0" in line:
+        raise DiagnosisError(f"{path}: no text in UTF-8, as UTF-16 is none: expected UTF-8")
     delimiter = max(_DELIMITERS, key=line.count)
     names = [name.strip() for name in next(csv.reader([line], delimiter=delimiter))]
     if all(_is_number(name) for name in names):
@@ -113,6 +139,8 @@ def _parse(
     names: Sequence[str],
     places: Sequence[int],
 ) -> Floats:
+    if not any(line.strip() for line in lines):
+        return np.empty((0, len(places)))  # numpy would warn of it
     try:
         table = np.loadtxt(
             lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, dtype=np.float64
@@ -139,7 +167,15 @@ def _parse_cells(
             raise DiagnosisError(
                 f"{path}:{number}: {len(cells)} cells: expected {len(names)}, as in the header"
             )
-        rows.append([_number(path, number, names[place], cells[place]) for place in places])
+        needed = [cells[place] for place in places]
+        if delimiter != ",":
+            needed = [_with_a_point(cell) for cell in needed]
+        rows.append(
+            [
+                _number(path, number, names[place], cell)
+                for place, cell in zip(places, needed, strict=True)
+            ]
+        )
     return np.array(rows, dtype=np.float64).reshape(-1, len(places))
 
 
@@ -148,12 +184,23 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if text.lower() in _MISSING:
         return float("nan")
     try:
-        return float(text)
+        return _moment_s(text) if _DATE.match(text) else float(text)
     except ValueError:
         raise DiagnosisError(
             f"{path}:{line}: {column} = {text[:40]!r}: expected a number, or nothing where it is "
             "missing"
         ) from None
+
+
+def _with_a_point(cell: str) -> str:
+    text = cell.strip()
+    return text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text
+
+
+def _moment_s(text: str) -> float:
+    """Return a date and time of day as seconds since 1970; raises ValueError for another text."""
+    moment = datetime.fromisoformat(text)
+    return (moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _is_number(text: str) -> bool:
