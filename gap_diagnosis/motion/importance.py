@@ -91,10 +91,13 @@ class Drawn:
 
     @property
     def gained(self) -> tuple[float, float]:
-        """What the bends add to the log evidence, and its standard error [nat]."""
+        """What the bends add to the log evidence, and its standard error [nat], infinite where no
+        draw has a weight."""
         if self.log_weights is None or self.log_shares is None:
             return 0.0, 0.0
         top = float(self.log_weights.max())
+        if top == -math.inf:
+            return 0.0, math.inf
         weights, shares = np.exp(self.log_weights - top), np.exp(self.log_shares)
         mean = float(weights.sum() / shares.sum())
         error = float(np.sqrt(np.sum((weights - mean * shares) ** 2)) / weights.sum())
@@ -167,7 +170,11 @@ class Bends:
         return replace(straight, log_evidence=evidence, error=error, pareto_k=drawn.pareto_k)
 
     def drawn(self, count: int) -> Drawn:
-        """Return draws, always the same; weighed, *count* of them, where the effects bend."""
+        """Return draws, always the same; weighed, *count* of them, where the effects bend.
+
+        Not where none has a weight, as of a set of which a size lies within its tolerance, far
+        from the end: its evidence is what the lines say.
+        """
         terms = [term for term in self._terms if not term.is_fixed]
         if np.ptp(self.log_weights(self._along[:_FEW])) < _STRAIGHT:
             return Drawn(self._along)
@@ -178,7 +185,10 @@ class Bends:
         own, other = (_log_density(sizes, one) for one in (self.scored, wide))
         shares = own - np.logaddexp(own, other) + math.log(2)
         shares[~is_news(sizes, terms)] = -np.inf
-        weights, pareto_k = smoothed(shares + self.log_weights(sizes))
+        weights = shares + self.log_weights(sizes)
+        if not np.isfinite(weights).any():
+            return Drawn(self._along)
+        weights, pareto_k = smoothed(weights)
         return Drawn(sizes, weights, shares, pareto_k)
 
     @cached_property
