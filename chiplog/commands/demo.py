@@ -135,7 +135,7 @@ def _opened(sealed: Sealed, found: Diagnosis) -> list[tuple[str, str]]:
     for candidate in found.which:
         if candidate.effects == (true,):
             for key, parameter in candidate.parameters.items():
-                estimate, interval = parameter_words(parameter)
+                estimate, interval = parameter_words(key, parameter)
                 rows.append(("estimate", f"{key} {estimate}, 95 %: {interval}"))
     return rows
 

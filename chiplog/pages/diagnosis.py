@@ -179,7 +179,7 @@ def _candidate(one: Candidate) -> dict[str, Any]:
 
 
 def _parameter(key: str, value: ParameterEstimate) -> dict[str, Any]:
-    estimate, interval = words.parameter_words(value)
+    estimate, interval = words.parameter_words(key, value)
     shown: dict[str, Any] = {"key": key, "estimate": estimate, "interval": interval}
     if not isinstance(value, NumberEstimate):
         return shown | {"intervals": [], "zero": 0}

@@ -228,7 +228,9 @@ def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
     rows = []
     for candidate in diagnosis.which[:most]:
         chance, name = probability(candidate.probability), set_name(candidate.effects)
-        parameters = [[key, *parameter_words(one)] for key, one in candidate.parameters.items()]
+        parameters = [
+            [key, *parameter_words(key, one)] for key, one in candidate.parameters.items()
+        ]
         if len(parameters) == 1:
             rows.append([chance, *parameters[0]])
         else:
@@ -237,17 +239,28 @@ def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
     return rows
 
 
-def parameter_words(parameter: ParameterEstimate) -> tuple[str, str]:
-    """Return an estimate and its 95 % interval; of a choice its probability."""
+def parameter_words(key: str, parameter: ParameterEstimate) -> tuple[str, str]:
+    """Return the estimate of `effect.parameter` and its 95 % interval; of a choice its
+    probability."""
     if isinstance(parameter, ChoiceEstimate):
         sure = parameter.probabilities[str(parameter.estimate)]
         return str(parameter.estimate), f"probability {probability(sure)}"
-    scale, unit = _scale(parameter)
+    scale, unit = (1.0, "") if _is_number_of(key) else _scale(parameter)
     low, high = (bound / scale for bound in parameter.ci95)
     digits = _decimals((high - low) / 2)
     values = (parameter.estimate / scale, low, high)
     middle, below, above = (q.fixed(value, digits) for value in values)
     return f"{middle} {unit}".rstrip(), f"{below} to {above} {unit}".rstrip()
+
+
+def _is_number_of(key: str) -> bool:
+    """Tell a number of cycles, bits or frames, and a factor: in percent nobody would say them."""
+    effect, _, name = key.partition(".")
+    known = catalogue().get(effect)
+    return known is not None and any(
+        one.name == name and one.unit == "1" and (one.kind == "whole" or one.neutral == 1)
+        for one in known.parameters
+    )
 
 
 def quantity(value: float, unit: str) -> str:

@@ -15,10 +15,23 @@ import numpy as np
 import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
-from chiplog.pages.diagnosis_words import gap_sentence, headline, limit, unknown_sentence
+from chiplog.pages.diagnosis_words import (
+    gap_sentence,
+    headline,
+    limit,
+    parameter_words,
+    unknown_sentence,
+)
 from gap_diagnosis.pictures import HeldOutPath, Pictures, Report
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import About, Advice, LogFacts, Waterfall, WaterfallStep
+from gap_diagnosis.result_parts import (
+    About,
+    Advice,
+    LogFacts,
+    NumberEstimate,
+    Waterfall,
+    WaterfallStep,
+)
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>{{7*7}}"
 EVERY = [samples.diagnosis(), samples.single(), samples.nothing(), samples.unlisted()]
@@ -61,6 +74,21 @@ def data_of(page: str) -> Any:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, flags=re.S)
     assert found is not None
     return json.loads(found[1])
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("stale_producer.cycles", "3.000"),
+        ("setup_unit.factor", "3.000"),
+        ("frame_loss.burst", "3.000"),
+        ("radius_scale.scale", "300.000 %"),
+    ],
+)
+def test_a_number_of_cycles_is_not_told_in_percent(key: str, said: str) -> None:
+    """Three cycles were 300 %."""
+    three = NumberEstimate(estimate=3.0, unit="1", sd=0.0, ci50=(3, 3), ci80=(3, 3), ci95=(3, 3))
+    assert parameter_words(key, three)[0] == said
 
 
 def test_the_verdict_stands_first_and_names_the_group(page: str) -> None:
