@@ -12,9 +12,10 @@ Index k of every array speaks of the tick that ends at t_k; at k = 0 steps are z
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Final
+from functools import cached_property, wraps
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -113,6 +114,11 @@ class Motion:
         return float(np.median(self.dt_s[1:]))
 
     @cached_property
+    def told(self) -> dict[Callable[[Motion], Any], Any]:
+        """What was told of the motion so far, by what told it (`told_once`)."""
+        return {}
+
+    @cached_property
     def left_motor_rad(self) -> Floats:
         """Turns of the left motor, of which a play behind it takes its share."""
         return motor_steps(self.left_steady_rad, self.rounding_rad, self.tick_s)
@@ -136,6 +142,22 @@ class Motion:
     def elapsed_s(self) -> Floats:
         """Time since the log's start."""
         return np.asarray(self.t_s - self.t_s[0])
+
+
+_Told = TypeVar("_Told")
+
+
+def told_once(tell: Callable[[Motion], _Told]) -> Callable[[Motion], _Told]:
+    """Return *tell*, which goes by the motion alone, asked once of each: an effect needs the same
+    of it whatever its size."""
+
+    @wraps(tell)
+    def told(motion: Motion) -> _Told:
+        if tell not in motion.told:
+            motion.told[tell] = tell(motion)
+        return cast(_Told, motion.told[tell])
+
+    return told
 
 
 @dataclass

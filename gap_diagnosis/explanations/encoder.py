@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import Motion, Prediction, told_once
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.wheel_speeds import OwnSpeed
 
@@ -116,6 +116,7 @@ def encoder_dead_right(p: Prediction, *, start_s: float, stop_s: float) -> None:
     p.right_rad = np.where(inside, p.left_rad + turn_by_gyro_rad(p.motion), p.right_rad)
 
 
+@told_once
 def turn_by_gyro_rad(motion: Motion) -> Floats:
     """Return right - left wheel turn of each tick as the gyro tells it; zeros without one."""
     if motion.gyro_turn_rad is None:

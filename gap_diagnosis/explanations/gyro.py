@@ -14,7 +14,7 @@ from gap_diagnosis.explanations.reference import (
     turn_rate_with_details,
     wheels_turn_rate,
 )
-from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M, Motion, Prediction
+from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M, Motion, Prediction, told_once
 from gap_diagnosis.recording import Floats
 
 _LEAST_RAD_S: Final = 1e-9
@@ -98,6 +98,7 @@ def rate_of_columns(p: Prediction) -> Floats:
     return np.asarray(p.gyro_rad_s + rounded_off(p.motion))
 
 
+@told_once
 def rounded_off(m: Motion) -> Floats:
     """Return by how much the counters tell a turn rate from the smooth one, float64[n]; nothing
     where there are none."""

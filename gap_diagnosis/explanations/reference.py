@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import Motion, Prediction, told_once
 from gap_diagnosis.recording import Floats
 
 SHARP_S: Final = 0.015
@@ -95,6 +95,7 @@ def _move_in_detail(p: Prediction, by_s: float) -> None:
     _move(p, by_s, detailed_turn_rate(p.motion))
 
 
+@told_once
 def detailed_turn_rate(motion: Motion) -> Floats:
     """Return the mean turn rate of each tick, smoothed by no more than its noise asks for."""
     if motion.sharp_s == np.inf:
@@ -105,6 +106,7 @@ def detailed_turn_rate(motion: Motion) -> Floats:
     return np.asarray(turn / np.maximum(motion.dt_s, 1e-9))
 
 
+@told_once
 def turn_rate_with_details(motion: Motion) -> Floats:
     """Return the smooth turn rate with as much of its details as is no counting error.
 

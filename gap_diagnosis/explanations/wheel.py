@@ -16,7 +16,7 @@ from gap_diagnosis.explanations.reference import (
     turn_rate_with_details,
     with_details,
 )
-from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.prediction import Motion, Prediction, told_once
 from gap_diagnosis.recording import Floats
 
 _SURELY: Final = 3.0
@@ -55,13 +55,23 @@ def wheelbase_scale(p: Prediction, *, scale: float) -> None:
 
 def turn_scrub(p: Prediction, *, scrub: float) -> None:
     """Widen the effective wheelbase the more, the tighter the turn."""
-    across, along = _across_and_along(p.motion)
-    _scrub(p, scrub, across, along)
+    p.wheelbase_m = p.wheelbase_m * (1 + scrub * _spin(p.motion))
 
 
 def exact_turn_scrub(p: Prediction, *, scrub: float) -> None:
     """Widen it as sharply as turns begin and end, and as a wheel goes through a stand."""
-    m = p.motion
+    p.wheelbase_m = p.wheelbase_m * (1 + scrub * _sharp_spin(p.motion))
+
+
+@told_once
+def _spin(m: Motion) -> Floats:
+    """Return which share of the wheels' motion turns the body on the spot, float64[n]."""
+    return _share_of_spin(m, *_across_and_along(m))
+
+
+@told_once
+def _sharp_spin(m: Motion) -> Floats:
+    """Return the same as sharply as turns begin and end."""
     noise = _counting_rad_s(m) ** 2
     across, along = (
         with_details(one, USUAL_S / m.tick_s, noise, m.tick_s) for one in _across_and_along(m)
@@ -69,7 +79,7 @@ def exact_turn_scrub(p: Prediction, *, scrub: float) -> None:
     if m.has_counters:
         left, right = m.left_angle_rad, m.right_angle_rad
         across, along = _as_sharp(m, across, right - left), _as_sharp(m, along, right + left)
-    _scrub(p, scrub, across, along)
+    return _share_of_spin(m, across, along)
 
 
 def _as_sharp(motion: Motion, rate_rad_s: Floats, angle_rad: Floats) -> Floats:
@@ -92,10 +102,9 @@ def _across_and_along(motion: Motion) -> tuple[Floats, Floats]:
     return right - left, right + left
 
 
-def _scrub(p: Prediction, scrub: float, across_rad_s: Floats, along_rad_s: Floats) -> None:
-    across, along = (_size(p.motion, one) for one in (across_rad_s, along_rad_s))
-    spin = across / np.maximum(across + along, 1e-9)
-    p.wheelbase_m = p.wheelbase_m * (1 + scrub * spin)
+def _share_of_spin(m: Motion, across_rad_s: Floats, along_rad_s: Floats) -> Floats:
+    across, along = (_size(m, one) for one in (across_rad_s, along_rad_s))
+    return np.asarray(across / np.maximum(across + along, 1e-9))
 
 
 def scrub_of_line(straight: float) -> float:
@@ -131,7 +140,12 @@ def longitudinal_slip(p: Prediction, *, compliance: float) -> None:
 
 def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     """Let the wheels over-read when speeding up as sharply as they do."""
-    m = p.motion
+    _lag_behind(p, compliance, *_sharp_accelerations(p.motion))
+
+
+@told_once
+def _sharp_accelerations(m: Motion) -> tuple[Floats, Floats]:
+    """Return the wheels' accelerations [rad/s²] as sharp as they are, float64[n] each."""
     tick_s = m.tick_s
     width = math.sqrt(2.0) * USUAL_S / tick_s  # rate and acceleration were smoothed, each once
     noise = counting_bend(width) * (m.rounding_rad / tick_s**2) ** 2
@@ -139,7 +153,7 @@ def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
         with_details(one, width, noise, tick_s)
         for one in (m.left_acceleration_rad_s2, m.right_acceleration_rad_s2)
     )
-    _lag_behind(p, compliance, left, right)
+    return left, right
 
 
 def _lag_behind(
