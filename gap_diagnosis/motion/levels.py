@@ -24,6 +24,13 @@ _FARTHEST: Final = 2.0
 """A step changes no level by more than a factor of e^2: the slopes are of here."""
 _ENOUGH: Final = 0.05
 """A step is kept that gains this share of what its slope promised."""
+_BEYOND: Final = 0.3
+"""A step that gains less of what its slope promised leads beyond the best along it (half would be
+the best itself),"""
+_NEAREST: Final = 0.1
+"""which is sought no nearer than at this share of it."""
+_SETTLED: Final = 0.02
+"""Where the best along a step gains less [nat], the search ends there."""
 _FIRST_DAMPED: Final = 0.2
 _LEAST_DAMPED: Final = 5e-3
 _MOST_DAMPED: Final = 1e4
@@ -45,6 +52,15 @@ class Weighed(NamedTuple):
     log_evidence: float
     white: Floats
     log_variance: Floats
+
+
+class _Place(NamedTuple):
+    """What a search knows of one vector of levels: their logarithms, what the log says at them, and
+    with their own density."""
+
+    log_levels: Floats
+    seen: Weighed
+    height: float
 
 
 @dataclass(frozen=True)
@@ -110,34 +126,56 @@ def best_levels(
     """
     low, high = np.log(FLOORS), math.log(_HIGHEST)
 
-    def height(log_levels: Floats, seen: Weighed) -> float:
-        return seen.log_evidence + prior.log_density(log_levels, free)
+    def at(log_levels: Floats) -> _Place:
+        seen = weigh(np.exp(log_levels))
+        return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
 
-    here = np.log(np.maximum(start, FLOORS))
-    seen = weigh(np.exp(here))
+    here = at(np.log(np.maximum(start, FLOORS)))
     damping = 0.0
     for _ in range(_ROUNDS):
-        slope, information = _slopes(weigh, here, seen)
+        slope, information = _slopes(weigh, here.log_levels, here.seen)
         restraint = prior.restraint(free)
-        slope -= restraint * (here - np.log(prior.median))
+        slope -= restraint * (here.log_levels - np.log(prior.median))
         information += np.diag(restraint)
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
-        is_bound = ((here <= low) & (slope < 0)) | ((here >= high) & (slope > 0))
+        is_bound = ((here.log_levels <= low) & (slope < 0)) | (
+            (here.log_levels >= high) & (slope > 0)
+        )
         while True:
             step = _step(slope, information, damping, ~is_bound)
-            there = np.clip(here + step, low, high)
-            promised = float(slope @ (there - here))
+            there = np.clip(here.log_levels + step, low, high)
+            promised = float(slope @ (there - here.log_levels))
             if promised < _LITTLE or damping > _MOST_DAMPED:
-                return np.asarray(np.exp(here))
-            tried = weigh(np.exp(there))
-            gained = height(there, tried) - height(here, seen)
-            if gained > _ENOUGH * promised:
-                here, seen = there, tried
+                return np.asarray(np.exp(here.log_levels))
+            best, share = _best_along(at, here, there, promised)
+            gained = best.height - here.height
+            if share < 1.0 and 0.0 <= gained < _SETTLED:
+                return np.asarray(np.exp(best.log_levels))
+            if gained > _ENOUGH * share * promised:
+                here = best
                 damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
                 break
             damping = max(_EASED * damping, _FIRST_DAMPED)
-    return np.asarray(np.exp(here))
+    return np.asarray(np.exp(here.log_levels))
+
+
+def _best_along(
+    at: Callable[[Floats], _Place], here: _Place, there: Floats, promised: float
+) -> tuple[_Place, float]:
+    """Return the better of a step's end and, where that lies beyond the best along it, the top of
+    the parabola through slope and both heights; and at which share of the step it is.
+
+    A log bends more along a step than the mean of all that its levels might have made: steps as
+    long as that mean has them lead to and fro across the best.
+    """
+    end = at(there)
+    gained = end.height - here.height
+    if not gained < _BEYOND * promised:
+        return end, 1.0
+    share = max(0.5 * promised / (promised - gained), _NEAREST)
+    nearer = at(here.log_levels + share * (there - here.log_levels))
+    return (nearer, share) if nearer.height > end.height else (end, 1.0)
 
 
 def is_louder(levels: Floats, than: Floats) -> bool:
