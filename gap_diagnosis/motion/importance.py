@@ -158,7 +158,7 @@ class Bends:
         if self.sizes < MANY:
             return replace(straight, log_evidence=straight.log_evidence + self._by_quadrature())
         few = self._along[:_FEW]
-        drawn = Drawn(few, self.log_weights(few), np.zeros(len(few)))
+        drawn = Drawn(few, self._weights_of_few, np.zeros(len(few)))
         if drawn.gained[1] > 0.5 * _ERROR:
             drawn = self.drawn(_DRAWS)
         if drawn.is_trusted and drawn.gained[1] > _ERROR:
@@ -176,7 +176,7 @@ class Bends:
         from the end: its evidence is what the lines say.
         """
         terms = [term for term in self._terms if not term.is_fixed]
-        if np.ptp(self.log_weights(self._along[:_FEW])) < _STRAIGHT:
+        if np.ptp(self._weights_of_few) < _STRAIGHT:
             return Drawn(self._along)
         wide = replace(self.scored, covariances=self.scored.covariances * _WIDER)
         rng = np.random.default_rng(0)
@@ -196,6 +196,11 @@ class Bends:
         """Draws from the posterior along the lines, float64[4000, k]."""
         terms = [term for term in self._terms if not term.is_fixed]
         return draw(self.scored, terms, np.random.default_rng(0))
+
+    @cached_property
+    def _weights_of_few(self) -> Floats:
+        """Log weights of the first few of these, float64[24]."""
+        return self.log_weights(self._along[:_FEW])
 
     def log_weights(self, sizes: Floats) -> Floats:
         """Return log likelihoods of sizes float64[n, k] as the effects act, less those along the
@@ -239,14 +244,12 @@ class Bends:
 
     def _bent(self, sizes: Floats) -> Iterator[Floats]:
         """Yield what sizes leave of the data as the effects act, whitened, some at a time."""
-        first = self._unexplained + self._changes(self._best)
         for place in range(0, len(sizes), _AT_ONCE):
             some = [
                 self._unexplained + self._changes(one) for one in sizes[place : place + _AT_ONCE]
             ]
-            columns = np.ascontiguousarray(np.stack([first, *some], axis=-1))
-            ticks = self._model.nodes.ticks
-            yield whiten(columns, self._course, self._fit.levels, ticks)[0][:, 1:]
+            columns = np.ascontiguousarray(np.stack(some, axis=-1))
+            yield whiten(columns, self._course, self._fit.levels, self._model.nodes.ticks)[0]
 
     def _left(self, white: Floats) -> Floats:
         """Return sums of squares float64[n] of whitened columns, tolerances marginalised."""
