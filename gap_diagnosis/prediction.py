@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.wheel_speeds import WheelSpeed
+from gap_diagnosis.wheel_speeds import WheelSpeeds
 
 USUAL_CONTACT_M_PER_SQRT_M: Final = 5e-4
 """Contact noise of a wheel on a floor, before a log is seen."""
@@ -62,7 +62,7 @@ class Motion:
         bent: float64[n], 1 where headings are bent onto a reference, 0 where they are the wheels'.
         bent_over_s: over how long: the turn is the reference's in what lasts longer.
         sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
-        wheel_speeds: of the left and the right wheel, what is known beside its own counts.
+        wheel_speeds: what is known of each beside its own counts.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
@@ -105,7 +105,7 @@ class Motion:
     bent: Floats
     bent_over_s: float
     sharp_s: float
-    wheel_speeds: tuple[WheelSpeed, WheelSpeed]
+    wheel_speeds: WheelSpeeds
     has_counters: bool = True
 
     @cached_property

@@ -132,6 +132,23 @@ class WheelSpeed:
         return min(found, key=lambda one: one[0])[1]
 
 
+@dataclass(frozen=True)
+class WheelSpeeds:
+    """What is known of both wheels, told when it is first asked for: most motions are estimated for
+    something else.
+
+    Attributes:
+        tell: returns it of the left and the right wheel.
+    """
+
+    tell: Callable[[], tuple[WheelSpeed, WheelSpeed]]
+
+    @cached_property
+    def both(self) -> tuple[WheelSpeed, WheelSpeed]:
+        """Of the left and the right wheel."""
+        return self.tell()
+
+
 def wheel_speed(
     own: Floats,
     other: Floats,

@@ -90,7 +90,7 @@ def missed_ticks_right(
 
 def own_speed(motion: Motion, side: str, probability: float, threshold_rad_s: float) -> OwnSpeed:
     """Return how fast a wheel turns if it loses counts above a threshold."""
-    known = motion.wheel_speeds[0 if side == "left" else 1]
+    known = motion.wheel_speeds.both[0 if side == "left" else 1]
     return known.losing(threshold_rad_s, probability)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,7 @@ from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smo
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.standing import standing
-from gap_diagnosis.wheel_speeds import WheelSpeed, wheel_speed
+from gap_diagnosis.wheel_speeds import WheelSpeed, WheelSpeeds, wheel_speed
 from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
@@ -144,7 +145,9 @@ def estimate_motion(
         bent=bent,
         bent_over_s=0.0 if reference is None else bent_over_s(reference),
         sharp_s=sharp_smoothing_s(turning_s),
-        wheel_speeds=_wheel_speeds((left, right), t_s, gyro_turn, robot, rounding_rad),
+        wheel_speeds=WheelSpeeds(
+            partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding_rad)
+        ),
         has_counters=has_counters,
     )
 
