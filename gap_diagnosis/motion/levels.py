@@ -146,6 +146,11 @@ def best_levels(
             step = _step(slope, information, damping, ~is_bound)
             there = np.clip(here.log_levels + step, low, high)
             promised = float(slope @ (there - here.log_levels))
+            # Cut to size, a step may lead downhill by its slope: a shorter one does not.
+            is_cut = bool(np.any(np.abs(step) >= _FARTHEST))
+            if promised < _LITTLE and is_cut and damping <= _MOST_DAMPED:
+                damping = max(_EASED * damping, _FIRST_DAMPED)
+                continue
             if promised < _LITTLE or damping > _MOST_DAMPED:
                 return np.asarray(np.exp(here.log_levels))
             best, share = _best_along(at, here, there, promised)
