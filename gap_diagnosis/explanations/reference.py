@@ -150,7 +150,7 @@ def with_details(smooth: Floats, width: float, noise: float, step_s: float) -> F
     # A series whose terms grow tells nothing: there the smooth rate has an edge of its own making.
     is_smooth = second < _GROWING**2 * first
     # Nor do those that are larger than what the rate does around: no Gaussian rounds off so much.
-    is_smooth &= _power_around(detail, step_s) < _range_around(smooth, width) ** 2
+    is_smooth &= _power_around(detail, step_s) < _range_around(smooth, width, step_s) ** 2
     return np.asarray(smooth + np.where(is_smooth, share, 0.0) * detail)
 
 
@@ -166,9 +166,10 @@ def _power_around(series: Floats, step_s: float) -> Floats:
     return np.asarray(gaussian_filter1d(series**2, _AROUND_S / step_s, mode="nearest"))
 
 
-def _range_around(smooth: Floats, width: float) -> Floats:
-    """Return between which values a series stays within three Gaussians of *width* ticks."""
-    size = 2 * math.ceil(3.0 * width) + 1
+def _range_around(smooth: Floats, width: float, step_s: float) -> Floats:
+    """Return between which values a series stays within three Gaussians of *width* ticks of all
+    that its power around is of: at a ramp's foot the ramp counts."""
+    size = 2 * math.ceil(3.0 * (width + _AROUND_S / step_s)) + 1
     return np.asarray(maximum_filter1d(smooth, size) - minimum_filter1d(smooth, size))
 
 
