@@ -24,6 +24,7 @@ from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes
+from gap_diagnosis.motion.slack import with_slack
 from gap_diagnosis.motion.unknown import (
     Alternative,
     Laid,
@@ -110,6 +111,7 @@ def analyse(
     *library* a user's own."""
     motion, gross = None, False
     blocks: list[Block] = []
+    others: list[Alternative] = []
     # What a stale producer said again, only the ECU took for news; counts that then catch up look
     # like leaps of the reference.
     # A table has no frames, but with two clocks it tells of the ECU's.
@@ -132,8 +134,11 @@ def analyse(
             library=library,
             late_up_to_s=UNSET_S if late_s else None,
         )
-        motion = MotionBlock(
-            model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
+        motion, others = _beside_slack(
+            MotionBlock(
+                model, lambda share: progress("wheels, gyro and reference", 0.05 + 0.45 * share)
+            ),
+            gross=gross,
         )
         blocks.append(motion)
     as_received = replace(received, reference=recording.reference)
@@ -165,7 +170,8 @@ def analyse(
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
     pushes = None if motion is None or gross else motion.pushes
-    others = [] if motion is None else _alternatives(motion, burst, pushes, gross=gross)
+    if motion is not None:
+        others = _alternatives(motion, burst, pushes, gross=gross, smooth=others)
     seen = traces(blocks)
     return Analysis(
         as_received,
@@ -220,12 +226,57 @@ def _without(block: Block, without: frozenset[str]) -> Block:
     return block if not block.effects & without else Reduced(block, block.effects - without)
 
 
+def _beside_slack(motion: MotionBlock, *, gross: bool) -> tuple[MotionBlock, list[Alternative]]:
+    """Return the block and its unlisted causes; where what a healthy robot is off by explains a log
+    better than any listed effect does, and these explain something, a block with that free."""
+    found = _smooth(motion, gross=gross)
+    if gross or not _LITTLE <= motion.explained < within_tolerance(found):
+        return motion, found
+    model, left, levels = motion.model, found, motion.levels
+    for _ in range(_SLACKS):
+        if within_tolerance(left) < _LITTLE:
+            break
+        laid = lay_out(model)
+        best = max(left, key=lambda one: one.within)
+        suiting = levels_beside(model, best, levels, laid)
+        levels = levels if suiting is None else suiting
+        model = with_slack(model, laid, best, levels)
+        left = alternatives(model, levels)
+    beside = MotionBlock(model)
+    return beside, _smooth(beside, gross=gross)
+
+
+_SLACKS: Final = 3
+"""In so many ways at once a healthy robot may be off."""
+
+
 def _alternatives(
-    motion: MotionBlock, burst: Burst | None, pushes: Pushes | None = None, *, gross: bool
+    motion: MotionBlock,
+    burst: Burst | None,
+    pushes: Pushes | None = None,
+    *,
+    gross: bool,
+    smooth: Sequence[Alternative] | None = None,
 ) -> list[Alternative]:
-    """Return unlisted causes, each at the noise levels that suit it best: those of the best
-    account, or the described ones, or where a search from there ends beside the best of these
-    causes; relative to no effect.
+    """Return unlisted causes, relative to no effect: *smooth* ones, rough windows, pushes."""
+    found = list(_smooth(motion, gross=gross) if smooth is None else smooth)
+    tolerated = within_tolerance(found)
+    if motion.explained < max(_LITTLE, tolerated):
+        # What a healthy robot is off by, no listed effect explains as well.
+        found = beyond_tolerance(found)
+        motion.tolerated = max(tolerated, 0.0)
+    if burst is not None:
+        found.append(_dispersed(_rough(burst), motion))
+    if pushes is not None:
+        told = _at(motion, pushes.levels, [_stepping(pushes)])
+        found += [_dispersed(one, motion) for one in told]
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def _smooth(motion: MotionBlock, *, gross: bool) -> list[Alternative]:
+    """Return smooth functions of one variable, each at the noise levels that suit it best: those of
+    the best account, or the described ones, or where a search from there ends beside the best of
+    these causes; relative to no effect.
 
     Where a mistake of the set-up is *gross*, a straight line about it is no account of anything,
     and gets no levels.
@@ -239,18 +290,7 @@ def _alternatives(
         # unlisted cause explains; listed effects are sought from the described levels too. Noise
         # that is no louder than described takes nothing that those would show.
         found = _better(found, _sought_from(motion, described, laid))
-    found = [_dispersed(one, motion) for one in found]
-    tolerated = within_tolerance(found)
-    if motion.explained < max(_LITTLE, tolerated):
-        # What a healthy robot is off by, no listed effect explains as well.
-        found = beyond_tolerance(found)
-        motion.tolerated = max(tolerated, 0.0)
-    if burst is not None:
-        found.append(_dispersed(_rough(burst), motion))
-    if pushes is not None:
-        told = _at(motion, pushes.levels, [_stepping(pushes)])
-        found += [_dispersed(one, motion) for one in told]
-    return sorted(found, key=lambda one: -one.log_evidence)
+    return [_dispersed(one, motion) for one in found]
 
 
 _LITTLE: Final = 3.0

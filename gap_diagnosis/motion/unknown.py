@@ -387,7 +387,7 @@ def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:
     gram = gram_of(white, log_variance, laid.nuisances, levels)
     best = max(
         plan.shapes,
-        key=lambda one: gains(*_seen_by(gram, plan, one.mix), one.sizes)[0][:_SCALES].max(),
+        key=lambda one: gains(*seen_by(gram, plan, one.mix), one.sizes)[0][:_SCALES].max(),
     )
     first = 1 + len(laid.nuisances)
     columns = laid.values[..., 1 + plan.columns] @ best.mix
@@ -457,7 +457,7 @@ def _planned(
 def _gain(gram: Gram, plan: Plan) -> tuple[float, float, float]:
     """Return log evidence and log likelihood of an alternative, and the log evidence of so little
     of it that it is no gap, less those of none."""
-    found = [gains(*_seen_by(gram, plan, mix), sizes) for mix, sizes in plan.shapes]
+    found = [gains(*seen_by(gram, plan, mix), sizes) for mix, sizes in plan.shapes]
     evidences = np.array([one for one, _ in found])
     likelihood = max(0.0, *(float(one[:_SCALES].max()) for _, one in found))
     count = math.log(len(found))
@@ -469,7 +469,7 @@ def fit_of(gram: Gram, plan: Plan) -> Fitted:
     """Return the likeliest shape and usual size of an alternative with its sizes."""
     best: Fitted | None = None
     for mix, sizes in plan.shapes:
-        inner, data = _seen_by(gram, plan, mix)
+        inner, data = seen_by(gram, plan, mix)
         usual = sizes[:_SCALES]
         for scale, evidence in zip(usual, gains(inner, data, usual)[0], strict=True):
             if best is None or evidence > best.log_evidence:
@@ -480,7 +480,7 @@ def fit_of(gram: Gram, plan: Plan) -> Fitted:
     return best
 
 
-def _seen_by(gram: Gram, plan: Plan, mix: Floats) -> tuple[Floats, Floats]:
+def seen_by(gram: Gram, plan: Plan, mix: Floats) -> tuple[Floats, Floats]:
     """Return the inner products of a shape's columns with each other and with the data."""
     place = np.ix_(plan.columns, plan.columns)
     return mix.T @ gram.inner[place] @ mix, mix.T @ gram.data[plan.columns]
