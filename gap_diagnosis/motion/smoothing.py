@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from gap_diagnosis.explanations.reference import (
     SHARP_S,
@@ -81,7 +81,10 @@ def smoothed(motion: Motion) -> Motion:
     apart = gaussian_filter1d(np.gradient(turning / tick_s, tick_s), max(USUAL_S / tick_s, 0.5))
     geometry = motion.radius_m / motion.wheelbase_m
     turn = motion.turn_rate_rad_s * tick_s / geometry
-    turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S, is_counted=False)
+    if is_speed:
+        turn = _calm_where_it_lasts(turn, tick_s)
+    else:
+        turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S, is_counted=False)
     return replace(
         motion,
         x_m=x_m,
@@ -152,3 +155,22 @@ def _denoised(
     # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
     slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
     return np.asarray((1 - calm) * smooth(least_s) + calm * slow)
+
+
+def _calm_where_it_lasts(step_rad: Floats, tick_s: float) -> Floats:
+    """Smooth turns [rad per tick] of wheels that say speeds: a little, and much on long straights.
+
+    Where a turn only changes sides its rate is low for a moment, and nothing is calm. Details are
+    sought in what is left, to the fourth derivative: the passage from turn to straight must be as
+    smooth as all else. Of a car, steps of 0.0005 rad/s at each change of sides had details of 0.06.
+    """
+
+    def smooth(values: Floats, width_s: float) -> Floats:
+        return np.asarray(gaussian_filter1d(values, max(width_s / tick_s, 0.5), mode="nearest"))
+
+    noise = _NOISE_COUNTS_PER_S * FINE_RAD
+    calm = np.exp(-((smooth(step_rad, 3 * USUAL_S) / tick_s / noise) ** 2))
+    lasting = minimum_filter1d(calm, 2 * max(round(1.5 * USUAL_S / tick_s), 1) + 1)
+    slow = smooth(lasting * step_rad, _SLOW_S) / np.maximum(smooth(lasting, _SLOW_S), 1e-9)
+    passage = smooth(lasting, USUAL_S)
+    return np.asarray((1 - passage) * smooth(step_rad, USUAL_S) + passage * slow)
