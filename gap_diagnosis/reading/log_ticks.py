@@ -14,6 +14,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.clock import fit_clock, lower_edge, lowered
 from gap_diagnosis.reading.frames import MessageFrames, checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
+from gap_diagnosis.reading.pages import by_pages
 from gap_diagnosis.reading.rows import hold, rows_of_ticks
 from gap_diagnosis.reading.ticks import Ticks, unwrap_ticks
 from hil_harness.assembly import Wire
@@ -52,13 +53,14 @@ class LogByTicks:
     """One log under way to a recording."""
 
     def __init__(self, path: Path, robot: Robot, wire: Wire) -> None:
-        self.path, self.plant, self.wire = path, robot.plant, wire
+        self.path, self.plant = path, robot.plant
         columns = load_columns(path)
         _refuse_backwards(path, columns.timestamp_us)
-        self.frames, self.rejected = checked_frames(columns, wire.database)
+        frames, self.rejected = checked_frames(columns, wire.database)
+        self.frames, self.wire = by_pages(frames, wire)
         del columns
         anchor = self._anchor()  # a log without frames says no cycle where the DBC says none
-        self.period_s = wire.tick_period_us * _US
+        self.period_s = self.wire.tick_period_us * _US
         self.start_us = int(anchor.stamp_us.min())
         ticks = self._unwrapped(anchor)
         self.first_tick = int(ticks.tick.min())

@@ -19,6 +19,9 @@ MAX_ROWS: Final = 10_000_000
 LONGEST_FILLED_S: Final = 10.0
 """Ticks lost in a longer gap have no rows."""
 
+_LEAST_FILLED: Final = 0.1
+"""A sensor of which fewer ticks arrive does not come with that tick: every row costs time."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -55,7 +58,8 @@ class Rows:
 def rows_of_ticks(tick: Ints, segment: Ints, period_s: float, name: str) -> Rows:
     """Return a row for every tick that has a frame, and for those lost between them.
 
-    Raises DiagnosisError, with the *name* of the file, for more rows than are held in memory.
+    Raises DiagnosisError, with the *name* of the file, for more rows than are held in memory, and
+    where nearly all of them would be empty.
     """
     there, first = np.unique(tick, return_index=True)
     steps = np.diff(there)
@@ -64,6 +68,12 @@ def rows_of_ticks(tick: Ints, segment: Ints, period_s: float, name: str) -> Rows
     if starts[-1] >= MAX_ROWS:
         raise DiagnosisError(
             f"{name}: {starts[-1] + 1} ticks: expected at most {MAX_ROWS}: a shorter log"
+        )
+    rows = int(starts[-1]) + 1
+    if len(there) < _LEAST_FILLED * rows:
+        raise DiagnosisError(
+            f"{name}: {len(there):,} of {rows:,} ticks of {period_s * 1e3:.3g} ms have frames or "
+            "rows of the wheels: expected them evenly in time, each once, not in bursts"
         )
     all_ticks = np.repeat(there, np.concatenate((filled, [1])))
     all_ticks += np.arange(len(all_ticks)) - np.repeat(starts, np.concatenate((filled, [1])))
