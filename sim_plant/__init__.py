@@ -1,7 +1,7 @@
 """The world and its sensors: SI floats inside, raw counts out."""
 
 from sim_plant.batch import Batch, PlantRuns, simulate
-from sim_plant.description import WIDEST_COUNTER_BITS, PlantDescription
+from sim_plant.description import PlantDescription
 from sim_plant.errors import PlantError
 from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.plant import NoiseModel, Plant, SensorCounts
@@ -10,7 +10,6 @@ from sim_plant.streams import BLOCK_TICKS
 
 __all__ = [
     "BLOCK_TICKS",
-    "WIDEST_COUNTER_BITS",
     "Batch",
     "DriveModel",
     "EncoderModel",

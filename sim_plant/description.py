@@ -16,7 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from sim_plant.errors import PlantError
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-WIDEST_COUNTER_BITS: Final = 16
+_WIDEST_COUNTER_BITS: Final = 32
+_MOST_TICKS: Final = 10_000_000
+"""A motor's encoder of 17 bits behind a gear of 76; the firmware takes up to 2^24."""
 
 
 class _Table(BaseModel):
@@ -52,9 +54,11 @@ class Wheels(_Table):
 class Encoder(_Table):
     """Table [encoder]: one counter on each wheel."""
 
-    ticks_per_rev: int = _number("counts per wheel turn, all edges counted", 2048, ge=1, le=65535)
+    ticks_per_rev: int = _number(
+        "counts per wheel turn, all edges counted", 2048, ge=1, le=_MOST_TICKS
+    )
     counter_bits: int = _number(
-        "width of the wrapping counter [bit]", 16, ge=8, le=WIDEST_COUNTER_BITS
+        "width of the wrapping counter [bit]", 16, ge=8, le=_WIDEST_COUNTER_BITS
     )
     noise_ticks: float = _number(
         "white noise of one reading about the true count, standard deviation [ticks]",

@@ -29,13 +29,15 @@ from hil_harness.sensor_frames import code_scale
 from hil_harness.signal_map import MappedSignal
 from hil_harness.signal_roles import Role
 from hil_harness.wheel_counter import count_to_raw, wrap_of
-from sim_plant import WIDEST_COUNTER_BITS
 
 Floats = NDArray[np.float64]
 
 _US = 1e-6
 _IN_TIME_S = default_prior().of("frame_latency", "delay").tolerance
 """Frames of one tick queue behind each other; those that lie nearer than this are in time."""
+
+_COUNTERS_BITS = 16
+"""Counters of timers are no wider; what comes in more bits was added up by a program."""
 
 
 def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording, Reference | None]:
@@ -151,7 +153,7 @@ def _beyond_the_counter(log: LogByTicks, robot: Robot) -> tuple[str, ...]:
     """Say that a wheel counts further than the described counter does.
 
     No reason to refuse the log: an ECU may go on counting on the bus where its own counter wraps,
-    as the simulated one does on a wider signal. One that no description is wide enough for must.
+    as the simulated one does on a wider signal. What is wider than a timer's counter always does.
     """
     described_bits = robot.plant.encoder.counter_bits
     for role in ("left_count", "right_count"):
@@ -162,7 +164,7 @@ def _beyond_the_counter(log: LogByTicks, robot: Robot) -> tuple[str, ...]:
         low, high = int(np.nanmin(raw)), int(np.nanmax(raw))
         span = 1 << described_bits
         fits = (low >= 0 and high < span) or (-span // 2 <= low and high < span // 2)
-        if fits or signal_bits > WIDEST_COUNTER_BITS:
+        if fits or signal_bits > _COUNTERS_BITS:
             continue
         told = (
             f"{mapped.path} counts from {low} to {high}, encoder.counter_bits = {described_bits} "

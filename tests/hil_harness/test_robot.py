@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from can_bus import load_database
-from firmware_model import FirmwareDescription
+from firmware_model import FirmwareDescription, build_config
 from hil_harness.errors import HarnessError
 from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import (
@@ -126,7 +126,7 @@ def test_what_plant_and_firmware_share_is_written_once(tmp_path: Path) -> None:
         (
             '\n[encoder]\nticks_per_rev = "2048 ticks"',
             'robot.toml:3: encoder.ticks_per_rev = "2048 ticks": '
-            "expected a whole number from 1 to 65535, for example 2048",
+            "expected a whole number from 1 to 10000000, for example 2048",
         ),
         (
             "[wheel]\nradius_m = 0.05",
@@ -199,6 +199,34 @@ def test_problems_of_both_packages_are_reported_together(tmp_path: Path) -> None
     with pytest.raises(HarnessError) as caught:
         load_robot(write(tmp_path, text))
     assert [line.split(":")[1] for line in caught.value.problems] == ["2", "4", "6"]
+
+
+def test_a_fine_encoder_that_is_added_up_in_32_bits_can_be_described(tmp_path: Path) -> None:
+    """A Husky's has 78,000 counts a metre; the firmware's formats hold it at its tick."""
+    file = write(
+        tmp_path,
+        "[wheels]\nradius_m = 0.1651\nwheelbase_m = 0.555\n"
+        "[encoder]\nticks_per_rev = 80914\ncounter_bits = 32\n"
+        "[drive]\nmax_wheel_rate_rad_s = 12\n",
+    )
+    robot = load_robot(file)
+    known = robot.firmware_constants(20_000)
+    assert (known.ticks_per_rev, known.counter_bits) == (80914, 32)
+    assert build_config(robot.firmware, known).counter_bits == 32
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ticks_per_rev = 10000001", "10000001: expected a whole number from 1 to 10000000"),
+        ("counter_bits = 33", "33: expected a whole number from 8 to 32"),
+    ],
+)
+def test_what_the_firmware_could_not_hold_is_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    with pytest.raises(HarnessError, match=message):
+        load_robot(write(tmp_path, f"[encoder]\n{text}\n"))
 
 
 def test_a_wheel_too_fast_for_its_counter_is_refused(tmp_path: Path) -> None:

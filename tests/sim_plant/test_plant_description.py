@@ -15,16 +15,16 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (
         {"encoder": {"ticks_per_rev": "2048 ticks"}},
         "encoder.ticks_per_rev = '2048 ticks': "
-        "expected a whole number from 1 to 65535, for example 2048",
+        "expected a whole number from 1 to 1e+07, for example 2048",
     ),
     (
         {"encoder": {"ticks_per_rev": 10**12}},
         "encoder.ticks_per_rev = 1000000000000: "
-        "expected a whole number from 1 to 65535, for example 2048",
+        "expected a whole number from 1 to 1e+07, for example 2048",
     ),
     (
         {"encoder": {"counter_bits": True}},
-        "encoder.counter_bits = True: expected a whole number from 8 to 16, for example 16",
+        "encoder.counter_bits = True: expected a whole number from 8 to 32, for example 16",
     ),
     (
         {"drive": {"delay_s": 1e9}},

@@ -32,7 +32,7 @@ ROBOT_DESCRIPTION: tuple[Row, ...] = (
         "text in place of a number",
         "chiplog run --robot robot.toml",
         'robot.toml:2: encoder.ticks_per_rev = "2048 ticks": expected a whole number from 1 to '
-        "65535, for example 2048",
+        "10000000, for example 2048",
         {"robot.toml": '[encoder]\nticks_per_rev = "2048 ticks"\n'},
     ),
     Row(

@@ -13,7 +13,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.reading.table_clock import table_clock
 from gap_diagnosis.recording import Recording
-from hil_harness import HarnessError
+from hil_harness import HarnessError, load_robot
 
 TICKS_PER_RAD = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi)
 
@@ -40,6 +40,19 @@ def test_wrapped_and_unwrapped_counts_are_the_same_drive(tmp_path: Path) -> None
         wrapped.columns[name] = plain.columns[name] % 65_536
     assert_same_wheels(read(plain, tmp_path), plain)
     assert_same_wheels(read(wrapped, tmp_path), plain)
+
+
+def test_counts_that_wrap_at_32_bits_are_a_drive_like_any_other(tmp_path: Path) -> None:
+    robot_toml = tmp_path / "robot.toml"
+    robot_toml.write_text("[encoder]\nticks_per_rev = 80914\ncounter_bits = 32\n")
+    table = drive()
+    low, period = table.columns["left_ticks"].min(), 2.0**32
+    table.columns["left_ticks"] = (table.columns["left_ticks"] - low - 100) % period
+    file = table.write(tmp_path / "table.csv")
+    found = read_recording(file, robot=load_robot(robot_toml))
+    assert float(np.ptp(table.columns["left_ticks"])) > period / 2
+    assert np.max(np.abs(np.diff(found.left_ticks))) < 200
+    assert found.counter_bits == 32
 
 
 @settings(max_examples=25, phases=[Phase.explicit, Phase.generate])
