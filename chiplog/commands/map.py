@@ -61,8 +61,14 @@ def command(
         bare = [guess.signal.path for guess in guesses.values() if guess.lacks_unit]
         units = f"; say the unit of {', '.join(bare)}" if bare else ""
         show_line(f"{out}: {len(guesses) - len(bare)} roles{check}{units}")
-        for sentence in () if is_table(log) else left_out(found, guesses).values():
+        for sentence in left_out(found, guesses, is_table=is_table(log)).values():
             show_line(sentence)
+        for guess in guesses.values():
+            if guess.invert:
+                show_line(
+                    f"{guess.signal.path} turns against the wheels: the map inverts it; without "
+                    "invert = true the diagnosis calls it a wrong sign"
+                )
     else:
         show_line("")
         for line in text.splitlines():

@@ -11,20 +11,35 @@ from typing import Final
 from gap_diagnosis.reading.propose import Guess, is_whole
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
+from gap_diagnosis.reading.unit_names import unit_of_signal
 from hil_harness.signal_roles import COUNT_UNITS, Role, unit_of, units_for
 
 _YAW_RATE: Final = ("gyro", "yawrate", "yaw rate", "yaw vel", "omega", "angular", "turn rate")
+_ANGLE_WORDS: Final = frozenset({"heading", "yaw", "angle", "theta", "psi"})
 _SPEED: Final = frozenset({"speed", "velocity", "vel", "v", "vx", "linear"})
 _EXAMPLE: Final[Mapping[Role, str]] = {"gyro": "deg/s", "v_command": "m/s", "w_command": "rad/s"}
 
 
-def left_out(found: Mapping[str, FoundSignal], guesses: Mapping[str, Guess]) -> dict[str, str]:
-    """Return a sentence for each signal of a bus that only its unit keeps out of a map, by path."""
+def left_out(
+    found: Mapping[str, FoundSignal], guesses: Mapping[str, Guess], *, is_table: bool = False
+) -> dict[str, str]:
+    """Return a sentence for each signal that only its unit keeps out of a map, by path.
+
+    Of a table only for the angle of a gyro; what lacks a unit there is asked for in the map.
+    """
     taken = {guess.signal.path for guess in guesses.values()}
     told = {}
     for path, signal in found.items():
+        if path in taken or signal.is_constant:
+            continue
+        if "gyro" not in guesses and _is_angle_of_gyro(signal, is_table):
+            told[path] = (
+                f"{path} is left out: it is an angle, and no role takes a gyro's angle; expected "
+                f"its rate as gyro, in one of {units_for('gyro')}"
+            )
+            continue
         role = _role_by_name(signal)
-        if role is None or role in guesses or path in taken or signal.is_constant:
+        if is_table or role is None or role in guesses:
             continue
         if signal.unit.strip().lower() not in COUNT_UNITS:
             if unit_of(signal.unit) is None:
@@ -38,6 +53,23 @@ def left_out(found: Mapping[str, FoundSignal], guesses: Mapping[str, Guess]) -> 
                 f'{role} = {{ signal = "{path}", unit = "{_EXAMPLE[role]}" }}'
             )
     return told
+
+
+def _is_angle_of_gyro(signal: FoundSignal, is_table: bool) -> bool:
+    """Tell how far a gyro or an IMU has turned about the vertical: a rate already added up."""
+    unit = unit_of(unit_of_signal(signal, is_table))
+    words = set(words_of(signal))
+    axes = {AXES[word] for word in words & AXES.keys()}
+    is_other = bool(axes - {"z"}) or bool(words & {"roll", "pitch"})
+    is_turn = "gyro" in words or bool(words & _ANGLE_WORDS)
+    return (
+        unit is not None
+        and unit.quantity == "angle"
+        and is_named(signal, ("gyro", "imu"))
+        and is_turn
+        and not is_other
+        and not is_named(signal, COMMAND_WORDS)
+    )
 
 
 def _role_by_name(signal: FoundSignal) -> Role | None:

@@ -7,17 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from can_bus import Database
+from gap_diagnosis.reading.clock_names import by_name, is_controllers, time_unit
 from gap_diagnosis.reading.left_out import left_out
 from gap_diagnosis.reading.propose import Guess, propose
-from gap_diagnosis.reading.signals_found import (
-    FoundSignal,
-    clock_columns,
-    signals_of_log,
-    signals_of_table,
-    time_unit,
-    wrapping_clocks,
-)
+from gap_diagnosis.reading.signals_found import FoundSignal, signals_of_log, signals_of_table
 from gap_diagnosis.reading.table_file import is_table
 from hil_harness.signal_roles import Role, unit_of, units_for
 from hil_harness.table_map import NAMED_COLUMNS
@@ -65,7 +61,7 @@ def _text(
         lines.insert(2, "# A line without a unit is commented out: say the unit, and remove the #.")
     taken = {guess.signal.path for guess in guesses.values()} | set(clocks)
     rest = [signal for path, signal in found.items() if path not in taken]
-    if dbc is not None and (told := left_out(found, guesses)):
+    if told := left_out(found, guesses, is_table=dbc is None):
         lines += ["", *(f"# {sentence}" for sentence in told.values())]
     if rest:
         lines += ["", "# Not mapped:"]
@@ -83,17 +79,39 @@ def _clocks(found: Mapping[str, FoundSignal]) -> dict[str, str]:
     }
     if lines:
         return lines
-    for name in clock_columns(found)[:1]:
-        entry = _clock_entry(name, time_unit(found[name].value)[0])
+    running, wrapping = _running_clocks(found), _wrapping_clocks(found)
+    for name in running[:1]:
+        entry = _clock_entry(name, time_unit(found[name].value, name)[0])
         lines[name] = f"time = {{ {entry} }}  # GUESS: a time's name, ascending"
-    for name in wrapping_clocks(found)[:1]:
+    for name in wrapping[:1]:
         signal = found[name]
-        entry = _clock_entry(name, time_unit(signal.unwrapped())[0])
+        entry = _clock_entry(name, time_unit(signal.unwrapped(), name)[0])
         lines[name] = (
             f"ecu_time = {{ {entry}, wrap = {signal.wrap!r} }}"
             f"  # GUESS: a time's name, wraps at {signal.wrap:g}"
         )
+    for name in [] if wrapping else [one for one in running[1:] if is_controllers(one)][:1]:
+        entry = _clock_entry(name, time_unit(found[name].value, name)[0])
+        lines[name] = f"ecu_time = {{ {entry} }}  # GUESS: a controller's clock by its name"
     return lines
+
+
+def _running_clocks(found: Mapping[str, FoundSignal]) -> list[str]:
+    """Return the columns of a table that sound like a time and ascend throughout."""
+    return [
+        name
+        for name in by_name(found)
+        if not found[name].is_constant and np.all(np.diff(found[name].value) >= 0)
+    ]
+
+
+def _wrapping_clocks(found: Mapping[str, FoundSignal]) -> list[str]:
+    """Return the columns of a table that sound like a time and ascend but for their wraps."""
+    return [
+        name
+        for name in by_name(found)
+        if found[name].wraps and np.all(np.diff(found[name].unwrapped()) >= 0)
+    ]
 
 
 def _clock_entry(name: str, unit: str) -> str:

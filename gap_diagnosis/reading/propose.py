@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.clock_names import sounds_like_time
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
-from gap_diagnosis.reading.signals_found import FoundSignal, sounds_like_time
+from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
 from hil_harness.nearest import did_you_mean
 from hil_harness.signal_map import SHIPPED
@@ -253,7 +254,11 @@ def _choose(
                 continue  # a steering wheel's angle is no heading
             score += 3.0 * abs(likeness)
             invert = likeness < -_CLEAR
-            reasons.append(f"turns with the wheels ({likeness:+.2f})")
+            reasons.append(
+                f"turns against the wheels ({likeness:+.2f}), so it is inverted here"
+                if invert
+                else f"turns with the wheels ({likeness:+.2f})"
+            )
         unit = unit_of_signal(signal, True) if search.is_table else None
         guess = Guess(
             role, signal, unit or None, invert, None, tuple(reasons),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from can_bus import Database
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.clock_names import by_name, has_times_word, time_unit
 from gap_diagnosis.reading.frames import checked_frames
 from gap_diagnosis.reading.log_columns import load_columns
 from gap_diagnosis.reading.table_file import is_of_numbers, read_columns, read_header
@@ -146,45 +146,14 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
     return found
 
 
-def clock_columns(found: Mapping[str, FoundSignal]) -> list[str]:
-    """Return the columns of a table that have a time's name and ascend throughout."""
-    return [
-        name
-        for name, signal in found.items()
-        if sounds_like_time(name) and not signal.is_constant and np.all(np.diff(signal.value) >= 0)
-    ]
-
-
-def wrapping_clocks(found: Mapping[str, FoundSignal]) -> list[str]:
-    """Return the columns of a table that have a time's name and ascend but for their wraps."""
-    return [
-        name
-        for name, signal in found.items()
-        if sounds_like_time(name) and signal.wraps and np.all(np.diff(signal.unwrapped()) >= 0)
-    ]
-
-
-def time_unit(values: Floats) -> tuple[str, float]:
-    """Return the unit of a clock's values by their steps: the one nearest to 100 rows a second."""
-    steps = np.diff(values)
-    step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.01
-    units = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-    return min(units, key=lambda unit: abs(math.log10(step * unit[1] * 100)))
-
-
-def sounds_like_time(name: str) -> bool:
-    """Tell whether a column's name is that of a clock."""
-    word = name.lower()
-    return word in {"t", "t_s", "ecu_t_s"} or "time" in word or "stamp" in word
-
-
 def _clock(table: Path, columns: Mapping[str, Floats]) -> tuple[str, float]:
-    for name, values in columns.items():
-        if sounds_like_time(name) and np.isfinite(values).all() and np.all(np.diff(values) >= 0):
-            return name, time_unit(values)[1]
+    for name in by_name(columns):
+        values = columns[name]
+        if np.isfinite(values).all() and np.all(np.diff(values) >= 0):
+            return name, time_unit(values, name)[1]
     for name, values in columns.items():
         back = np.flatnonzero(np.diff(values) < 0)
-        if sounds_like_time(name) and np.isfinite(values).all() and len(back) > 0:
+        if has_times_word(name) and np.isfinite(values).all() and len(back) > 0:
             row = int(back[0]) + 1
             raise DiagnosisError(
                 f"{table}: {name} goes back, from {values[row - 1]:.16g} in row {row} to "
@@ -192,8 +161,8 @@ def _clock(table: Path, columns: Mapping[str, Floats]) -> tuple[str, float]:
                 "recording"
             )
     raise DiagnosisError(
-        f"{table}: no clock among the columns: expected one with time, stamp or t in its name "
-        "whose values ascend"
+        f"{table}: no clock among the columns: expected one with time, stamp, t or a unit of time "
+        "in its name whose values ascend"
     )
 
 

@@ -239,8 +239,8 @@ TABLES: tuple[Row, ...] = (
     Row(
         "a table to look at without a clock",
         "chiplog map table.csv",
-        "table.csv: no clock among the columns: expected one with time, stamp or t in its name "
-        "whose values ascend",
+        "table.csv: no clock among the columns: expected one with time, stamp, t or a unit of "
+        "time in its name whose values ascend",
         {"table.csv": table("a,b", lambda k: f"{k},{k}")},
     ),
     Row(
