@@ -57,8 +57,8 @@ def test_a_wheelbase_beyond_tolerance_is_told_beside_wheels_that_wander_within_i
     beside, unlisted = _beside_slack(motion, gross=False)
     best = max(beside.scan.found.values(), key=lambda one: one.log_evidence)
     assert best.effects == {"wheelbase_scale"}
-    assert beside.explained > 8 > 3 > within_tolerance(unlisted)
-    assert best.terms[0].variant.effect == "wheelbase_scale"
+    assert beside.explained > 8
+    assert within_tolerance(unlisted) < 3
     assert best.refitted is not None
     assert best.refitted.coefficients[0][0] == pytest.approx(0.007, abs=0.002)
 
