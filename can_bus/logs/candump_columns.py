@@ -18,15 +18,20 @@ SCANNED: Final = ("timestamp_us", "frame_id", "is_extended", "data", "length", "
 """The columns that the pass over data frames fills, in the order in which it takes them."""
 
 
-def read_candump_columns(path: Path, refuse_beyond: Callable[[int], None]) -> LogColumns:
+def read_candump_columns(
+    path: Path, refuse_beyond: Callable[[int], None], *, leave_out_cut: bool = False
+) -> LogColumns:
     """Read a candump log. Raises CanBusError naming file and line, as `read_log` does.
 
     Args:
         refuse_beyond: is told after each block how many frames there are, and may raise.
+        leave_out_cut: leave out a last line that has no line end.
     """
     parts: list[LogColumns] = []
     line = frames = 0
     for block in _text_blocks(path):
+        if leave_out_cut and not block.endswith(b"\n") and len(block) < _BLOCK_BYTES:
+            break  # the last line: blocks end with a line but for it
         parts.append(_columns(path, block, line + 1))
         frames += len(parts[-1])
         refuse_beyond(frames)

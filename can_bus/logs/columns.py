@@ -20,8 +20,12 @@ MAX_FRAMES: Final = 20_000_000
 """Frames that are read of one log, some ten hours of ours; each takes 25 bytes here."""
 
 
-def read_log_columns(path: str | Path, max_frames: int = MAX_FRAMES) -> LogColumns:
+def read_log_columns(
+    path: str | Path, max_frames: int = MAX_FRAMES, *, leave_out_cut: bool = False
+) -> LogColumns:
     """Read a whole log (candump, ASC, BLF, MF4) into columns.
+
+    With *leave_out_cut* a last line of a candump log without a line end is no frame, and no error.
 
     Raises CanBusError as `read_log` does, and for a log of more than `max_frames` frames.
     """
@@ -35,7 +39,7 @@ def read_log_columns(path: str | Path, max_frames: int = MAX_FRAMES) -> LogColum
 
     kind = log_format(path)
     if kind == "candump":
-        return read_candump_columns(path, refuse_beyond)
+        return read_candump_columns(path, refuse_beyond, leave_out_cut=leave_out_cut)
     if kind == "asc":
         return columns_of(_counted(read_log(path), refuse_beyond))
     blocks = read_blf_blocks(path) if kind == "blf" else read_mf4_blocks(path, refuse_beyond)

@@ -11,6 +11,8 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading import log_columns, reference_file, table_file
+from gap_diagnosis.reading.cut_off import last_line_note
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import read_reference, refuse_no_overlap
@@ -97,7 +99,16 @@ def read_recording(
     elif own is not None:
         recording = replace(recording, reference=own)
     _refuse_unbelievable(recording, path, robot)
-    return recording
+    return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))
+
+
+def _cut_off(path: Path, reference: str | Path | None) -> tuple[str, ...]:
+    """Say of which files the last line was left out."""
+    is_cut = table_file.is_cut_off(path) if is_table(path) else log_columns.is_cut_off(path)
+    notes = [last_line_note()] if is_cut else []
+    if reference is not None and reference_file.is_cut_off(Path(reference)):
+        notes.append(last_line_note(Path(reference).name))
+    return tuple(notes)
 
 
 def _refuse_useless(recording: Recording, path: Path) -> None:

@@ -6,6 +6,7 @@ that begin with ``#`` are comments.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
+from gap_diagnosis.reading.cut_off import unfinished_line
 from gap_diagnosis.reading.ros_reference import read_ros_rows, ros_file
 from gap_diagnosis.recording import Recording, Reference
 
@@ -37,6 +39,8 @@ def read_reference(path: str | Path) -> Reference:
 
     The heading is left out where every row has the same quaternion although the path bends: such a
     file has positions only.
+
+    A last line that was cut off while it was written is left out.
 
     Raises DiagnosisError naming file and line: what is no number, NaN, a quaternion that is none,
     stamps that do not ascend, fewer than two rows.
@@ -113,6 +117,8 @@ def _read(path: Path) -> tuple[Floats, NDArray[np.int64]]:
                     if (text := line.strip()) and not text.startswith("#")
                 ]
                 line_number += len(lines)
+                if kept and is_cut_pose(lines[-1]):
+                    kept.pop()
                 total += len(kept)
                 if total > MAX_ROWS:
                     raise DiagnosisError(f"{path}: more than {MAX_ROWS} rows: expected fewer")
@@ -123,6 +129,22 @@ def _read(path: Path) -> tuple[Floats, NDArray[np.int64]]:
     if not chunks:
         return np.empty((0, 8)), np.empty(0, dtype=np.int64)
     return np.concatenate(chunks), np.concatenate(numbers)
+
+
+def is_cut_off(path: Path) -> bool:
+    """Tell a ``.tum`` file whose last line was cut off and is left out by `read_reference`."""
+    last = unfinished_line(path) if ros_file(path) is None and path.is_file() else None
+    return last is not None and is_cut_pose(last)
+
+
+def is_cut_pose(line: str) -> bool:
+    """Tell a line, with its end, that breaks off within a pose."""
+    if line.endswith("\n") or not line.strip() or line.lstrip().startswith("#"):
+        return False
+    words = line.replace(",", " ").split()
+    if len(words) != 8 or not all(map(_is_number, words)):
+        return True
+    return abs(math.hypot(*map(float, words[4:])) - 1) > _NORM_TOLERANCE
 
 
 def _bounded(file: TextIO) -> Iterator[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.cut_off import is_cut_row, unfinished_line
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +65,8 @@ def read_columns(path: Path, columns: Sequence[str]) -> dict[str, Floats]:
     """Return columns of a table as float64[rows]; empty cells and NaN are NaN.
 
     Decimal commas are understood where cells are apart by something else; dates and times of day
-    (ISO 8601, in UTC where they say no zone) are seconds since 1970.
+    (ISO 8601, in UTC where they say no zone) are seconds since 1970. A last row that breaks off is
+    left out.
 
     Raises DiagnosisError naming row and column of a cell that is no number, and for a table that
     would fill the memory.
@@ -80,6 +82,18 @@ def read_columns(path: Path, columns: Sequence[str]) -> dict[str, Floats]:
         raise DiagnosisError(f"{path}: cannot read this table: {error.strerror}") from None
     whole = np.concatenate(parts) if parts else np.empty((0, len(places)))
     return {name: np.ascontiguousarray(whole[:, k]) for k, name in enumerate(columns)}
+
+
+def is_cut_off(path: Path) -> bool:
+    """Tell a table whose last row was cut off and is left out by `read_columns`."""
+    if path.suffix.lower() == ".parquet":
+        return False
+    last = unfinished_line(path)
+    if last is None:
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        names, delimiter = _header(path, file)
+    return is_cut_row(last, delimiter, len(names))
 
 
 def is_of_numbers(path: Path, column: str) -> bool:
@@ -120,6 +134,8 @@ def _read_parts(
         cells += len(lines) * len(places)
         if cells > MAX_CELLS:
             raise DiagnosisError(f"{path}: more than {MAX_CELLS} cells: expected a shorter table")
+        if is_cut_row(lines[-1], delimiter, len(names)):
+            lines.pop()
         yield _parse(path, lines, first, delimiter, names, places)
         first += len(lines)
 
