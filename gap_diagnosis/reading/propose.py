@@ -38,6 +38,8 @@ _GRID_S: Final = 0.1
 _ENOUGH: Final = 3.0
 _SAME: Final = 0.25
 _CLEAR: Final = 0.6
+_HEARD: Final = 0.4
+"""A wheel follows its command late, and may slip: less likeness than between two sensors tells."""
 _COMMANDS: Final[tuple[Role, ...]] = ("v_command", "w_command")
 _REFERENCES: Final[tuple[Role, ...]] = ("reference_x", "reference_y", "reference_heading")
 _ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
@@ -140,11 +142,27 @@ def propose(
     _choose_wheels(search)
     turn = _turn(search)
     _choose(search, "gyro", None, turn)
+    _hear_the_command(search, turn)
     for role in _ODOMETRY:
         _choose(search, role, _is_odometry, turn if role == "odom_heading" else None)
     for role in _SENSORS:
         _choose(search, role, None)
     return {role: search.guesses[role] for role in ROLES if role in search.guesses}
+
+
+def _hear_the_command(search: _Search, turn: tuple[Floats, Floats]) -> None:
+    """Leave a gyro's sign as it is where the commanded turn is against the wheels as well.
+
+    Then it is the wheels that are wrong, by swapped sides or a sign, which the diagnosis is to say;
+    a gyro turned round to match them would leave the commands as the only ones that differ.
+    """
+    gyro, command = search.guesses.get("gyro"), search.guesses.get("w_command")
+    if gyro is None or command is None or not gyro.invert:
+        return
+    likeness = _likeness(command.signal, turn, is_rate=True)
+    if likeness < -_HEARD:
+        told = f"turns against the wheels, and so does the command ({likeness:+.2f}): left as it is"
+        search.guesses["gyro"] = replace(gyro, invert=False, reasons=(*gyro.reasons[:-1], told))
 
 
 def _take_given(search: _Search, given: Mapping[str, str]) -> None:

@@ -86,3 +86,20 @@ def test_a_sign_that_the_map_turns_round_is_told_with_its_reason(tmp_path: Path)
     assert "invert = true" in line
     assert "turns against the wheels (-0." in line
     assert line.endswith("so it is inverted here")
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_gyro_that_agrees_with_the_command_is_not_turned_round_for_swapped_wheels(
+    swapped: bool, tmp_path: Path
+) -> None:
+    """The map made the gyro fit the wheels, and the commands were then blamed for both."""
+    columns = dict(TURNING.columns)
+    columns["w_command_rad_s"] = np.gradient(TURN) * (1 if swapped else -1)
+    columns["yaw_rate_rad_s"] = np.gradient(TURN)
+    del columns["gyro_code"]
+    wheels = ("right_ticks", "left_ticks") if swapped else ("left_ticks", "right_ticks")
+    names = {"left_ticks": wheels[0], "right_ticks": wheels[1]}
+    gyro = propose_map(Drive(columns).write(tmp_path / "foreign.csv", names), None)[1]["gyro"]
+    assert not gyro.invert
+    told = "turns against the wheels, and so does the command (-0."
+    assert gyro.reasons[-1].startswith(told) == swapped
