@@ -244,6 +244,37 @@ TABLES: tuple[Row, ...] = (
         {"table.csv": table("a,b", lambda k: f"{k},{k}")},
     ),
     Row(
+        "a table to look at whose clock goes back",
+        "chiplog map table.csv",
+        "table.csv: t_s goes back, from 1.49 in row 150 to 0 in the next: expected rows in the "
+        "order of time, of one recording",
+        {"table.csv": table(WHEELS, lambda k: f"{k % 150 / 100},{k},{k}")},
+    ),
+    Row(
+        "a table to look at whose wheels never turn",
+        "chiplog map table.csv",
+        "left_wheel_ticks has the name of a wheel, and never changes (7): expected a log in which "
+        "the robot drives",
+        {"table.csv": table("t_s,left_wheel_ticks,right_wheel_ticks", lambda k: f"{k / 100},7,7")},
+    ),
+    Row(
+        "a table in UTF-16",
+        "chiplog map table.csv",
+        "table.csv: no text in UTF-8, as UTF-16 is none: expected UTF-8",
+        {"table.csv": DRIVE.encode("utf-16-le")},
+    ),
+    Row(
+        "a table whose rows come in bursts",
+        "chiplog diagnose table.csv",
+        "table.csv: 300 of 6,636 ticks of 0.3 ms have frames or rows of the wheels: expected them "
+        "evenly in time, each once, not in bursts",
+        {
+            "table.csv": table(
+                WHEELS, lambda k: f"{k // 3 * 0.02 + k % 3 * 0.0003:.6f},{3 * k},{4 * k}"
+            )
+        },
+    ),
+    Row(
         "a table to look at with few numbers",
         "chiplog map table.csv",
         "table.csv: no column with 10 numbers: expected a table of a drive",
