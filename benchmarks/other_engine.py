@@ -27,10 +27,12 @@ from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
 from gap_diagnosis.trials.mujoco_cases import CAUSES, write_case
 from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical
 from gap_diagnosis.trials.yardsticks import share
+from hil_harness.robot import load_robot
 
 _RESULTS: Final = "results.jsonl"
 _SLID: Final = 0.002
-"""Of the time that wheels move: where they slid less than that, ice was not met."""
+"""Of the time that wheels move: where they slid less than that, and came no other way than the
+other wheel beyond tolerance, ice was not met."""
 
 RIGHT: Final[Mapping[str, tuple[Sequence[str], ...]]] = {
     "null": ((),),
@@ -96,8 +98,10 @@ def _read(rows: Path) -> list[dict[str, Any]]:
 
 def right_answers(one: Mapping[str, Any]) -> set[Answer]:
     """Return what may be said of a case, by its cause and by what the engine did."""
-    slid = max(one["truth"]["slides_left"], one["truth"]["slides_right"])
-    if one["cause"] == "icy_patch" and slid < _SLID:
+    truth = one["truth"]
+    crept = abs(truth["radius_mismatch"]) > load_robot().tolerance.radius_mismatch
+    slid = max(truth["slides_left"], truth["slides_right"]) > _SLID
+    if one["cause"] == "icy_patch" and not (slid or crept):
         return {canonical(())}
     return {
         UNKNOWN if tuple(names) == ("unknown",) else canonical(names)
