@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -125,14 +126,11 @@ def _position_chain(
         path_errors(path(recorded, gyro), true, windows).position,
         path_errors(path(recorded, gyro), measured, windows).position,
     )
-    return chain_of(
-        {
-            "wheel": links[0].end,
-            "encoder": links[1].end,
-            "gyro": links[2].end,
-            "reference": links[3].end,
-        }
-    ), tuple(int(place) for place in links[0].window)
+    # Against positions alone, a window in which one link's path hardly moves is left out of it.
+    shared = reduce(np.intersect1d, [one.window for one in links])
+    ends = [one.end[np.isin(one.window, shared)] for one in links]
+    stages: tuple[StageOrNone, ...] = ("wheel", "encoder", "gyro", "reference")
+    return chain_of(dict(zip(stages, ends, strict=True))), tuple(map(int, shared))
 
 
 def _turn_chain(

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from gap_cases import LEVELS, drives, setting
 
-from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import gap_of
@@ -251,3 +252,27 @@ def test_each_manoeuvre_is_given_the_stage_that_carries_its_error() -> None:
     assert len(straight) > 5
     assert np.mean([one.stage == "wheel" for one in straight]) > 0.8
     assert all(one.stop_s > one.start_s for one in segments)
+
+
+def test_shares_are_of_the_windows_in_which_every_link_moves() -> None:
+    """Against positions alone, a robot whose left wheel is said to turn backwards hardly moves by
+    one link in windows in which it does by another: that was an internal error."""
+    robot, [(recording, motion)] = drives("random")
+    assert recording.reference is not None
+    positions = replace(recording, reference=replace(recording.reference, heading_rad=None))
+    backwards = replace(
+        motion,
+        left_step_rad=-motion.left_step_rad,
+        left_angle_rad=-motion.left_angle_rad,
+        left_rate_rad_s=-motion.left_rate_rad_s,
+    )
+    turned = next(one for one in EXPLAINED["setup_sign"].variants(motion) if _is_left(one))
+    windows = windows_on(backwards)
+    effects = [(turned, ())]
+    chain = metric_chain("odometry_position_m", positions, robot, backwards, windows, effects)
+    assert 0 < chain.total.shape[0] < len(windows)
+    assert math.fsum(shares_of(chain).values()) == pytest.approx(1, abs=1e-9)
+
+
+def _is_left(variant: Variant) -> bool:
+    return variant.report["signal"] == "left_ticks"
