@@ -35,7 +35,7 @@ def left_out(
         if "gyro" not in guesses and _is_angle_of_gyro(signal, is_table):
             told[path] = (
                 f"{path} is left out: it is an angle, and no role takes a gyro's angle; expected "
-                f"its rate as gyro, in one of {units_for('gyro')}"
+                "its rate as gyro, in deg/s or rad/s, for example"
             )
             continue
         role = _role_by_name(signal)
