@@ -1,16 +1,13 @@
 """An effect beyond tolerance is told beside what a healthy robot is off by within it."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
+from wandering import wandering_by
 
 from gap_diagnosis.analysis import _beside_slack
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import within_tolerance
 from gap_diagnosis.priors import default_prior
-from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import parse_effect
@@ -18,12 +15,10 @@ from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
-TOLERANCE = ROBOT.tolerance
 
 
-def wandering(effects: tuple[str, ...]) -> Recording:
-    """Return a drive whose wheels come apart by nearly a tolerance of the mismatch, to and fro in
-    40 s, which no effect does."""
+def block_of(*effects: str) -> MotionBlock:
+    """Return the block of a drive with effects whose wheels wander by nearly a tolerance."""
     log = synthetic_recording(
         ROBOT,
         load_wire(),
@@ -33,20 +28,8 @@ def wandering(effects: tuple[str, ...]) -> Recording:
         reference=ReferenceNoise(2e-4, 2e-4, 1e-4, 1e-4),
         contact_noise_m_per_sqrt_m=1e-4,
     )
-    share = 0.4 * TOLERANCE.radius_mismatch * np.sin(2 * np.pi * log.t_s / 40.0)
-
-    def rolled(ticks: np.ndarray, more: np.ndarray) -> np.ndarray:
-        return ticks[0] + np.cumsum(np.diff(ticks, prepend=ticks[0]) * (1 + more))
-
-    return replace(
-        log,
-        left_ticks=rolled(log.left_ticks, -share),
-        right_ticks=rolled(log.right_ticks, share),
-    )
-
-
-def block_of(*effects: str) -> MotionBlock:
-    return MotionBlock(MotionModel(wandering(effects), ROBOT, default_prior()))
+    wandering = wandering_by(log, 0.8 * ROBOT.tolerance.radius_mismatch)
+    return MotionBlock(MotionModel(wandering, ROBOT, default_prior()))
 
 
 def test_a_wheelbase_beyond_tolerance_is_told_beside_wheels_that_wander_within_it() -> None:

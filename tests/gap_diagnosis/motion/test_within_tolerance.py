@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
+from wandering import wandering_by
 
 from gap_diagnosis import analysis
 from gap_diagnosis.analysis import _alternatives, _at
@@ -85,16 +86,7 @@ def wandering(size: float) -> Recording:
     log = synthetic_recording(
         ROBOT, load_wire(), scenario("calibration"), (), 3, reference=ReferenceNoise()
     )
-    share = 0.5 * size * np.sin(2 * np.pi * log.t_s / 40.0)
-
-    def rolled(ticks: np.ndarray, more: np.ndarray) -> np.ndarray:
-        return ticks[0] + np.cumsum(np.diff(ticks, prepend=ticks[0]) * (1 + more))
-
-    return replace(
-        log,
-        left_ticks=rolled(log.left_ticks, -share),
-        right_ticks=rolled(log.right_ticks, share),
-    )
+    return wandering_by(log, size)
 
 
 def unlisted_beyond_tolerance(size: float) -> tuple[float, float]:
