@@ -19,6 +19,7 @@ from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
+from gap_diagnosis.motion.slips import SLIP, windows_beside
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
@@ -99,7 +100,7 @@ class Scan(Accounts):
         self._add_levels(model.levels_for((), self._grams[-1].levels))
         progress(0.3)
         tried: set[Effects] = {frozenset()}
-        self._off_the_grid()
+        self._off_the_grid(greedy)
         while len(tried) <= _LEVELS_TRIED:
             candidates = [f for f in self._ranked() if f.effects not in tried]
             if not candidates or candidates[0].log_evidence < self._ranked()[0].log_evidence - 5:
@@ -333,16 +334,22 @@ class Scan(Accounts):
                     choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
 
-    def _off_the_grid(self) -> None:
-        """Give leading effects with edges a variant whose edges lie where they fit best."""
+    def _off_the_grid(self, greedy: Sequence[Term]) -> None:
+        """Give leading effects with edges a variant whose edges lie where they fit best, and a slip
+        the window that suits each wheel best beside what leads at the described levels of noise."""
         singles = [one for one in self._ranked() if len(one.effects) == 1][:_EDGED]
         nothing = self.found[frozenset()].log_evidence
-        added = False
+        described = self._grams[0].levels
+        slips = windows_beside(self.model, greedy, self.by_effect.get(SLIP, ()), described)
+        for edged, grid_term in slips:
+            self.by_effect[SLIP].append(self.model.add(edged.term.variant, grid_term))
+            self.spans[SLIP] = edged.spans
+        added = bool(slips)
         for one in singles:
             (term,) = one.terms
             if not has_edges(term) or one.log_evidence < nothing + _WORTH_EDGES:
                 continue
-            if self._is_explained(one):
+            if self._is_explained(one) or (slips and one.effects == {SLIP}):
                 continue
             start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
             edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
