@@ -34,6 +34,10 @@ _SLID: Final = 0.002
 """Of the time that wheels move: where they slid less than that, and came no other way than the
 other wheel beyond tolerance, ice was not met."""
 
+_DRIFTED: Final = 0.001
+"""Of its way: a robot that drifts less down a slope, along it and across it, does so within the
+prior's tolerance, and nothing need be told of the slope."""
+
 _SEEN: Final = 1.2
 """A gap of so many floors can be seen."""
 
@@ -50,7 +54,8 @@ RIGHT: Final[Mapping[str, tuple[Sequence[str], ...]]] = {
     "scrubbing_tyres": (("turn_scrub",), ("wheelbase_scale",)),
 }
 """By cause, the answers any of which is right; ice that a wheel meets again and again has no name
-in the library, and where it is met not at all nothing is."""
+in the library, and where it is met not at all nothing is. On a slope that it does not drift down a
+robot on soft tyres does no more than slip outward in turns."""
 
 SIZES: Final[Mapping[str, str]] = {
     "radius_scale.scale": "radius_scale",
@@ -106,10 +111,16 @@ def right_answers(one: Mapping[str, Any]) -> set[Answer]:
     slid = max(truth["slides_left"], truth["slides_right"]) > _SLID
     if one["cause"] == "icy_patch" and not (slid or crept):
         return {canonical(())}
+    if one["cause"] == "tilted_floor" and not _drifts(truth):
+        return {canonical(()), canonical(("lateral_slip",))}
     return {
         UNKNOWN if tuple(names) == ("unknown",) else canonical(names)
         for names in RIGHT[one["cause"]]
     }
+
+
+def _drifts(truth: Mapping[str, float]) -> bool:
+    return max(abs(truth["cross_slope_drift"]), abs(truth["grade_slip"])) > _DRIFTED
 
 
 def is_hidden(one: Mapping[str, Any]) -> bool:
@@ -144,7 +155,8 @@ def page(folder: Path, commit: str) -> str:
         "smaller wheel there, ice a patch of little friction, a load a body off the middle. Each",
         "robot is described by what a calibration drive in that engine gives. *Truth* is what the",
         "engine did, measured from its state; of ice, the share of the time in which a wheel slid.",
-        "*Floor* is what noise alone leaves of the gap.",
+        "On the tilted floor it is how much of its way the robot drifts downhill, and its outward",
+        "slip in turns. *Floor* is what noise alone leaves of the gap.",
         "",
         f"**{sum(map(is_right, shown))} of {len(shown)} right** "
         f"({right.low:.2f} to {right.high:.2f}); in {len(rows) - len(shown)} more the cause moves",
@@ -187,6 +199,11 @@ def _sizes(one: Mapping[str, Any]) -> list[str]:
     truth["ticks_per_rev"] = 1 / (1 + truth["radius_scale"]) - 1  # its twin
     if one["cause"] == "icy_patch":
         found.append(f"slid {truth['slides_left']:.1%} left, {truth['slides_right']:.1%} right")
+    if one["cause"] == "tilted_floor":
+        across, along = truth["cross_slope_drift"], truth["grade_slip"]
+        found.append(
+            f"drifts {across:.2%} across, {along:.2%} along; slips {truth['lateral_slip']:.4f} s"
+        )
     for name, told in one["told"]["parameters"].items():
         if name in SIZES and "ci95" in told:
             low, high = told["ci95"]

@@ -46,8 +46,12 @@ def truth_of(driven: Driven, world: World, described: Calibrated) -> dict[str, f
     step_s = float(driven.time_s[1] - driven.time_s[0])
     turn_rate = np.gradient(driven.pose[:, 2], step_s)
     speed = found.radius_m * driven.wheel_rad_s.mean(1)
-    causes = np.column_stack([-speed * turn_rate, turn_rate, speed])
-    (slip, lever, toe), *_ = np.linalg.lstsq(causes, driven.sideways_m_s, rcond=None)
+    downhill = world.downhill_rad - driven.pose[:, 2]
+    drift = np.abs(speed) * np.sin(downhill)
+    causes = np.column_stack([-speed * turn_rate, turn_rate, speed, drift])
+    (slip, lever, toe, across), *_ = np.linalg.lstsq(causes, driven.sideways_m_s, rcond=None)
+    rolled = np.abs(speed) * np.cos(downhill)
+    along = float(rolled @ driven.creep_m_s.mean(1) / (rolled @ rolled))
     wheel = found.radius_m * driven.wheel_rad_s
     speeding = np.gradient(wheel, step_s, axis=0)
     columns = np.column_stack([speeding.ravel(), (speeding * np.abs(wheel)).ravel()])
@@ -61,6 +65,8 @@ def truth_of(driven: Driven, world: World, described: Calibrated) -> dict[str, f
         "lateral_slip": float(slip),
         "turning_point_m": float(lever),
         "toe": float(toe),
+        "cross_slope_drift": float(across),
+        "grade_slip": along,
         "creep_lag_s": float(late),
         "longitudinal_slip": float(slipping),
         "slides_left": float((sliding & moving)[:, 0].mean()),
