@@ -136,12 +136,16 @@ def rank(
     bent = _bent_by_a_mistake(logs)
     driven = _of_the_drive_alone(logs) & singles.keys()
     first_seen = max(driven, key=lambda effect: singles[effect][0], default="")
-    hides = first_seen if first_seen and singles[first_seen][0] > _WORTH_ONE else ""
+    alone = singles[first_seen][0] if first_seen else -math.inf
+    hides = first_seen if alone > _WORTH_ONE else ""
+    # Taken alone, a delay and a lag that are as long say nothing where both do.
+    no_single_does = unknown.get("actuation", -math.inf) > max(alone, _WORTH_ONE)
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
         if _is_hidden(pair, bent):
             continue
-        exact = (first in leaders and second in leaders) or (hides in pair and pair <= driven)
+        exact = first in leaders and second in leaders
+        exact |= (hides in pair or no_single_does) and pair <= driven
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)

@@ -301,6 +301,15 @@ def test_of_two_effects_of_the_drive_one_may_hide_the_other() -> None:
     assert ranking.best.effects == both
 
 
+def test_two_effects_of_the_drive_may_each_hide_the_other() -> None:
+    """A delay and a lag of 50 ms each: commands spoke against either alone, and for an unlisted
+    cause (0.99)."""
+    both = frozenset({"drive_gain", "drive_lag"})
+    drive = FakeBlock({"drive_gain": -226.0, "drive_lag": -2273.0}, {both: 5407.0}, name="drive")
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), drive, unknown={"actuation": 3759.0})
+    assert ranking.best.effects == both
+
+
 def test_the_commands_bring_in_no_counting_error_that_the_motion_denies_beside_another() -> None:
     """Alone, counts that are lost look like too few in a turn as well."""
     both = frozenset({"missed_ticks", "ticks_per_rev"})
