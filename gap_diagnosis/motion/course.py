@@ -14,10 +14,10 @@ from gap_diagnosis.recording import Floats, Reference
 _COURSE_S: Final = 1.5
 _TOLD: Final = 0.02
 """Where the way is less than this share of the longest, the course says nothing."""
-_ASLANT: Final = (0.03, 0.8)
+_ASLANT: Final = (0.03, math.pi)
 """About headings off by so much [rad], a way is short by half of its square. Less is within the
-tolerance of a room's scale and may be a wander of the reference; more, eight times the end of its
-prior, is none's."""
+tolerance of a room's scale and may be a wander of the reference; a tracker may be mounted any way
+round."""
 _LEAP: Final = 2.0
 """A step so many times the wheels' is no step of the robot's alone."""
 _NOISY: Final = 6.0

@@ -1,0 +1,46 @@
+"""What is off by far more than usual is told by its name: a tracker is mounted as it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from diagnosed import ROBOT, WIRE, number
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "seed"),
+    [
+        ("reference_yaw", {"angle": 1.5708}, 101),
+        ("reference_yaw", {"angle": -2.5}, 5),
+        ("reference_scale", {"scale": 0.1}, 110),
+        ("drive_delay", {"delay": 0.5}, 140),
+    ],
+    ids=["a tracker across", "a tracker backwards", "a room a tenth too large", "half a second"],
+)
+def test_an_effect_far_beyond_its_usual_size_is_told(
+    effect: str, values: Mapping[str, float], seed: int
+) -> None:
+    """A tracker turned by more than 46 degrees and a room a tenth too large were unlisted causes
+    (> 0.99), a drive half a second late one of 0.3 s with a lag."""
+    recording = synthetic_recording(
+        ROBOT,
+        WIRE,
+        replace(scenario("figure8"), effects=()),
+        [EffectSetting(effect, tuple(values.items()))],
+        seed,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )
+    diagnosis = diagnose_recordings([recording], ROBOT, WIRE).diagnosis
+    best = diagnosis.which[0]
+    assert best.effects == (effect,)
+    assert best.group_probability > 0.9
+    for name, value in values.items():
+        assert abs(number(diagnosis, f"{effect}.{name}").estimate - value) < 0.002
