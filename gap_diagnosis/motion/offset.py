@@ -16,7 +16,11 @@ from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
 
 SEARCH_S: Final = 0.5
-"""No reference that shares a clock with the log is later, or earlier."""
+"""No gyro is later, and few references that share a clock with the log are, or earlier:"""
+_FAR_S: Final = 2.0
+"""some are by so much, where a log is long enough to tell."""
+_LONG: Final = 10
+"""So many times as long."""
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
 _ALIKE: Final = 0.8
@@ -55,7 +59,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
-    return timely + max((_shift(one, theirs) for one in ours), key=lambda found: found[1])[0]
+    most_s = _FAR_S if len(grid) * _STEP_S > _LONG * _FAR_S else SEARCH_S
+    return timely + max((_shift(one, theirs, most_s) for one in ours), key=lambda it: it[1])[0]
 
 
 def turns_of(motion: Motion) -> list[Floats]:
@@ -75,7 +80,7 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
     if len(grid) < 100:
         return 0.0
     wheels, gyro = (_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
-    late_s, alike = _shift(wheels, gyro)
+    late_s, alike = _shift(wheels, gyro, SEARCH_S)
     return late_s if alike > _ALIKE else 0.0
 
 
@@ -84,12 +89,12 @@ def _smooth_steps(values: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(np.diff(values), 0.1 / _STEP_S))
 
 
-def _shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
-    """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours* (0
-    where it is small or no better than none), and how alike they are then."""
+def _shift(ours: Floats, theirs: Floats, most_s: float) -> tuple[float, float]:
+    """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours*, up to
+    *most_s* (0 where it is small or no better than none), and how alike they are then."""
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0, 0.0
-    shifts = range(-round(SEARCH_S / _STEP_S), round(SEARCH_S / _STEP_S) + 1)
+    shifts = range(-round(most_s / _STEP_S), round(most_s / _STEP_S) + 1)
     edge = len(shifts)
     scores = []
     for shift in shifts:

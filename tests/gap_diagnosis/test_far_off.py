@@ -15,24 +15,26 @@ from hil_harness.scenarios import scenario
 
 
 @pytest.mark.parametrize(
-    ("effect", "values", "seed"),
+    ("drive", "effect", "values", "seed"),
     [
-        ("reference_yaw", {"angle": 1.5708}, 101),
-        ("reference_yaw", {"angle": -2.5}, 5),
-        ("reference_scale", {"scale": 0.1}, 110),
-        ("drive_delay", {"delay": 0.5}, 140),
+        ("figure8", "reference_yaw", {"angle": 1.5708}, 101),
+        ("figure8", "reference_yaw", {"angle": -2.5}, 5),
+        ("figure8", "reference_scale", {"scale": 0.1}, 110),
+        ("calibration", "reference_time_offset", {"offset": 0.8}, 106),
+        ("figure8", "drive_delay", {"delay": 0.5}, 140),
     ],
-    ids=["a tracker across", "a tracker backwards", "a room a tenth too large", "half a second"],
+    ids=["a tracker across", "a tracker backwards", "a large room", "a late one", "a late drive"],
 )
 def test_an_effect_far_beyond_its_usual_size_is_told(
-    effect: str, values: Mapping[str, float], seed: int
+    drive: str, effect: str, values: Mapping[str, float], seed: int
 ) -> None:
     """A tracker turned by more than 46 degrees and a room a tenth too large were unlisted causes
-    (> 0.99), a drive half a second late one of 0.3 s with a lag."""
+    (> 0.99), a drive half a second late one of 0.3 s with a lag, a reference 0.8 s late one with
+    a slip and a room's scale beside it."""
     recording = synthetic_recording(
         ROBOT,
         WIRE,
-        replace(scenario("figure8"), effects=()),
+        replace(scenario(drive), effects=()),
         [EffectSetting(effect, tuple(values.items()))],
         seed,
         reference=ReferenceNoise(),
