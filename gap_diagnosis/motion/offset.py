@@ -18,7 +18,8 @@ from hil_harness.robot import Robot
 SEARCH_S: Final = 0.5
 """No gyro is later, and few references that share a clock with the log are, or earlier:"""
 _FAR_S: Final = 2.0
-"""some are by so much, where a log is long enough to tell."""
+"""some are by so much, where a log is long enough to tell and turns tell it: at a constant speed
+one moment is as good as another."""
 _LONG: Final = 10
 """So many times as long."""
 _STEP_S: Final = 0.02
@@ -59,7 +60,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
-    most_s = _FAR_S if len(grid) * _STEP_S > _LONG * _FAR_S else SEARCH_S
+    is_long = reference.heading_rad is not None and len(grid) * _STEP_S > _LONG * _FAR_S
+    most_s = _FAR_S if is_long else SEARCH_S
     return timely + max((_shift(one, theirs, most_s) for one in ours), key=lambda it: it[1])[0]
 
 
