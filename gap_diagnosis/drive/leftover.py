@@ -12,10 +12,9 @@ from gap_diagnosis.drive.columns import Variant
 from gap_diagnosis.drive.likelihood import fitted_levels, linear_sizes, setting_of
 from gap_diagnosis.drive.linear import explained_by
 from gap_diagnosis.drive.noise import Levels, whitened
-from gap_diagnosis.drive.shapes import WAVE, Shapes
+from gap_diagnosis.drive.shapes import Shapes
 from gap_diagnosis.drive.unlisted import (
     STANDS,
-    WAVES_TOLD,
     Foreign,
     Null,
     as_told,
@@ -121,7 +120,7 @@ def _ways(null: Null, robot: Robot) -> dict[str, list[Foreign]]:
     for wheel, side in enumerate(("left", "right")):
         own = slice(2 * wheel, 2 * wheel + 2)
         poles = poles_of(null, robot, [one[own] for one in waves])
-        if np.hypot(*poles.sizes) * WAVE > WAVES_TOLD:
+        if poles is not None:
             found[f"wheel_angle_{side}"] = [poles]
     return found
 

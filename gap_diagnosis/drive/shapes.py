@@ -28,6 +28,7 @@ THRESHOLDS: Final = frozenset(("drive_acceleration_limit", "drive_deadband", "dr
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 _FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
 _HATS: Final = 5
+FEWEST_POLES: Final = 2
 _MOST_POLES: Final = 12
 WAVE: Final = 0.1
 """Of its rate, by which poles move a drive: a unit of their columns."""
@@ -242,7 +243,7 @@ class Shapes:
         rows = np.arange(data.start[-1])
         middle = 0.5 * (data.start[:-1] + data.start[1:])
         made = []
-        for poles in range(2, _MOST_POLES + 1):
+        for poles in range(FEWEST_POLES, _MOST_POLES + 1):
             columns = np.zeros((4, *data.angle.shape))
             for wheel in range(2):
                 there = data.seen[wheel]

@@ -21,7 +21,7 @@ from gap_diagnosis.drive.likelihood import (
     setting_of,
 )
 from gap_diagnosis.drive.noise import Levels, whitened
-from gap_diagnosis.drive.shapes import WAVE, Shapes
+from gap_diagnosis.drive.shapes import FEWEST_POLES, WAVE, Shapes
 from gap_diagnosis.drive.told import is_as_described, off
 from hil_harness.robot import Robot
 
@@ -31,8 +31,10 @@ _GIVES_WAY: Final = 0.006
 """Of its rate a wheel is off under load: what is unlisted must show beyond that."""
 AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
-WAVES_TOLD: Final = 0.5 * prior.GAIN.tolerance
-"""Poles by which a wheel's rate goes up and down by less are none of its faults."""
+_WAVES_TOLD: Final = 0.5 * prior.GAIN.tolerance
+"""Poles by which a wheel's rate goes up and down by less are none of its faults,"""
+_ROUNDING: Final = 0.1
+"""nor those by which its angle does by less of a count."""
 STANDS: Final = -0.5
 """Of its rate a drive that does as it is told gives way by less, however slow that is: one that
 gives way by more stands."""
@@ -121,7 +123,7 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
         if not does_as_told or one.sizes.min() < STANDS:
             found.append(one)
     poles = poles_of(null, robot, shapes.waves())
-    if np.hypot(poles.sizes[::2], poles.sizes[1::2]).max() * WAVE > WAVES_TOLD:
+    if poles is not None:
         found.append(poles)
     total = float(np.logaddexp.reduce([one.evidence for one in found])) - math.log(len(found))
     return total, max(one.likelihood for one in found)
@@ -168,10 +170,20 @@ def foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
     )
 
 
-def poles_of(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign:
-    """Return what the likeliest number of poles explains, as if any were as likely."""
+def poles_of(null: Null, robot: Robot, waves: Sequence[Floats]) -> Foreign | None:
+    """Return what the likeliest number of poles explains, as if any were as likely; None where a
+    wheel's rate or its count hardly feels them.
+
+    *waves* are those of two poles, of three and so on.
+    """
     gains = _explained(null, waves)
-    best = foreign(null, robot, waves[int(np.argmax(gains))])
+    likeliest = int(np.argmax(gains))
+    best = foreign(null, robot, waves[likeliest])
+    share = WAVE * float(np.hypot(best.sizes[::2], best.sizes[1::2]).max())
+    # Where a wheel stands is known by its counts: what goes round with them may be their rounding.
+    counts = share / (FEWEST_POLES + likeliest) / null.data.tick_rad
+    if share < _WAVES_TOLD or counts < _ROUNDING:
+        return None
     return replace(best, evidence=best.evidence - math.log(len(waves)))
 
 

@@ -299,6 +299,8 @@ def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
                 if motion.gyro_turn_rad is None:
                     least_rad = np.full(len(walk_rad), _DEAD_TICKS * motion.rad_per_count)
                 gone = np.abs(unseen_rad) > least_rad
+                if not gone.any():
+                    continue
                 found.append((side, first, last, missed_rad, first + int(np.argmax(gone))))
     return found
 
