@@ -165,9 +165,14 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
     name, lost = analysis.recording.name, analysis.lost
     from_s = float(analysis.recording.t_s[0])
     notes = []
-    if analysis.mistake is not None and analysis.mistake.quarter_turns:
+    mistake = analysis.mistake
+    turned = 0 if mistake is None else mistake.quarter_turns
+    if mistake is not None and mistake.signal == "reference_position":
+        if turned % 2:
+            notes.append(f"{name}: beside its heading the reference's x and y are exchanged.")
+    elif turned:
         # Ahead by three quarters is behind by one.
-        degrees = 90 * (analysis.mistake.quarter_turns - 4 * (analysis.mistake.quarter_turns > 2))
+        degrees = 90 * (turned - 4 * (turned > 2))
         compass = ", as of a compass beside east and north" if degrees == -90 else ""
         notes.append(
             f"{name}: the reference's heading runs clockwise and, mirrored, stays {degrees:+d} "

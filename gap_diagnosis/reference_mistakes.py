@@ -48,8 +48,8 @@ class Mistake:
     Attributes:
         signal: reference_position, reference_heading, or reference where all of it is mirrored.
         factor: a known one; -1 for a mirror image.
-        quarter_turns: by which the heading, once mirrored, was ahead of the positions' frame (0 to
-            3): a compass counts clockwise from north, positions from east.
+        quarter_turns: by which the heading, once one of both is mirrored, was ahead of the
+            positions' frame (0 to 3): a compass counts clockwise from north, positions from east.
         log_evidence: of the log without it, less that with it.
     """
 
@@ -108,7 +108,7 @@ def with_reference_put_right(
     for signal, factor in candidates:
         right = replace(recording, reference=_divided(reference, signal, factor))
         quarters = 0
-        if (signal, factor) == ("reference_heading", -1.0):
+        if factor < 0 and signal != "reference":
             quarters = _quarter_turns(right, robot)
             right = _with_heading_turned(right, -quarters)
         after = MotionModel(right, robot, prior)
@@ -147,6 +147,8 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
     if wheels_are_right and (factor := _known(heading)) is not None:
         # Where positions are noisy, only the evidence tells whether they are mirrored too.
         return [("reference_heading", factor)] + [("reference", factor)] * (factor < 0)
+    if wheels_are_right and _is_same(heading) and _is_mirrored(ours, theirs):
+        return [("reference_position", -1.0)]
     # Wheels and gyro must agree which way the robot turned, not how far: tracks turn it less than
     # their wheelbase says. Without a gyro it may as well be the wheels that are swapped.
     if _is_positive(gyro) and not _is_positive(heading) and _is_mirrored(ours, theirs):
@@ -203,12 +205,15 @@ def _known(ratio: float | None) -> float | None:
 
 
 def _divided(reference: Reference, signal: str, factor: float) -> Reference:
-    if signal == "reference_position":
-        return replace(reference, x_m=reference.x_m / factor, y_m=reference.y_m / factor)
-    heading = reference.heading_rad
-    right = reference if heading is None else replace(reference, heading_rad=heading / factor)
-    # About whichever axis it is mirrored, the rest is a turn of the frame, which is free.
-    return replace(right, y_m=reference.y_m / factor) if signal == "reference" else right
+    right, heading = reference, reference.heading_rad
+    if signal == "reference_position" and factor > 0:
+        right = replace(right, x_m=reference.x_m / factor)
+    if signal != "reference_heading":
+        # About whichever axis it is mirrored, the rest is a turn of the frame, which is free.
+        right = replace(right, y_m=reference.y_m / factor)
+    if signal != "reference_position" and heading is not None:
+        right = replace(right, heading_rad=heading / factor)
+    return right
 
 
 def _quarter_turns(recording: Recording, robot: Robot) -> int:

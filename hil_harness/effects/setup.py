@@ -40,7 +40,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 "",
                 _NO_SIGNAL,
                 "the signal whose sign is flipped; reference: its y and heading, as in axes "
-                "of the other hand (north, east, down)",
+                "of the other hand (north, east, down); reference_position: its y alone, as where "
+                "x and y are exchanged",
                 kind="choice",
                 choices=(_NO_SIGNAL, *SIGN_SIGNALS),
             ),

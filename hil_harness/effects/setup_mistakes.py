@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from sim_plant import PlantDescription, SensorCounts
 
 SignSignal = Literal[
-    "left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading", "reference"
+    "left_ticks",
+    "right_ticks",
+    "gyro",
+    "command_turn",
+    "reference_position",
+    "reference_heading",
+    "reference",
 ]
 UnitSignal = Literal[
     "left_ticks",
@@ -36,7 +42,8 @@ class SetupMistakes:
 
     Attributes:
         wheels_swapped: 1 where left and right counts are exchanged.
-        flipped: the signal whose sign is wrong, "" for none; reference: in mirrored axes.
+        flipped: the signal whose sign is wrong, "" for none; reference: in mirrored axes;
+            reference_position: positions alone are.
         unit_signal, unit_factor: this signal reads so many times what it should.
     """
 
@@ -68,9 +75,10 @@ class SetupMistakes:
     @property
     def _reference_factors(self) -> tuple[float, float, float]:
         """By what x, y and heading are multiplied."""
-        position, heading = self.factor("reference_position"), self.factor("reference_heading")
-        mirror = -1.0 if self.flipped == "reference" else 1.0
-        return position, mirror * position, mirror * heading
+        far = self.unit_factor if self.unit_signal == "reference_position" else 1.0
+        y = -far if self.flipped in ("reference", "reference_position") else far
+        turned = self.factor("reference_heading")
+        return far, y, -turned if self.flipped == "reference" else turned
 
 
 class SensorMistakes:

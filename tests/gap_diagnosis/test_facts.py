@@ -61,6 +61,14 @@ def test_a_heading_that_was_turned_into_the_frame_of_its_positions_is_told(
     )
 
 
+@pytest.mark.parametrize(("quarters", "exchanged"), [(0, False), (1, True), (2, False), (3, True)])
+def test_positions_whose_axes_are_exchanged_are_told(quarters: int, exchanged: bool) -> None:
+    mistake = Mistake("reference_position", -1.0, 1000.0, quarters)
+    said = notes_on([replace(analysis(LOG), mistake=mistake)], ())
+    assert any("x and y are exchanged" in one for one in said) == exchanged
+    assert not any("clockwise" in one for one in said)
+
+
 def test_moments_in_notes_count_from_the_start_of_a_log_by_wall_clock() -> None:
     """They said: no samples from 1717400012.00 s to 1717400014.50 s."""
     noon = replace(LOG, t_s=LOG.t_s + 1_717_400_000.0)

@@ -110,6 +110,34 @@ def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
     assert np.exp(1j * off_rad) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+@pytest.mark.parametrize("exchanged", [True, False])
+def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
+    name: str, exchanged: bool
+) -> None:
+    """They were an unlisted cause, > 0.999, with a gap of a metre."""
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=60.0
+    )
+    reference = recording.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    x_m, y_m = (reference.y_m, reference.x_m) if exchanged else (reference.x_m, -reference.y_m)
+    other = replace(recording, reference=replace(reference, x_m=x_m, y_m=y_m))
+    right, mistake = with_reference_put_right(other, ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference_position")
+    assert mistake.quarter_turns % 2 == exchanged
+    assert mistake.log_evidence > 1000
+    assert right.reference is not None
+    assert right.reference.heading_rad is not None
+    # Turned into the positions' frame, or as it is.
+    way = np.diff(right.reference.x_m + 1j * right.reference.y_m)
+    true = np.diff(reference.x_m + 1j * reference.y_m)
+    turned = np.exp(1j * (right.reference.heading_rad - reference.heading_rad)[:-1])
+    assert way == pytest.approx(true * turned, abs=1e-9)
+
+
 def test_a_clockwise_heading_of_no_known_zero_keeps_its_zero() -> None:
     recording = drive()
     reference = recording.reference
