@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.explanations.gyro import sharp_turn_rate
 from gap_diagnosis.explanations.reference import (
     SHARP_S,
     USUAL_S,
     counting_bend,
     counting_slope,
     likely_signal,
-    turn_rate_with_details,
     with_details,
 )
 from gap_diagnosis.prediction import Motion, Prediction, told_once
@@ -190,8 +190,8 @@ def lateral_slip(p: Prediction, *, compliance: float) -> None:
 
 
 def exact_lateral_slip(p: Prediction, *, compliance: float) -> None:
-    """Slide outward in turns as sharp as they are."""
-    p.lateral_m = p.lateral_m - compliance * p.forward_m * turn_rate_with_details(p.motion)
+    """Slide outward in turns as sharp as they are, by the counters where there are any."""
+    p.lateral_m = p.lateral_m - compliance * p.forward_m * sharp_turn_rate(p.motion)
 
 
 def cross_slope_drift(p: Prediction, *, north: float, east: float) -> None:

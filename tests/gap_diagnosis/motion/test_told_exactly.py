@@ -55,6 +55,27 @@ def test_the_limit_of_a_saturated_gyro_is_known_to_the_code_that_it_never_exceed
     assert "limit" in block.scan.spans["gyro_saturation"]
 
 
+def test_a_large_slip_outward_costs_no_more_in_detail_than_along_a_smooth_way() -> None:
+    """It was an unlisted cause on a figure eight (0.999): the details that it acted on were an
+    estimate's, whose noise it made larger by its own size."""
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        replace(scenario("figure8"), effects=()),
+        [EffectSetting("lateral_slip", (("compliance", 0.15),))],
+        324,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    (term,) = (one for one in model.columns.terms if one.variant.effect == "lateral_slip")
+    smooth = replace(term, variant=replace(term.variant, exact=None))
+    exactly, smoothly = (
+        model.refit([one], model.level_prior.median).log_evidence for one in (term, smooth)
+    )
+    assert exactly > smoothly - 3.0
+
+
 @pytest.mark.parametrize("phase", [0.0, 1.6, -2.5])
 def test_an_eccentric_disc_is_undone_wherever_it_stood_when_the_log_began(phase: float) -> None:
     """Steps are left with the rounding of two counts, and not with a share of the amplitude."""
