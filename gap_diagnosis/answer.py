@@ -9,7 +9,7 @@ from typing import Final, cast, get_args
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis, Reduced
-from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.block_sums import Effects, concerned
 from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.modelled import LEAST_SHARE, known_variable
@@ -108,12 +108,10 @@ def estimates_by_log(
 
 def _details(effects: Effects, analysis: Analysis, *, closely: bool = True) -> list[Fit]:
     fits = []
-    for block in analysis.blocks:
-        own = effects & block.effects
-        if own:
-            whole = block.block if isinstance(block, Reduced) else block
-            motion = analysis.motion if whole is analysis.motion else None
-            fits.append(block.fit(own) if motion is None else motion.detail(own, closely=closely))
+    for block, own, _ in concerned([analysis.blocks], effects):
+        whole = block.block if isinstance(block, Reduced) else block
+        motion = analysis.motion if whole is analysis.motion else None
+        fits.append(block.fit(own) if motion is None else motion.detail(own, closely=closely))
     return fits
 
 

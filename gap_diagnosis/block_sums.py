@@ -13,6 +13,9 @@ Effects = frozenset[str]
 
 _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
+_SAME: Final = 0.015
+"""Counts in a turn are told alike by wheels and by commands to so much: three standard deviations
+of what any drive is off by."""
 _CONTINUOUS: Final = frozenset({"motion", "drive"})
 """Blocks whose explanations of what moves are good approximations, no more."""
 _EXACT_UP_TO: Final = 1000.0
@@ -24,7 +27,7 @@ amplitude. At ten detection limits an effect gains 1,450."""
 
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     """Return log evidence and log likelihood of a set, over all logs and blocks."""
-    return _sum(_of_block(*one) for one in _concerned(logs, effects))
+    return _sum(_of_block(*one) for one in concerned(logs, effects))
 
 
 def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, float]:
@@ -33,7 +36,7 @@ def quick_of(logs: Sequence[Sequence[Block]], pair: Effects) -> tuple[float, flo
         _better(*(_of_block(block, frozenset({effect}), shown) for effect in own))
         if len(own) == 2 and block.name != "motion"
         else _of_block(block, own, shown)
-        for block, own, shown in _concerned(logs, pair)
+        for block, own, shown in concerned(logs, pair)
     )
 
 
@@ -59,7 +62,7 @@ def _sum(parts: Iterable[tuple[float, float]]) -> tuple[float, float]:
     return evidence, likelihood
 
 
-def _concerned(
+def concerned(
     logs: Sequence[Sequence[Block]], effects: Effects
 ) -> Iterator[tuple[Block, Effects, Effects]]:
     """Yield every block that speaks of some of these effects, with those, and with the errors of
@@ -89,10 +92,13 @@ def _counting(blocks: Sequence[Block], effects: Effects) -> tuple[Effects, Effec
 
 def _denies(motion: Block, drive: Block, effect: str, effects: Effects) -> bool:
     """Tell whether the motion, which measures counts more finely than commands do, hardly shows
-    beside the rest of a set what they tell clearly: it is of another size then."""
+    beside the rest of a set what they tell clearly, or shows it of another size."""
     beside = effects & motion.effects
     seen, less = motion.fit(beside), motion.fit(beside - {effect})
     told = drive.fit(frozenset({effect}))
+    sizes = seen.counting.get(effect), told.counting.get(effect)
+    if sizes[0] is not None and sizes[1] is not None and abs(sizes[0] - sizes[1]) > _SAME:
+        return True
     hardly = min(_CLEARLY, told.log_likelihood - (seen.log_likelihood - less.log_likelihood))
     return seen.log_evidence - less.log_evidence <= max(hardly, 0.0)
 

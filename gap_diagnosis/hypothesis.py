@@ -51,6 +51,7 @@ class Fit:
         pareto_k: of the importance sampling; None where the integral is exact or by quadrature.
         log_silent: of a single effect, what values that leave no trace in this log have of
             `log_evidence`; -inf where every value would show.
+        counting: of effects that another block tells as well, about how large they are here.
     """
 
     effects: tuple[str, ...]
@@ -60,6 +61,7 @@ class Fit:
     windows: tuple[tuple[float, float], ...] = ()
     pareto_k: float | None = None
     log_silent: float = -math.inf
+    counting: Mapping[str, float] = field(default_factory=dict)
 
 
 class Block(Protocol):

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.drive.columns import LINEAR, SHARED, Variant, may_be_dead, variants
+from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
 from gap_diagnosis.drive.likelihood import (
@@ -19,6 +19,7 @@ from gap_diagnosis.drive.likelihood import (
     evidence,
     fitted_levels,
     likeliest,
+    linear_sizes,
     parameters,
     setting_of,
 )
@@ -208,6 +209,7 @@ class DriveBlock:
             parameters=estimates,
             pareto_k=grid.pareto_k or None,
             log_silent=max(silent.values(), default=-math.inf) if len(effects) == 1 else -math.inf,
+            counting=_counting(setting, levels) if effects == {TICKS} else {},
         )
         doubted = bool(effects & set(SETUP)) and not self._doubted & COUNTS
         if doubted and not mends(setting.variant.data, self._robot):
@@ -278,6 +280,11 @@ class DriveBlock:
         found = [fitted_levels(setting, values, start) for start in starts]
         levels, free = max(found, key=lambda one: one[1])
         return levels, free + setting.variant.log_constant
+
+
+def _counting(setting: Setting, levels: Floats) -> dict[str, float]:
+    """Return the size of counts too many in a turn, where nothing else acts."""
+    return {TICKS: float(linear_sizes(setting, levels)[0])}
 
 
 def _choices(

@@ -20,8 +20,9 @@ from gap_diagnosis.drive.mistakes import SETUP, Mistake, mistakes
 
 Floats = NDArray[np.float64]
 
-LINEAR: Final = ("drive_gain", "extra_ticks", "missed_ticks", "ticks_per_rev")
-SHARED: Final = frozenset(("encoder_dead", "extra_ticks", "missed_ticks", "ticks_per_rev"))
+TICKS: Final = "ticks_per_rev"
+LINEAR: Final = ("drive_gain", "extra_ticks", "missed_ticks", TICKS)
+SHARED: Final = frozenset(("encoder_dead", "extra_ticks", "missed_ticks", TICKS))
 """Effects whose parameters the motion tells; this block only weighs them."""
 
 _THRESHOLD_QUANTILES: Final = (0.0, 0.5, 0.8)
@@ -60,7 +61,7 @@ def variants(
     *doubted* the signals of which a mistake of the set-up may be."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
-        if effect in ("ticks_per_rev", "missed_ticks", "extra_ticks"):
+        if effect in (TICKS, "missed_ticks", "extra_ticks"):
             size, columns = _columns(data, nominal, effect)
             made = [
                 replace(
@@ -98,7 +99,7 @@ def may_be_dead(data: DriveData) -> bool:
 
 
 def _columns(data: DriveData, nominal: Floats, effect: str) -> tuple[prior.Size, list[Floats]]:
-    if effect == "ticks_per_rev":
+    if effect == TICKS:
         return prior.TICKS_PER_REV, [nominal]
     if effect == "extra_ticks":
         blocks = np.arange(nominal.shape[1], dtype=np.float64)

@@ -188,7 +188,12 @@ class MotionBlock:
             return self._noisy(effects)
         if (right := self._put_right.get(effects)) is not None:
             return right
-        return Fit(tuple(sorted(effects)), *self.scan.gained(found))
+        counting = {
+            alias: 1 / (1 + self._size(found, name)) - 1
+            for alias, name in ALIASES.items()
+            if alias in effects
+        }
+        return Fit(tuple(sorted(effects)), *self.scan.gained(found), counting=counting)
 
     @cached_property
     def _put_right(self) -> dict[frozenset[str], Fit]:
@@ -280,9 +285,7 @@ class MotionBlock:
             return replace(unseen, effects=names)
         found = self.scan.account(aliased(rest) | {OFFSET})
         late = self._fit(rest | {OFFSET})
-        place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
-        offset = found.refitted.coefficients[place][0] if found.refitted else self._offset(found)
-        if offset > 0:
+        if self._size(found, OFFSET) > 0:
             return replace(unseen, effects=names, log_evidence=unseen.log_evidence - math.log(2))
         return replace(
             late,
@@ -290,9 +293,12 @@ class MotionBlock:
             log_evidence=float(np.logaddexp(late.log_evidence, unseen.log_evidence)) - math.log(2),
         )
 
-    def _offset(self, found: Found) -> float:
-        """Return the reference's time offset as the search found it, about neutral."""
-        place = next(i for i, t in enumerate(found.terms) if t.variant.effect == OFFSET)
+    def _size(self, found: Found, effect: str) -> float:
+        """Return the size of an effect of one coefficient as it was fitted, or as the search found
+        it, about neutral."""
+        place = next(i for i, t in enumerate(found.terms) if t.variant.effect == effect)
+        if found.refitted is not None:
+            return found.refitted.coefficients[place][0]
         before = sum(len(t.weights) for t in found.terms[:place] if not t.is_fixed)
         scored = self.scan.scored(found.terms, found.levels)
         return float(scored.means[int(np.argmax(scored.weights)), before])
@@ -331,6 +337,7 @@ class MotionBlock:
             together.log_evidence + gains[least],
             together.log_likelihood + likelier[least],
             told[least].parameters,
+            counting=together.counting,
         )
 
     def _is_beyond(self, noisy: Fit, energy: float) -> bool:

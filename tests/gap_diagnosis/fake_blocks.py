@@ -35,7 +35,8 @@ class FakeBlock:
     """A block in which each effect gains so many nats alone, and pairs the sum unless said.
 
     `likelihood` is the best fit's gain; where nothing is said, 3 nats above the evidence.
-    `silent` is what values without a trace have of an effect's gain.
+    `silent` is what values without a trace have of an effect's gain, `counting` how large an effect
+    is that another block tells as well.
     """
 
     gains: Mapping[str, float]
@@ -44,6 +45,7 @@ class FakeBlock:
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     likelihood: Mapping[str, float] = field(default_factory=dict)
     silent: Mapping[str, float] = field(default_factory=dict)
+    counting: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def effects(self) -> frozenset[str]:
@@ -56,7 +58,10 @@ class FakeBlock:
         likelihood = evidence + 3.0 if effects in self.pairs else math.fsum(told)
         own = {key: value for key, value in self.parameters.items() if key.split(".")[0] in effects}
         silent = self.silent.get(min(effects), -math.inf) if len(effects) == 1 else -math.inf
-        return Fit(tuple(sorted(effects)), evidence, likelihood, own, log_silent=silent)
+        sizes = {key: value for key, value in self.counting.items() if key in effects}
+        return Fit(
+            tuple(sorted(effects)), evidence, likelihood, own, log_silent=silent, counting=sizes
+        )
 
 
 def ranked(

@@ -330,6 +330,25 @@ def test_what_the_commands_tell_faintly_counts_for_a_counting_error_that_the_mot
     assert odds(ranking, ["ticks_per_rev"], ["drive_gain", "radius_scale"]) > 10
 
 
+@pytest.mark.parametrize(
+    ("by_commands", "best"), [(-0.05, {"drive_gain", "ticks_per_rev"}), (-0.012, {"ticks_per_rev"})]
+)
+def test_commands_and_wheels_tell_of_one_number_of_counts_in_a_turn(
+    by_commands: float, best: set[str]
+) -> None:
+    """Of a wheel 1 % too large and motors 5 % too slow counts too few in a turn were told, by 1 % to
+    the one and by 5 % to the other (0.95)."""
+    motion = FakeBlock({"ticks_per_rev": 44.0}, counting={"ticks_per_rev": -0.01})
+    both = frozenset({"drive_gain", "ticks_per_rev"})
+    drive = FakeBlock(
+        {"drive_gain": 92.0, "ticks_per_rev": 95.0},
+        {both: 95.5},
+        name="drive",
+        counting={"ticks_per_rev": by_commands},
+    )
+    assert ranked(motion, drive).best.effects == best
+
+
 def test_beside_a_mistake_that_bends_the_motion_only_what_other_blocks_see_is_told() -> None:
     motion = FakeBlock({"setup_swapped": 5000.0, "gyro_bias": 40.0})
     drive = FakeBlock({"drive_gain": 30.0}, name="drive")
