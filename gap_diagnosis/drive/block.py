@@ -25,7 +25,7 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import STARTS, Levels
-from gap_diagnosis.drive.shapes import BENT, THRESHOLDS, Shapes
+from gap_diagnosis.drive.shapes import BENT, PARAMETERS, THRESHOLDS, Shapes
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -167,7 +167,7 @@ class DriveBlock:
         best, others, point = 0, 0.0, np.zeros(0)
         weights = np.ones(1)
         if len(settings) == 1:
-            point = likeliest(settings[0], self._null.levels)
+            point = likeliest(settings[0], self._null.levels, self._alone(effects))
         else:
             quick = [evidence(setting, self._null.levels, rough=True) for setting in settings]
             logs = np.array([one[0] for one in quick])
@@ -216,6 +216,14 @@ class DriveBlock:
             self._nameless = max(self._nameless, found.log_evidence)
             return replace(found, log_evidence=_IMPOSSIBLE, log_likelihood=0.0)
         return found
+
+    def _alone(self, effects: frozenset[str]) -> dict[str, float]:
+        """Return the parameter of each bending effect of several, fitted by itself."""
+        if len(effects & set(BENT)) < 2:
+            return {}
+        key = {one: f"{one}.{PARAMETERS[one]}" for one in effects & set(BENT)}
+        fits = {one: self.fit(frozenset({one})).parameters for one in key}
+        return {one: float(fits[one][key[one]].value) for one in key if key[one] in fits[one]}
 
     def _beside_manner(self, gained: float, effects: frozenset[str]) -> float:
         """Return what speaks for effects beside the drive's manner.

@@ -62,12 +62,20 @@ class Weighted:
         return np.asarray(self.point[int(np.argmax(self.log_value))], dtype=np.float64)
 
 
-def locate(log_density: Values, bounds: Sequence[tuple[float, float]]) -> Floats:
-    """Return where log_density(points float64[p, d]) is largest in a box."""
+def locate(
+    log_density: Values,
+    bounds: Sequence[tuple[float, float]],
+    alone: Sequence[float | None] = (),
+) -> Floats:
+    """Return where log_density(points float64[p, d]) is largest in a box.
+
+    *alone*: by coordinate, where it is likeliest without the others, if that is known: a peak may
+    be narrower than the grid's cells.
+    """
     box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
     if len(box) < 2:
         return integrate(log_density, bounds).best
-    return _best_of_box(log_density, box)
+    return _best_of_box(log_density, box, alone)
 
 
 def integrate(
@@ -117,10 +125,18 @@ def _inside(log_density: Values, box: Floats, candidates: Floats) -> Floats:
     return logs
 
 
-def _best_of_box(log_density: Values, box: Floats) -> Floats:
-    """Return the best point of a coarse grid, improved by a simplex."""
+def _best_of_box(log_density: Values, box: Floats, alone: Sequence[float | None] = ()) -> Floats:
+    """Return the best point of a coarse grid, and of its lines through what is known of single
+    coordinates, improved by a simplex."""
     size = len(box)
     points, cell = _middles(box, _COARSE[size])
+    lines = [points]
+    for place, value in enumerate(alone):
+        if value is not None:
+            line = points.copy()
+            line[:, place] = np.clip(value, box[place, 0], box[place, 1])
+            lines.append(np.unique(line, axis=0))
+    points = np.concatenate(lines)
     start = points[int(np.argmax(log_density(points)))]
     found = minimize(
         lambda point: -max(float(_inside(log_density, box, point[np.newaxis])[0]), -1e300),

@@ -27,6 +27,7 @@ _FREE_SD: Final = 0.3
 _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
 """Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
 
+_NOTHING: Final[Mapping[str, float]] = {}
 _MANNER_SD: Final = 1.0
 """Weight of an answer that no described drive has, beside the described one."""
 
@@ -137,10 +138,14 @@ def evidence(
     return points.log_integral, points, sd
 
 
-def likeliest(setting: Setting, logs: Floats) -> Floats:
-    """Return the likeliest bending parameters at noise levels."""
+def likeliest(setting: Setting, logs: Floats, alone: Mapping[str, float] = _NOTHING) -> Floats:
+    """Return the likeliest bending parameters at noise levels; *alone*: by effect, the likeliest
+    one of each by itself, where that is known."""
     log_density, _ = _density(setting, logs, rough=True)
-    return locate(log_density, setting.bounds)
+    known = [
+        one.at(alone[one.effect]) if one.effect in alone else None for one in setting.coordinates
+    ]
+    return locate(log_density, setting.bounds, known)
 
 
 def linear_sizes(setting: Setting, logs: Floats) -> Floats:

@@ -80,6 +80,10 @@ class Coordinate:
         value = np.exp(coordinate) if self.is_logarithm else coordinate**2
         return np.asarray(value, dtype=np.float64)
 
+    def at(self, value: float) -> float:
+        """Return the coordinate of a parameter."""
+        return math.log(value) if self.is_logarithm else math.sqrt(value)
+
     @property
     def newsworthy(self) -> tuple[float, float]:
         """The least and the largest parameter that does more than any drive may."""

@@ -336,8 +336,8 @@ def test_what_the_commands_tell_faintly_counts_for_a_counting_error_that_the_mot
 def test_commands_and_wheels_tell_of_one_number_of_counts_in_a_turn(
     by_commands: float, best: set[str]
 ) -> None:
-    """Of a wheel 1 % too large and motors 5 % too slow counts too few in a turn were told, by 1 % to
-    the one and by 5 % to the other (0.95)."""
+    """Of a wheel 1 % too large and motors 5 % too slow counts too few were told, by 1 % to the one
+    and by 5 % to the other (0.95)."""
     motion = FakeBlock({"ticks_per_rev": 44.0}, counting={"ticks_per_rev": -0.01})
     both = frozenset({"drive_gain", "ticks_per_rev"})
     drive = FakeBlock(
