@@ -18,6 +18,9 @@ _ASLANT: Final = (0.03, math.pi)
 """About headings off by so much [rad], a way is short by half of its square. Less is within the
 tolerance of a room's scale and may be a wander of the reference; a tracker may be mounted any way
 round."""
+_AS_LONG: Final = 2.0
+"""Of a robot that turns on the spot the reference's noise is its way: ten times as long as that of
+the wheels."""
 _LEAP: Final = 2.0
 """A step so many times the wheels' is no step of the robot's alone."""
 _NOISY: Final = 6.0
@@ -92,9 +95,11 @@ def _aslant(
     angle = float(np.arctan2(turn[1], turn[0]))
     together = max(2.0 * math.sqrt(math.pi) * width, 1.0)
     left = 0.5 * float(np.mean(np.abs(measured - both @ turn) ** 2))
-    sd = math.sqrt(together * left * float(inverse[1, 1])) / max(float(np.hypot(*turn[:2])), 1e-12)
+    size = float(np.hypot(*turn[:2]))
+    sd = math.sqrt(together * left * float(inverse[1, 1])) / max(size, 1e-12)
     least, most = _ASLANT
-    return angle if max(least, _SURE * sd) < abs(angle) < most else 0.0
+    is_way = 1.0 / _AS_LONG < size < _AS_LONG
+    return angle if is_way and max(least, _SURE * sd) < abs(angle) < most else 0.0
 
 
 def _averaged(steps: NDArray[np.complex128], width: float) -> NDArray[np.complex128]:

@@ -48,6 +48,19 @@ def test_a_reference_far_noisier_than_a_step_is_long_turns_no_heading(seed: int)
     assert abs(float(np.mean(motion.heading_rad - measured))) < 1e-3
 
 
+def test_the_noise_of_a_reference_about_a_robot_that_turns_on_the_spot_turns_no_heading() -> None:
+    """A healthy one's tracker was mounted at -97 degrees, 0.92."""
+    spin = replace(scenario("spin"), effects=())
+    log = synthetic_recording(
+        ROBOT, WIRE, spin, (), 2023, reference=ReferenceNoise(), contact_noise_m_per_sqrt_m=5e-4
+    )
+    motion = estimate_motion(log, ROBOT)
+    assert log.reference is not None
+    assert log.reference.heading_rad is not None
+    measured = np.interp(motion.t_s, log.reference.t_s, log.reference.heading_rad)
+    assert abs(float(np.mean(motion.heading_rad - measured))) < 1e-3
+
+
 def lever_arm(x_m: float, y_m: float) -> EffectSetting:
     return EffectSetting("reference_lever_arm", (("x", x_m), ("y", y_m)))
 
