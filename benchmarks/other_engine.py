@@ -22,6 +22,7 @@ from typing import Any, Final
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, not a thread
 
 from gap_diagnosis.diagnose import diagnose
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.trials.drives import FAMILIAR, NEW
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
 from gap_diagnosis.trials.mujoco_cases import CAUSES, write_case
@@ -33,10 +34,6 @@ _RESULTS: Final = "results.jsonl"
 _SLID: Final = 0.002
 """Of the time that wheels move: where they slid less than that, and came no other way than the
 other wheel beyond tolerance, ice was not met."""
-
-_DRIFTED: Final = 0.001
-"""Of its way: a robot that drifts less down a slope, along it and across it, does so within the
-prior's tolerance, and nothing need be told of the slope."""
 
 _SEEN: Final = 1.2
 """A gap of so many floors can be seen."""
@@ -120,7 +117,13 @@ def right_answers(one: Mapping[str, Any]) -> set[Answer]:
 
 
 def _drifts(truth: Mapping[str, float]) -> bool:
-    return max(abs(truth["cross_slope_drift"]), abs(truth["grade_slip"])) > _DRIFTED
+    """Tell whether a robot drifts down a slope, across it or along it, by more than its tolerance:
+    else nothing need be told of the slope."""
+    prior = default_prior()
+    return any(
+        abs(truth[effect]) > (prior.tolerance(effect, "ratio") or 0.0)
+        for effect in ("cross_slope_drift", "grade_slip")
+    )
 
 
 def is_hidden(one: Mapping[str, Any]) -> bool:

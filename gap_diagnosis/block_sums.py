@@ -7,15 +7,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
+from gap_diagnosis.drive.prior import GAIN
 from gap_diagnosis.hypothesis import Block, Fit
 
 Effects = frozenset[str]
 
 _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
-_SAME: Final = 0.015
+_SAME: Final = 1.5 * GAIN.tolerance
 """Counts in a turn are told alike by wheels and by commands to so much: three standard deviations
-of what any drive is off by."""
+of what any drive is off by, half a tolerance each."""
 _CONTINUOUS: Final = frozenset({"motion", "drive"})
 """Blocks whose explanations of what moves are good approximations, no more."""
 _EXACT_UP_TO: Final = 1000.0

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Final, Literal, TypeAlias
 
 from hil_harness.effects.model import Value
+from hil_harness.effects.setup_mistakes import SIGN_SIGNALS, UNIT_SIGNALS
 
 
 @dataclass(frozen=True)
@@ -211,18 +212,8 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
     },
     # setup
     "setup_wheels_swapped": {},
-    "setup_sign": {
-        "signal": Pick(
-            ("left_ticks", "right_ticks", "gyro", "command_turn", "reference_heading", "reference")
-        ),
-    },
-    "setup_unit": {
-        "signal": Pick(
-            ("left_ticks", "right_ticks", "ticks", "gyro", "command_speed", "command_turn",
-             "reference_position", "reference_heading")
-        ),
-        "factor": Pick(UNIT_FACTORS),
-    },
+    "setup_sign": {"signal": Pick(SIGN_SIGNALS)},
+    "setup_unit": {"signal": Pick(UNIT_SIGNALS), "factor": Pick(UNIT_FACTORS)},
 }  # fmt: skip
 
 SIZES: Final[Mapping[str, Mapping[str, Drawn]]] = MappingProxyType(_TABLE)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnosed import ROBOT, WIRE
 
-from gap_diagnosis.recording import Recording, Reference
+from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting, parse_effect
@@ -86,18 +86,24 @@ def test_what_is_wrong_elsewhere_is_not_laid_to_the_reference(
     assert with_reference_put_right(recording, ROBOT) == (recording, None)
 
 
-@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-@pytest.mark.parametrize("name", ["random", "square", "figure8"])
-def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
-    name: str, quarters: int
-) -> None:
+def healthy(name: str) -> tuple[Recording, Reference, Floats]:
+    """Return a drive without any effect, its reference, and the headings of that."""
     recording = synthetic_recording(
         ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=60.0
     )
     reference = recording.reference
     assert reference is not None
     assert reference.heading_rad is not None
-    compass = replace(reference, heading_rad=quarters * math.pi / 2 - reference.heading_rad)
+    return recording, reference, reference.heading_rad
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
+    name: str, quarters: int
+) -> None:
+    recording, reference, heading_rad = healthy(name)
+    compass = replace(reference, heading_rad=quarters * math.pi / 2 - heading_rad)
     right, mistake = with_reference_put_right(replace(recording, reference=compass), ROBOT)
     assert mistake is not None
     assert (mistake.effect, mistake.signal) == ("setup_sign", "reference_heading")
@@ -106,7 +112,7 @@ def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
     assert right.reference is not None
     assert right.reference.x_m == pytest.approx(reference.x_m)
     assert right.reference.heading_rad is not None
-    off_rad = right.reference.heading_rad - reference.heading_rad
+    off_rad = right.reference.heading_rad - heading_rad
     assert np.exp(1j * off_rad) == pytest.approx(1.0)
 
 
@@ -116,12 +122,7 @@ def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
     name: str, exchanged: bool
 ) -> None:
     """They were an unlisted cause, > 0.999, with a gap of a metre."""
-    recording = synthetic_recording(
-        ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=60.0
-    )
-    reference = recording.reference
-    assert reference is not None
-    assert reference.heading_rad is not None
+    recording, reference, heading_rad = healthy(name)
     x_m, y_m = (reference.y_m, reference.x_m) if exchanged else (reference.x_m, -reference.y_m)
     other = replace(recording, reference=replace(reference, x_m=x_m, y_m=y_m))
     right, mistake = with_reference_put_right(other, ROBOT)
@@ -134,7 +135,7 @@ def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
     # Turned into the positions' frame, or as it is.
     way = np.diff(right.reference.x_m + 1j * right.reference.y_m)
     true = np.diff(reference.x_m + 1j * reference.y_m)
-    turned = np.exp(1j * (right.reference.heading_rad - reference.heading_rad)[:-1])
+    turned = np.exp(1j * (right.reference.heading_rad - heading_rad)[:-1])
     assert way == pytest.approx(true * turned, abs=1e-9)
 
 

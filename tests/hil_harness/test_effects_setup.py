@@ -7,6 +7,8 @@ import pytest
 from array_runs import drive_once
 from numpy.typing import NDArray
 
+from hil_harness.effects.setup_mistakes import SetupMistakes, SignSignal
+
 FACTORS = (2.0, 0.5, 4.0, 0.25, 10.0, math.pi / 180, 180 / math.pi)
 
 
@@ -50,3 +52,19 @@ def test_a_flipped_turn_command_is_what_the_log_says_not_what_the_robot_does() -
     np.testing.assert_array_equal(flipped.commands[:, 1], -plain.commands[:, 1])
     np.testing.assert_array_equal(flipped.commands[:, 0], plain.commands[:, 0])
     np.testing.assert_array_equal(flipped.truth, plain.truth)
+
+
+@pytest.mark.parametrize(
+    ("flipped", "factors"),
+    [
+        ("reference_position", (1.0, -1.0, 1.0)),
+        ("reference_heading", (1.0, 1.0, -1.0)),
+        ("reference", (1.0, -1.0, -1.0)),
+    ],
+)
+def test_a_flipped_reference_is_of_the_other_hand_and_no_half_turn(
+    flipped: SignSignal, factors: tuple[float, float, float]
+) -> None:
+    poses = np.array([[0.3, -0.2, 0.7], [1.0, 2.0, -3.0]])
+    found = SetupMistakes(flipped=flipped).reference(poses)
+    np.testing.assert_array_equal(found, poses * np.array(factors))

@@ -1,7 +1,6 @@
 """The drive's block names what bends the way from command to wheel, and else nothing."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from gap_diagnosis.drive.shapes import Shapes
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.effects import EffectSetting
-from hil_harness.scenarios import scenario
 
 ACTUATION = (
     "drive_acceleration_limit",
@@ -341,32 +339,6 @@ def test_lag_and_delay_together_are_separated() -> None:
     assert both.log_evidence > max(evidence(block, one) for one in effects) + 20
     assert both.parameters["drive_delay.delay"].value == pytest.approx(0.03, abs=0.002)
     assert both.pareto_k < 0.7
-
-
-BENDING = {
-    "drive_lag": ("time_constant", 0.06),
-    "drive_delay": ("delay", 0.05),
-    "drive_deadband": ("rate", 1.0),
-    "drive_saturation": ("limit", 6.0),
-    "drive_acceleration_limit": ("limit", 6.0),
-}
-
-
-@pytest.mark.parametrize(("first", "second"), list(combinations(BENDING, 2)))
-def test_any_two_effects_that_bend_the_drive_are_found_however_narrow_their_peak(
-    first: str, second: str
-) -> None:
-    """A dead band's peak is narrower than the coarse grid's cells: beside a limit of the rate it
-    was missed by 9,000 nats, and a gain of -5 % told in the limit's place."""
-    named = {one: dict([BENDING[one]]) for one in (first, second)}
-    settings = [EffectSetting(one, tuple(values.items())) for one, values in named.items()]
-    drive = replace(scenario("calibration"), effects=())
-    block = block_of(synthetic_recording(ROBOT, WIRE, drive, settings, 900))
-    both = block.fit(frozenset(named))
-    assert both.log_evidence > max(evidence(block, one) for one in named) + 20
-    for effect in named:
-        parameter, value = BENDING[effect]
-        assert both.parameters[f"{effect}.{parameter}"].value == pytest.approx(value, rel=0.05)
 
 
 def test_intervals_of_lag_cover_under_disturbance() -> None:

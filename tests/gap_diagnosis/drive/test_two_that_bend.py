@@ -1,0 +1,40 @@
+"""Two effects that bend the way from command to wheel are both found and measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import pytest
+from drive_recordings import ROBOT, WIRE
+
+from gap_diagnosis.drive import drive_block
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+BENDING = {
+    "drive_lag": ("time_constant", 0.06),
+    "drive_delay": ("delay", 0.05),
+    "drive_deadband": ("rate", 1.0),
+    "drive_saturation": ("limit", 6.0),
+    "drive_acceleration_limit": ("limit", 6.0),
+}
+
+
+@pytest.mark.parametrize(("first", "second"), list(combinations(BENDING, 2)))
+def test_any_two_effects_that_bend_the_drive_are_found_however_narrow_their_peak(
+    first: str, second: str
+) -> None:
+    """A dead band's peak is narrower than the coarse grid's cells: beside a limit of the rate it
+    was missed by 9,000 nats, and a gain of -5 % told in the limit's place."""
+    named = {one: dict([BENDING[one]]) for one in (first, second)}
+    settings = [EffectSetting(one, tuple(values.items())) for one, values in named.items()]
+    drive = replace(scenario("calibration"), effects=())
+    block = drive_block(synthetic_recording(ROBOT, WIRE, drive, settings, 900), ROBOT)
+    assert block is not None
+    both = block.fit(frozenset(named))
+    assert both.log_evidence > max(block.fit(frozenset({one})).log_evidence for one in named) + 20
+    for effect in named:
+        parameter, value = BENDING[effect]
+        assert both.parameters[f"{effect}.{parameter}"].value == pytest.approx(value, rel=0.05)
