@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
-from gap_diagnosis.drive.data import drive_data
 from gap_diagnosis.drive.leftover import Dependence
+from gap_diagnosis.drive.shapes import drive_beside_described
 from gap_diagnosis.firmware import firmware_block, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path
@@ -50,7 +50,7 @@ def driven(
 
     Its values are fitted on the ticks *kept* (bool[n]) of the diagnosed log; None: on all of them.
     """
-    commanded, data = commanded_path(where, robot), drive_data(where, robot)
+    commanded, data = commanded_path(where, robot), drive_beside_described(where, robot)
     block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
     if commanded is None or data is None or block is None:
         return None
@@ -81,7 +81,7 @@ def driven_by(
     """Return where commands lead through the described drive, and through one that does what the
     leftover goes with, fitted on the ticks *kept* (bool[n])."""
     where = analysis.recording
-    data, before = drive_data(where, robot), commanded_path(where, robot)
+    data, before = drive_beside_described(where, robot), commanded_path(where, robot)
     if before is None or data is None:
         return None
     model = block.stand_in(one, _blocks(analysis, block, kept))

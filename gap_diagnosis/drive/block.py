@@ -12,20 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
-from gap_diagnosis.drive.data import DriveData, drive_data
+from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
 from gap_diagnosis.drive.likelihood import (
     Setting,
+    about,
     evidence,
     fitted_levels,
+    laid_at,
     likeliest,
     linear_sizes,
     parameters,
     setting_of,
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
-from gap_diagnosis.drive.noise import STARTS, Levels
-from gap_diagnosis.drive.shapes import BENT, PARAMETERS, THRESHOLDS, Shapes
+from gap_diagnosis.drive.noise import STARTS, Levels, exact, is_inexact
+from gap_diagnosis.drive.shapes import BENT, PARAMETERS, THRESHOLDS, Shapes, drive_beside_described
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -37,7 +39,9 @@ Floats = NDArray[np.float64]
 _LOOKED_AT_AGAIN: Final = 3
 _HOPELESS: Final = 50.0
 _BENDS: Final = 3
-"""So often a gain's line is laid anew beside a threshold."""
+"""So often the line of a gain or of braking is laid anew beside a threshold,"""
+_STRAIGHT: Final = 0.005
+"""where it is one for less than that."""
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -51,7 +55,7 @@ def drive_block(
 
     *doubted*: the signals of which a mistake of the set-up may be.
     """
-    data = drive_data(recording, robot)
+    data = drive_beside_described(recording, robot)
     if data is None:
         return None
     block = DriveBlock(data, robot, doubted)
@@ -164,12 +168,13 @@ class DriveBlock:
             return replace(rest, effects=tuple(sorted(effects)), log_silent=alone)
         settings = [setting_of(one, self._robot, effects) for one in self._variants(effects)]
         # The variant is chosen at the noise levels of no effect, then they are estimated anew.
+        unmoved = exact(self._null.levels)
         best, others, point = 0, 0.0, np.zeros(0)
         weights = np.ones(1)
         if len(settings) == 1:
-            point = likeliest(settings[0], self._null.levels, self._alone(effects))
+            point = likeliest(settings[0], unmoved, self._alone(effects))
         else:
-            quick = [evidence(setting, self._null.levels, rough=True) for setting in settings]
+            quick = [evidence(setting, unmoved, rough=True) for setting in settings]
             logs = np.array([one[0] for one in quick])
             if effects & set(SETUP) and logs.max() > self._null.evidence - _HOPELESS:
                 logs = self._anew(settings, logs)
@@ -179,18 +184,16 @@ class DriveBlock:
             point = quick[best][1].best
         setting = settings[best]
         levels, free = self._levels_of(setting, setting.values(point))
-        total, grid, scale_weights = evidence(setting, levels, start=point)
-        estimates = parameters(setting, levels, grid, scale_weights)
-        for _ in range(_BENDS if setting.has_gain and effects & THRESHOLDS else 0):
+        for _ in range(_BENDS if effects & THRESHOLDS else 0):
             # A larger step takes longer to the limit: what a gain adds there is no straight line.
-            left, right = (
-                1.0 + float(estimates[f"drive_gain.{side}"].value) for side in ("left", "right")
-            )
-            setting = replace(setting, gains=(left, right))
+            there, before = about(setting, levels, point), setting.about
+            setting = laid_at(setting, setting.values(point), there)
             point = likeliest(setting, levels)
             levels, free = self._levels_of(setting, setting.values(point))
-            total, grid, scale_weights = evidence(setting, levels, start=point)
-            estimates = parameters(setting, levels, grid, scale_weights)
+            if max(abs(a - b) for a, b in zip(there, before, strict=True)) < _STRAIGHT:
+                break
+        total, grid, scale_weights = evidence(setting, levels, start=point)
+        estimates = parameters(setting, levels, grid, scale_weights)
         self._levels_with[effects] = levels
         if self._doubted >= COMMANDS:
             estimates |= _choices(effects, [one.variant for one in settings], weights)
@@ -282,7 +285,8 @@ class DriveBlock:
     def _levels_of(self, setting: Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
         """Return noise levels, sought from those of no effect and, for other data, elsewhere."""
         starts = [
-            self._null.levels,
+            exact(self._null.levels),
+            *([self._null.levels] if is_inexact(self._null.levels) else ()),
             *(STARTS if setting.variant.log_constant or setting.variant.values else ()),
         ]
         found = [fitted_levels(setting, values, start) for start in starts]

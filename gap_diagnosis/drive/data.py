@@ -31,6 +31,7 @@ _SETTLED_S: Final = 0.3
 _REST_BLOCKS: Final = 25
 """A wheel at rest says its angle once a second: the same count again is no new observation."""
 _ACTIVITY_S: Final = 0.6
+_APART_S: Final = 0.2
 _IDLE: Final = 0.02
 """Share of the largest activity that errors keep while the robot rests."""
 
@@ -51,6 +52,7 @@ class DriveData:
         count: int64[2, m], rows averaged.
         turning: float64[2, m], how fast the wheel turns by its counts [rad/s].
         activity: float64[2, m], how fast the wheel turns or ought to [rad/s].
+        astray: float64[2, m], how far the wheel's rate is from that of the described drive [rad/s].
         lost: bool[m], after a gap of which nothing is known.
         time_s: float64[m], log time of each block.
         tick_rad: wheel angle of one count.
@@ -72,6 +74,7 @@ class DriveData:
     count: NDArray[np.int64]
     turning: Floats
     activity: Floats
+    astray: Floats
     lost: NDArray[np.bool_]
     time_s: Floats
     tick_rad: float
@@ -85,7 +88,26 @@ class DriveData:
             self,
             commanded=np.ascontiguousarray(commanded),
             activity=_activity(there, self.turning, self.block_s),
+            astray=np.zeros(self.angle.shape),
         )
+
+    def beside(self, described: Floats) -> DriveData:
+        """Return the data beside the described drive's angles float64[2, m], from which its wheels
+        go astray."""
+        return replace(self, astray=self._astray(described))
+
+    def _astray(self, described: Floats) -> Floats:
+        """Return how far rates are from described ones, less what the rounding of counts does."""
+        apart = max(1, round(_APART_S / self.block_s))
+        gone = np.where(self.seen, self.angle - described, np.nan)
+        for one in gone:
+            there = np.flatnonzero(np.isfinite(one))
+            one[:] = np.interp(np.arange(len(one)), there, one[there]) if len(there) else 0.0
+        way = np.zeros(gone.shape)
+        way[:, apart // 2 : apart // 2 - apart] = gone[:, apart:] - gone[:, :-apart]
+        square = np.maximum(way**2 - 2.0 * self.tick_rad**2 / 12.0, 0.0)
+        smooth = np.stack([_smooth(one, self.block_s) for one in square])
+        return np.asarray(np.sqrt(smooth) / (apart * self.block_s), dtype=np.float64)
 
     def blocks(self, angles: Floats) -> Floats:
         """Return the block means of angles float64[2, n]; 0 where a block is not observed."""
@@ -149,6 +171,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         count=np.maximum(count, 1),
         turning=turning,
         activity=_activity(commanded[:, start[:-1]], turning, block_s),
+        astray=np.zeros(means.shape),
         lost=lost,
         time_s=recording.t_s[rows][start[:-1]],
         tick_rad=tick_rad,
@@ -211,11 +234,14 @@ def _turning(angle: Floats, block_s: float) -> Floats:
 
 def _activity(commanded: Floats, turning: Floats, block_s: float) -> Floats:
     size = np.maximum(turning, np.abs(commanded))
-    width = max(1, round(_ACTIVITY_S / block_s))
-    kernel = np.ones(width) / width
-    smooth = np.stack([np.sqrt(np.convolve(one**2, kernel, mode="same")) for one in size])
+    square = np.stack([_smooth(one**2, block_s) for one in size])
     typical = float(np.quantile(size, 0.9)) or float(size.max()) or 1.0
-    return np.asarray(np.sqrt(smooth**2 + (_IDLE * typical) ** 2), dtype=np.float64)
+    return np.asarray(np.sqrt(square + (_IDLE * typical) ** 2), dtype=np.float64)
+
+
+def _smooth(values: Floats, block_s: float) -> Floats:
+    width = max(1, round(_ACTIVITY_S / block_s))
+    return np.convolve(values, np.ones(width) / width, mode="same")
 
 
 def _repeats_at_rest(angle: Floats, commanded: Floats, tick_rad: float) -> NDArray[np.bool_]:

@@ -23,6 +23,7 @@ def predict(
     limit_rate: float,
     limit_acceleration: float,
     gain: float,
+    braking: float,
 ) -> Any:
     """Return the wheel angles [rad] since row 0 of a drive with these parameters: float64[2, n].
 
@@ -32,6 +33,7 @@ def predict(
         dt_s: time from row to row.
         lag_s, delay_s, deadband, limit_rate, limit_acceleration: as described plus deviation.
         gain: steady wheel speed over commanded.
+        braking: by what share a wheel may slow down faster than it may speed up.
 
     The same exact solution within each tick as the simulated drive: delay, deadband, gain,
     saturation, then a first-order lag of limited acceleration.
@@ -40,7 +42,8 @@ def predict(
     angle = np.zeros((2, n))
     whole = math.floor(delay_s / dt_s)
     rest_s = min(max(delay_s - whole * dt_s, 0.0), dt_s)
-    knee = limit_acceleration * lag_s
+    speeding_up = limit_acceleration * (1.0 - 0.5 * braking)
+    slowing_down = limit_acceleration * (1.0 + 0.5 * braking)
     parts_s = (rest_s, dt_s - rest_s)
     shares = (
         -math.expm1(-parts_s[0] / lag_s) if lag_s > 0.0 else 1.0,
@@ -60,14 +63,22 @@ def predict(
                 target = 0.0 if abs(target) < deadband else target * gain
                 target = min(max(target, -limit_rate), limit_rate)
                 gap = target - rate
-                if abs(gap) > knee:
-                    ramp_s = min((abs(gap) - knee) / limit_acceleration, left_s)
-                    slope = limit_acceleration if gap > 0.0 else -limit_acceleration
+                for _ in range(2):  # slowing down, then speeding up the other way round
+                    limit = slowing_down if gap * rate < 0.0 else speeding_up
+                    if abs(gap) <= limit * lag_s or left_s <= 0.0:
+                        break
+                    ramp_s = min((abs(gap) - limit * lag_s) / limit, left_s)
+                    slope = limit if gap > 0.0 else -limit
+                    stops = braking != 0.0 and gap * rate < 0.0 and ramp_s * limit > abs(rate)
+                    if stops:
+                        ramp_s = abs(rate) / limit
                     turned += (rate + 0.5 * slope * ramp_s) * ramp_s
-                    rate += slope * ramp_s
+                    rate = 0.0 if stops else rate + slope * ramp_s
                     left_s -= ramp_s
                     gap = target - rate
                     closed = -math.expm1(-left_s / lag_s) if lag_s > 0.0 else 1.0
+                    if not stops:
+                        break
                 if left_s > 0.0:
                     turned += target * left_s - gap * lag_s * closed
                     rate += gap * closed

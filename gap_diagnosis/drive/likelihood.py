@@ -15,7 +15,7 @@ from gap_diagnosis.drive.columns import Variant
 from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
 from gap_diagnosis.drive.linear import Grams, draw_linear
 from gap_diagnosis.drive.noise import Levels, fit_levels, log_level_prior, marginal, whitened
-from gap_diagnosis.drive.shapes import BENT, Coordinate, Shapes
+from gap_diagnosis.drive.shapes import BENT, About, Coordinate, Shapes
 from gap_diagnosis.hypothesis import Estimate
 from hil_harness.robot import Robot
 
@@ -36,7 +36,8 @@ _MANNER_SD: Final = 1.0
 class Setting:
     """A variant with everything that does not change from grid point to grid point.
 
-    *gains* are those about which what a gain adds is a straight line.
+    *about*: gains of the wheels, and braking, about which what more of them adds is a straight
+    line.
     """
 
     variant: Variant
@@ -45,13 +46,20 @@ class Setting:
     has_gain: bool
     nuisances: Floats
     nuisance_sd: Floats
-    gains: tuple[float, float] = (1.0, 1.0)
+    about: About = (1.0, 1.0, 0.0)
+
+    @property
+    def brakes(self) -> bool:
+        """Whether wheels may slow down faster than they speed up: friction helps a weak motor to
+        brake, and hinders it otherwise."""
+        return any(one.effect == "drive_acceleration_limit" for one in self.coordinates)
 
     @property
     def linear_sizes(self) -> tuple[prior.Size, ...]:
-        """The prior's sizes of what acts linearly: gains, then the variant's columns."""
+        """The prior's sizes of what acts linearly: gains, braking, then the variant's columns."""
         gains = (prior.GAIN, prior.GAIN) if self.has_gain else ()
-        return (*gains, *self.variant.sizes)
+        braking = (prior.BRAKING,) if self.brakes else ()
+        return (*gains, *braking, *self.variant.sizes)
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -71,44 +79,60 @@ class Setting:
         }
 
     def columns(self, values: Mapping[str, float]) -> Floats:
-        """Return residual, gain columns: float64[1 + 2 or 1, 2, m]."""
-        angle = self.shapes.angle_with(values, self.gains)
+        """Return residual, and what gains and braking add: float64[1 to 4, 2, m]."""
+        angle = self.shapes.angle_with(values, self.about)
         residual = self.variant.data.angle - angle
-        if not self.has_gain:
-            return residual[np.newaxis]
-        columns = self.shapes.gain_columns(values, angle, self.gains)
-        residual = residual + np.tensordot(np.array(self.gains) - 1.0, columns, axes=1)
-        return np.concatenate((residual[np.newaxis], columns))
+        added = []
+        if self.has_gain:
+            gains = self.shapes.gain_columns(values, angle, self.about)
+            residual = residual + np.tensordot(np.array(self.about[:2]) - 1.0, gains, axes=1)
+            added.append(gains)
+        if self.brakes:
+            braking = self.shapes.braking_column(values, angle, self.about)
+            residual = residual + self.about[2] * braking[0]
+            added.append(braking)
+        return np.concatenate((residual[np.newaxis], *added))
 
 
 def setting_of(variant: Variant, robot: Robot, effects: frozenset[str]) -> Setting:
     """Return the setting of a variant of these effects."""
     shapes = Shapes(variant.data, robot)
-    nominal = shapes.angle({})
+    coordinates = tuple(shapes.coordinate(one) for one in sorted(effects) if one in BENT)
     has_gain = "drive_gain" in effects
+    nuisances, sd = _nuisances(variant, shapes, {}, effects)
+    return Setting(variant, shapes, coordinates, has_gain, nuisances, sd)
+
+
+def laid_at(setting: Setting, values: Mapping[str, float], there: About) -> Setting:
+    """Return the setting with the lines of all that is linear about a point: what a gain, a lag or
+    a delay does beside a limit is not what it does without."""
+    own = frozenset({*values, "drive_gain"} if setting.has_gain else values)
+    nuisances, _ = _nuisances(setting.variant, setting.shapes, values, own)
+    return replace(setting, about=there, nuisances=nuisances)
+
+
+def _nuisances(
+    variant: Variant, shapes: Shapes, values: Mapping[str, float], effects: frozenset[str]
+) -> tuple[Floats, Floats]:
+    """Return what every hypothesis may deviate by beside its effects, float64[k, 2, m], at values
+    of these; and the deviations' scales."""
+    angle = shapes.angle(values)
     columns, sds = [], []
-    if not has_gain:
-        columns += list(shapes.gain_columns({}, nominal))
+    if "drive_gain" not in effects:
+        columns += list(shapes.gain_columns(values, angle))
         sds += [_NUISANCE_SD["gain"]] * 2
     delays = {"drive_lag": _NUISANCE_SD["lag"], "drive_delay": variant.data.delay_sd_s}
     for effect, step in delays.items():
         if effect not in effects:
-            columns.append((shapes.angle({effect: step}) - nominal) / step)
+            columns.append((shapes.angle({**values, effect: step}) - angle) / step)
             sds.append(step)
-    nuisances = np.zeros((0, *nominal.shape))
+    nuisances = np.zeros((0, *angle.shape))
     if columns:
         nuisances = np.stack(columns)
     if variant.data.manner is not None:
         nuisances = np.concatenate((nuisances, variant.data.manner))
         sds += [_MANNER_SD] * len(variant.data.manner)
-    return Setting(
-        variant,
-        shapes,
-        tuple(shapes.coordinate(one) for one in sorted(effects) if one in BENT),
-        has_gain,
-        nuisances,
-        np.array(sds),
-    )
+    return nuisances, np.array(sds)
 
 
 def fitted_levels(
@@ -154,9 +178,18 @@ def linear_sizes(setting: Setting, logs: Floats) -> Floats:
     sd = np.concatenate(([one.high for one in setting.linear_sizes], setting.nuisance_sd))
     stacked = np.concatenate((setting.columns({})[:1], setting.fixed))
     white, _ = whitened(data, stacked, Levels.of(logs, data.tick_rad))
-    stiff = white[1:] @ white[1:].T + np.diag(sd**-2.0)
-    sizes = np.linalg.solve(stiff, white[1:] @ white[0])
-    return np.asarray(sizes[: len(setting.variant.columns)])
+    return _best(white, sd)[: len(setting.variant.columns)]
+
+
+def about(setting: Setting, logs: Floats, point: Floats) -> About:
+    """Return the best gains and braking at a point float64[coordinates] and noise levels."""
+    data = setting.variant.data
+    made = setting.columns(setting.values(point))
+    sd = np.concatenate(([one.high for one in setting.linear_sizes], setting.nuisance_sd))
+    white, _ = whitened(data, np.concatenate((made, setting.fixed)), Levels.of(logs, data.tick_rad))
+    sizes = _best(white, sd)[: len(made) - 1]
+    left, right = (1.0 + sizes[:2]) if setting.has_gain else setting.about[:2]
+    return float(left), float(right), float(sizes[-1]) if setting.brakes else 0.0
 
 
 def parameters(setting: Setting, logs: Floats, grid: Weighted, sd: Floats) -> dict[str, Estimate]:
@@ -210,14 +243,14 @@ def _density(setting: Setting, logs: Floats, *, rough: bool) -> tuple[Values, Fl
 
 def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int) -> Floats:
     """Return the products of the prior's scales: float64[s, linear + nuisances]."""
-    products = list(itertools.product(*(one.scales(count) for one in sizes)))
+    products = list(itertools.product(*(np.unique(one.scales(count)) for one in sizes)))
     rows = np.array(products, dtype=np.float64).reshape(len(products), len(sizes))
     return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
 
 
 def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
     data = setting.variant.data
-    own = 2 if setting.has_gain else 0
+    own = len(setting.linear_sizes) - len(setting.variant.sizes)
     size = own + len(white_fixed)
     gram = np.zeros((len(points), size, size))
     pull = np.zeros((len(points), size))
@@ -233,6 +266,12 @@ def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats
         gram[i, :own, own:] = white[1:] @ white_fixed.T
         gram[i, own:, :own] = gram[i, :own, own:].T
     return Grams(gram, pull, power)
+
+
+def _best(white: Floats, sd: Floats) -> Floats:
+    """Return the best sizes of whitened columns, the first of which is the residual."""
+    stiff = white[1:] @ white[1:].T + np.diag(sd**-2.0)
+    return np.asarray(np.linalg.solve(stiff, white[1:] @ white[0]))
 
 
 def _estimate(samples: Floats) -> Estimate:

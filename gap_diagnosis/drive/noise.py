@@ -2,7 +2,8 @@
 
 No drive follows its description exactly: a velocity loop, load, a floor, another engine's motor.
 White noise (counting), a random walk of the angle and a rate error with a memory, the last two in
-proportion to how fast the wheel turns; all four levels are estimated under every hypothesis.
+proportion to how fast the wheel turns; and, as no effect is exact, to how far it goes astray from
+what the described drive does. All five levels are estimated under every hypothesis.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from gap_diagnosis.drive.kernels import products, whiten
 Floats = NDArray[np.float64]
 
 # Natural logarithms of typical levels and their spreads: white [ticks], walk [√s], spread [1],
-# memory [s].
-_CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3])
-_WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2])
-_LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05])
-_HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0])
+# memory [s], inexact [1].
+_CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3, 0.01])
+_WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 1.0])
+_LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
+_HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
 _ITERATIONS: Final = 25
 _STEP: Final = 0.02
 """Of a log level, over which the likelihood's slope is taken."""
@@ -32,26 +33,44 @@ _STEP: Final = 0.02
 
 @dataclass(frozen=True)
 class Levels:
-    """Noise levels: white [rad], walk [√s], spread [1], memory_s."""
+    """Noise levels: white [rad], walk [√s], spread [1], memory_s, and *inexact*: rate error as a
+    share of how far wheels go astray."""
 
     white: float
     walk: float
     spread: float
     memory_s: float
+    inexact: float = 0.0
 
     @classmethod
     def of(cls, logs: Floats, tick_rad: float) -> Levels:
-        """Return the levels of four logarithms, held within their bounds."""
+        """Return the levels of five logarithms, held within their bounds."""
         values = np.exp(np.clip(logs, _LOW, _HIGH))
         return cls(float(values[0]) * tick_rad, *(float(value) for value in values[1:]))
 
 
 STARTS: Final = (
     _CENTRE,
-    np.log([0.5, 2e-4, 1.5e-3, 1.0]),
-    np.log([0.5, 0.01, 0.1, 0.5]),
+    np.log([0.5, 2e-4, 1.5e-3, 1.0, 0.01]),
+    np.log([0.5, 0.01, 0.1, 0.5, 0.01]),
 )
 """Log levels from which those of a log are sought: typical, quiet and rough."""
+
+
+def exact(logs: Floats) -> Floats:
+    """Return log levels of effects that are exact: what no effect leaves is not theirs."""
+    return np.concatenate((logs[:-1], _LOW[-1:]))
+
+
+def is_inexact(logs: Floats) -> bool:
+    """Tell whether log levels say that something goes astray, and not exactly."""
+    return bool(logs[-1] > _CENTRE[-1] + _WIDTH[-1])
+
+
+def activity(data: DriveData, levels: Levels) -> Floats:
+    """Return the rates with which errors grow: of wheels, and of how far they go astray."""
+    astray = (levels.inexact / levels.spread) * data.astray
+    return np.asarray(np.hypot(data.activity, astray), dtype=np.float64)
 
 
 def whitened(data: DriveData, columns: Floats, levels: Levels) -> tuple[Floats, float]:
@@ -60,7 +79,7 @@ def whitened(data: DriveData, columns: Floats, levels: Levels) -> tuple[Floats, 
         columns,
         data.seen,
         data.count,
-        data.activity,
+        activity(data, levels),
         data.lost,
         data.block_s,
         levels.white,
@@ -72,7 +91,7 @@ def whitened(data: DriveData, columns: Floats, levels: Levels) -> tuple[Floats, 
 
 
 def log_level_prior(logs: Floats) -> float:
-    """Return the log prior density of four log levels, up to a constant."""
+    """Return the log prior density of five log levels, up to a constant."""
     return float(-0.5 * np.sum(((logs - _CENTRE) / _WIDTH) ** 2))
 
 
@@ -119,7 +138,7 @@ def fit_levels(
 
 
 def _losses(data: DriveData, stacked: Floats, sd: Floats, logs: Floats) -> Floats:
-    """Return the negative log likelihoods with prior of log levels float64[p, 4]: float64[p]."""
+    """Return the negative log likelihoods with prior of log levels float64[p, 5]: float64[p]."""
     grams, densities = [], []
     for one in logs:
         white, log_determinant = whitened(data, stacked, Levels.of(one, data.tick_rad))

@@ -32,4 +32,5 @@ MISSED_TICKS: Final = _size("missed_ticks")
 EXTRA_TICKS_PER_S: Final = _size("extra_ticks")
 """Effects of the encoder that these residuals see too; their parameters are told elsewhere."""
 
+BRAKING: Final = _PRIOR.nuisances["drive_braking"]
 FOREIGN: Final = _PRIOR.nuisances["foreign_drive"]

@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.drive.kernels import predict
+from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
+About = tuple[float, float, float]
+"""Gains of the left and of the right wheel, and by what share wheels slow down faster than they
+speed up."""
 
 BENT: Final = (
     "drive_acceleration_limit", "drive_deadband", "drive_delay", "drive_lag", "drive_saturation",
@@ -27,6 +31,8 @@ THRESHOLDS: Final = frozenset(("drive_acceleration_limit", "drive_deadband", "dr
 
 _FOREIGN_LAGS_S: Final = (0.02, 0.06, 0.15, 0.4)
 _FOREIGN_DELAYS_S: Final = (0.01, 0.03, 0.08, 0.2)
+_STEP: Final = 0.02
+"""Of a gain or of braking, over which a slope is taken."""
 _HATS: Final = 5
 FEWEST_POLES: Final = 2
 _MOST_POLES: Final = 12
@@ -99,6 +105,13 @@ class Coordinate:
         return np.asarray(self.size.log_density(coordinate**2) + jacobian, dtype=np.float64)
 
 
+def drive_beside_described(recording: Recording, robot: Robot) -> DriveData | None:
+    """Return the drive's data, and how far its wheels go astray from the described drive; None
+    where the log has no commands, no motion or too few rows."""
+    data = drive_data(recording, robot)
+    return None if data is None else data.beside(Shapes(data, robot).angle({}))
+
+
 class Shapes:
     """Predictions of one recording's wheel angles under the described drive and its deviations."""
 
@@ -162,7 +175,7 @@ class Shapes:
         }[effect]
         return math.log(share[0] * scale), math.log(share[1] * scale)
 
-    def angle(self, values: Mapping[str, float], gain: float = 1.0) -> Floats:
+    def angle(self, values: Mapping[str, float], gain: float = 1.0, braking: float = 0.0) -> Floats:
         """Return block means of the wheel angles: float64[2, m]; *values* by effect."""
         angles: Any = predict(
             self._data.commanded,
@@ -174,25 +187,36 @@ class Shapes:
             min(self._limit_rate, values.get("drive_saturation", math.inf)),
             min(self._limit_acceleration, values.get("drive_acceleration_limit", math.inf)),
             gain,
+            braking,
         )
         return self._data.blocks(angles)
 
     def gain_columns(
-        self, values: Mapping[str, float], angle: Floats, gains: tuple[float, float] = (1.0, 1.0)
+        self, values: Mapping[str, float], angle: Floats, about: About = (1.0, 1.0, 0.0)
     ) -> Floats:
-        """Return what a relative gain of each wheel adds to the angles at *gains*:
+        """Return what a relative gain of each wheel adds to the angles *about* others:
         float64[2, 2, m]."""
-        step = 0.02
-        change = (self.angle_with(values, (gains[0] + step, gains[1] + step)) - angle) / step
+        change = (
+            self.angle_with(values, (about[0] + _STEP, about[1] + _STEP, about[2])) - angle
+        ) / _STEP
         columns = np.zeros((2, *change.shape))
         columns[0, 0], columns[1, 1] = change
         return columns
 
-    def angle_with(self, values: Mapping[str, float], gains: tuple[float, float]) -> Floats:
-        """Return block means of the wheel angles with a gain of each wheel: float64[2, m]."""
-        if gains[0] == gains[1]:
-            return self.angle(values, gains[0])
-        return np.stack([self.angle(values, gain)[wheel] for wheel, gain in enumerate(gains)])
+    def braking_column(self, values: Mapping[str, float], angle: Floats, about: About) -> Floats:
+        """Return what a share of faster braking adds to the angles: float64[1, 2, m]."""
+        more = self.angle_with(values, (about[0], about[1], about[2] + _STEP))
+        return ((more - angle) / _STEP)[np.newaxis]
+
+    def angle_with(self, values: Mapping[str, float], about: About) -> Floats:
+        """Return block means of the wheel angles with a gain of each wheel and with faster
+        braking: float64[2, m]."""
+        left, right, braking = about
+        if left == right:
+            return self.angle(values, left, braking)
+        return np.stack(
+            [self.angle(values, gain, braking)[wheel] for wheel, gain in enumerate((left, right))]
+        )
 
     def foreign(self) -> list[Floats]:
         """Return what a drive other than the described one would add, in several ways:
@@ -273,6 +297,7 @@ class Shapes:
             math.inf,
             math.inf,
             1.0,
+            0.0,
         )
         return self._data.blocks(angles)
 

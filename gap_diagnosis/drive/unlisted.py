@@ -201,4 +201,4 @@ def _explained(null: Null, ways: Sequence[Floats]) -> list[float]:
 
 def _giving_way(logs: Floats) -> Floats:
     """Return log levels with a rate error of at least what any velocity loop has under load."""
-    return np.asarray(np.maximum(logs, np.log([1e-9, 1e-9, _GIVES_WAY, 1e-9])))
+    return np.asarray(np.maximum(logs, np.log([1e-9, 1e-9, _GIVES_WAY, 1e-9, 1e-9])))

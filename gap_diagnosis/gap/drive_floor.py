@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.drive.data import DriveData
-from gap_diagnosis.drive.noise import Levels
+from gap_diagnosis.drive.noise import Levels, activity
 from gap_diagnosis.gap.floor import DRAWS
 from gap_diagnosis.gap.metrics import Path
 from gap_diagnosis.gap.windows import Window
@@ -43,7 +43,7 @@ class DriveNoise:
     @classmethod
     def of(cls, data: DriveData, levels: Levels) -> DriveNoise:
         """Return the noise of a recording's drive."""
-        return cls(levels, data.time_s, data.activity, data.dt_s)
+        return cls(levels, data.time_s, activity(data, levels), data.dt_s)
 
 
 def drive_floor(

@@ -46,6 +46,7 @@ def commanded_path(
                 known.get("drive_acceleration_limit.limit", math.inf),
             ),
             1.0 + known.get(f"drive_gain.{side}", 0.0),
+            0.0,
         )
         angles.append(both[wheel] if added is None else both[wheel] + added[wheel])
     left_m, right_m = (np.diff(wheels.radius_m * one, prepend=0.0) for one in angles)

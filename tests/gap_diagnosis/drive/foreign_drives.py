@@ -7,13 +7,18 @@ from drive_recordings import DURATION_S, ROBOT, WIRE, drive_scenario, recording_
 
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import commands_on_the_wire
+from hil_harness.scenarios import Scenario
 
 TICKS_PER_RAD = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi)
 
 
 def commanded_rates(seed: int, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return commands float64[n, 2] and wheel rates float64[n, 2] of a random drive."""
-    scenario = drive_scenario(seed, duration_s)
+    return rates_of(drive_scenario(seed, duration_s), duration_s)
+
+
+def rates_of(scenario: Scenario, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands float64[n, 2] and wheel rates float64[n, 2] of a drive."""
     commands = commands_on_the_wire(scenario, round(duration_s / 0.01), WIRE)
     wheels = ROBOT.plant.wheels
     turn = 0.5 * commands[:, 1] * wheels.wheelbase_m
@@ -52,6 +57,19 @@ def disturbed(seed: int, duration_s: float = DURATION_S, level: float = 0.05) ->
     for k in range(len(rates)):
         error = keep * error + level * np.sqrt(1 - keep**2) * random.standard_normal(2)
         rates[k] *= 1 + error
+    return _turned(commands, rates, seed)
+
+
+def weak_motors(scenario: Scenario, seed: int) -> Recording:
+    """Motors of little torque: friction hinders them where they speed up and helps them where they
+    slow down, by a twentieth of the torque."""
+    commands, target = rates_of(scenario, min(scenario.duration_s, 60.0))
+    rates, rate = np.zeros_like(target), np.zeros(2)
+    for k in range(len(target)):
+        for _ in range(5):
+            torque = np.clip((target[k] - rate) / 0.05, -3.3, 3.3)
+            rate = rate + 0.002 * (torque - 0.165 * np.tanh(rate / 0.05))
+        rates[k] = rate
     return _turned(commands, rates, seed)
 
 

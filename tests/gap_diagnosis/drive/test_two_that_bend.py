@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations
 
+import numpy as np
 import pytest
 from drive_recordings import ROBOT, WIRE
+from foreign_drives import weak_motors
 
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.trials.drives import drive
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
@@ -38,3 +41,20 @@ def test_any_two_effects_that_bend_the_drive_are_found_however_narrow_their_peak
     for effect in named:
         parameter, value = BENDING[effect]
         assert both.parameters[f"{effect}.{parameter}"].value == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["weave", "delivery", "one_way"])
+def test_motors_of_little_torque_have_a_limit_of_acceleration_and_nothing_else(kind: str) -> None:
+    """Friction lets them slow down a tenth faster than they speed up: the limit is the mean of the
+    two, and no second effect is told for the difference."""
+    block = drive_block(weak_motors(drive(kind, np.random.default_rng(1), 0.4), 1), ROBOT)
+    assert block is not None
+    alone = block.fit(frozenset({"drive_acceleration_limit"}))
+    told = alone.parameters["drive_acceleration_limit.limit"]
+    assert told.value == pytest.approx(3.3, rel=0.01)
+    for other in set(BENDING) - {"drive_acceleration_limit"}:
+        both = block.fit(frozenset({"drive_acceleration_limit", other}))
+        assert both.log_evidence < alone.log_evidence + 3
+    gain = block.fit(frozenset({"drive_acceleration_limit", "drive_gain"})).parameters
+    for side in ("left", "right"):
+        assert abs(gain[f"drive_gain.{side}"].value) < 0.01

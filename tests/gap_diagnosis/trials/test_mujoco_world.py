@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from gap_diagnosis.diagnose import diagnose
+from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
+from gap_diagnosis.trials.mujoco_cases import write_case
 from gap_diagnosis.trials.mujoco_engine import drive_through
 from gap_diagnosis.trials.mujoco_truth import calibrated
 from gap_diagnosis.trials.mujoco_world import World
@@ -40,3 +45,17 @@ def test_a_load_on_the_left_makes_the_left_wheel_smaller() -> None:
     turned = driven.pose[-1, 2] * 0.30
     rolled = 0.05 * driven.wheel_rad[-1].mean()
     assert turned / rolled == pytest.approx(1.2e-5 * (left_n - right_n) / 0.05, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["weave", "delivery"])
+def test_motors_of_too_little_torque_are_told_as_a_limit_and_nothing_else(
+    kind: str, tmp_path: Path
+) -> None:
+    """Each wheel moves the body that the other stands on, and friction helps to brake: no limit is
+    exact, and a gain of -10 % and +8 % was told beside it (> .99)."""
+    write_case("weak_motors", 1, tmp_path / "case", kind=kind)
+    log, robot = tmp_path / "case" / LOG, tmp_path / "case" / ROBOT
+    reference = tmp_path / "case" / REFERENCE
+    found = diagnose([log], robot=robot, references=[reference]).diagnosis
+    assert found.verdict == "drive_acceleration_limit"
+    assert found.which[0].probability > 0.8
