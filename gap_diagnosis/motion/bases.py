@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.explanations.gyro import rounded_off
 from gap_diagnosis.prediction import Motion
@@ -25,6 +26,7 @@ _LEAST_RANGE: Final = {
 """A variable that varies less [SI] is noise: a function of it would fit the noise."""
 _STRAIGHT_RAD_S: Final = 0.05
 """So fast a robot on a straight may seem to turn."""
+_STRAIGHT_OVER_S: Final = 0.3
 _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
 _DRIVING_M_S: Final = 0.02
@@ -191,8 +193,15 @@ def _by_turning(motion: Motion) -> Basis:
 
 def turns(motion: Motion) -> Floats:
     """Tell from 0 to 1, float64[n], whether the robot turns at all: what the wheels say of a turn
-    on a straight is their noise, which a function of it would take away."""
+    on a straight is their noise, which a function of it would take away.
+
+    Without a reference the gyro must say so as well: one wheel that loses counts seems to turn.
+    """
     rate2 = motion.turn_rate_rad_s**2
+    if motion.gyro_turn_rad is not None and not motion.bent.any():
+        width = _STRAIGHT_OVER_S / motion.tick_s
+        seen = gaussian_filter1d(np.gradient(motion.gyro_turn_rad, motion.t_s), width)
+        rate2 = np.minimum(rate2, seen**2)
     return np.asarray(rate2 / (rate2 + _STRAIGHT_RAD_S**2))
 
 
@@ -259,11 +268,18 @@ def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     return _hats(value)
 
 
+def _steady_speed_m_s(motion: Motion) -> Floats:
+    """Return the speed, float64[n], averaged over all of a cruise: what counts lose by chance is
+    missing in the speed that they say, and a function of that would follow it."""
+    left, right = (one.own_rad_s for one in motion.wheel_speeds.both)
+    return np.asarray(0.5 * motion.radius_m * (left + right))
+
+
 def _variable(motion: Motion, name: str) -> Floats | None:
     if name == "distance":
         return np.asarray(np.cumsum(np.abs(motion.speed_m_s) * motion.dt_s))
     known: dict[str, Floats | None] = {
-        "speed": motion.speed_m_s,
+        "speed": _steady_speed_m_s(motion),
         "acceleration": motion.acceleration_m_s2,
         "turn_rate": motion.turn_rate_rad_s,
         "lateral_acceleration": motion.speed_m_s * motion.turn_rate_rad_s,

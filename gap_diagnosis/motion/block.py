@@ -145,8 +145,7 @@ class MotionBlock:
     @cached_property
     def burst(self) -> Burst | None:
         """Windows in which wheels lose their hold: evidence less that of no effect."""
-        best = max(self.scan.found.values(), key=lambda one: one.log_evidence)
-        burst = find_burst(self.model, best, self._nothing)
+        burst = find_burst(self.model, self.scan.best_steady, self._nothing)
         if burst is None or burst.log_evidence < self._nothing.log_evidence:
             return None
         return replace(
@@ -158,8 +157,7 @@ class MotionBlock:
     @cached_property
     def pushes(self) -> Pushes | None:
         """Steps of the body that no wheel makes."""
-        best = max(self.scan.found.values(), key=lambda one: one.log_evidence)
-        return find_pushes(self.model, best, self._nothing)
+        return find_pushes(self.model, self.scan.best_steady, self._nothing)
 
     def dispersed(self, log_evidence: float, log_likelihood: float) -> tuple[float, float]:
         """Return both as they are worth where the log's surprises scatter too much."""

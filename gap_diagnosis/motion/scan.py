@@ -19,7 +19,15 @@ from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
-from gap_diagnosis.motion.slips import SLIP, windows_beside
+from gap_diagnosis.motion.slips import (
+    LOOSE,
+    SLIP,
+    in_its_window,
+    is_a_slip,
+    is_loose,
+    loose,
+    windows_beside,
+)
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
@@ -62,6 +70,7 @@ class Scan(Accounts):
 
     Attributes:
         foreseen: what the log can show at the described levels of noise, before any fit.
+        steady: accounts of sets with a slip that is always the same, where another was better.
     """
 
     foreseen: Sight
@@ -77,6 +86,7 @@ class Scan(Accounts):
         self._parts_beside: dict[Effects, Refitted] = {}
         self._surrounded: set[Effects] = set()
         self._windowed: set[Effects] = set()
+        self.steady: dict[Effects, Found] = {}
         self._search(progress)
 
     def _is_dead_for_long(self) -> bool:
@@ -113,6 +123,7 @@ class Scan(Accounts):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / _REFITTED)
         self._moved_windows(max(self._fitted(), key=self._belief))
+        self._loosened()
         self._sought_beside(max(self._fitted(), key=self._belief))
         self._settle()
         self.dispersion = self._dispersion()
@@ -164,6 +175,38 @@ class Scan(Accounts):
         self._fit_parts(moved, moved.refitted)
         self._surrounded.discard(head.effects)
         return True
+
+    def _loosened(self) -> None:
+        """Let a slip be now more and now less, by itself and in the best set."""
+        nothing = self.found[frozenset()].log_evidence
+        sets = {frozenset({SLIP}), max(self._fitted(), key=self._belief).effects}
+        for effects in sorted(sets, key=sorted):
+            if SLIP not in effects or effects not in self.found:
+                continue
+            one = self.found[effects]
+            if one.log_evidence < nothing + _CLEAR:
+                continue
+            fit = one.refitted or self.model.refit(one.terms, one.levels)
+            others = one.log_evidence - fit.log_evidence - math.log(1 + len(LOOSE))
+            (place,) = (at for at, t in enumerate(one.terms) if t.variant.effect == SLIP)
+            for term in loose(one.terms[place]):
+                terms = (*one.terms[:place], term, *one.terms[place + 1 :])
+                again = self.model.refit(terms, fit.levels, start=fit.coefficients)
+                if is_a_slip(again, place) and again.log_evidence + others > one.log_evidence:
+                    terms = in_its_window(self.model, terms, place, again)
+                    again = self.model.refit(terms, again.levels, start=again.coefficients)
+                    self.steady.setdefault(effects, one)
+                    self._take(terms, again, others)
+
+    @property
+    def best_steady(self) -> Found:
+        """The best account of all in which no slip is now more and now less: beside that one, what
+        it would explain of rough contact and pushes is left."""
+        accounts = [self.steady.get(effects, one) for effects, one in self.found.items()]
+        return max(
+            (one for one in accounts if not any(map(is_loose, one.terms))),
+            key=lambda one: one.log_evidence,
+        )
 
     def _dispersion(self) -> float:
         """Return by how much the log scatters about its best account.
@@ -245,7 +288,10 @@ class Scan(Accounts):
         others: float,
     ) -> None:
         """Fit a set from where another one ended; *others* is the share of the other variants."""
-        again = self.model.refit(terms, levels, start=start)
+        self._take(terms, self.model.refit(terms, levels, start=start), others)
+
+    def _take(self, terms: tuple[Term, ...], again: Refitted, others: float) -> None:
+        """Take a fit of a set if it is better than what is known of that."""
         self._offer(self._nothing_at(again.levels))
         effects = frozenset(term.variant.effect for term in terms)
         unlikely = self._beyond_belief(terms, [v for c in again.coefficients for v in c])

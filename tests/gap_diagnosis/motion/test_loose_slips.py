@@ -1,0 +1,66 @@
+"""A wheel on ice slips by more and by less all the time, and is told to slip all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.result_parts import NumberEstimate
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.scenarios import scenario
+
+LASTS_S = 0.3
+"""Correlation time of the slip."""
+
+
+def slipping_loosely(
+    name: str, start_s: float, stop_s: float, ratio: float, spread: float, seed: int
+) -> tuple[Recording, float]:
+    """Return a drive whose left wheel counts what it slips by, a share of its way that wanders, and
+    by what share it slipped in all."""
+    recording = synthetic_recording(
+        ROBOT,
+        WIRE,
+        replace(scenario(name), effects=()),
+        [],
+        seed,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )
+    random = np.random.default_rng(seed)
+    away = np.zeros(len(recording.t_s))
+    keep = np.exp(-0.01 / LASTS_S)
+    for k in range(1, len(away)):
+        away[k] = keep * away[k - 1] + np.sqrt(1 - keep**2) * random.standard_normal()
+    inside = (recording.t_s > start_s) & (recording.t_s <= stop_s)
+    share = np.where(inside, np.clip(ratio + spread * away, -0.5, 0.9), 0.0)
+    steps = np.diff(recording.left_ticks, prepend=recording.left_ticks[0])
+    slipped = np.rint(np.cumsum(steps * share / (1 - share)))
+    log = replace(recording, left_ticks=recording.left_ticks + slipped)
+    went = float(steps[inside].sum())
+    return log, 1.0 - went / (went + float(slipped[-1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "start_s", "stop_s", "ratio", "spread"),
+    [("calibration", 15.2, 19.7, 0.25, 0.1), ("figure8", 28.9, 34.4, 0.3, 0.1)],
+)
+def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when(
+    name: str, start_s: float, stop_s: float, ratio: float, spread: float
+) -> None:
+    """A third more or less each third of a second: contact that is rough at times was told, without
+    a name (> 0.99)."""
+    log, slipped = slipping_loosely(name, start_s, stop_s, ratio, spread, seed=2)
+    found = diagnose_recordings([log], ROBOT, WIRE).diagnosis
+    assert found.verdict == "one_sided_slip"
+    told = {key.split(".")[1]: one for key, one in found.which[0].parameters.items()}
+    assert told["side"].estimate == "left"
+    for key, true in (("start_s", start_s), ("stop_s", stop_s), ("ratio", slipped)):
+        one = told[key]
+        assert isinstance(one, NumberEstimate)
+        assert one.ci95[0] < true < one.ci95[1]
