@@ -168,13 +168,16 @@ class DriveBlock:
             return replace(rest, effects=tuple(sorted(effects)), log_silent=alone)
         settings = [setting_of(one, self._robot, effects) for one in self._variants(effects)]
         # The variant is chosen at the noise levels of no effect, then they are estimated anew.
-        unmoved = exact(self._null.levels)
+        unmoved = [self._levels_before(setting) for setting in settings]
         best, others, point = 0, 0.0, np.zeros(0)
         weights = np.ones(1)
         if len(settings) == 1:
-            point = likeliest(settings[0], unmoved, self._alone(effects))
+            point = likeliest(settings[0], unmoved[0], self._alone(effects))
         else:
-            quick = [evidence(setting, unmoved, rough=True) for setting in settings]
+            quick = [
+                evidence(setting, levels, rough=True)
+                for setting, levels in zip(settings, unmoved, strict=True)
+            ]
             logs = np.array([one[0] for one in quick])
             if effects & set(SETUP) and logs.max() > self._null.evidence - _HOPELESS:
                 logs = self._anew(settings, logs)
@@ -281,6 +284,14 @@ class DriveBlock:
             levels, _ = self._levels_of(settings[place], {})
             found[place] = evidence(settings[place], levels, rough=True)[0]
         return found
+
+    def _levels_before(self, setting: Setting) -> Floats:
+        """Return the noise levels at which variants are chosen: those of no effect, and where
+        counts have been put right that read too little, their rounding has grown with them."""
+        levels = exact(self._null.levels)
+        if setting.variant.log_constant > 0 and "factor" in setting.variant.values:
+            levels[0] -= math.log(float(setting.variant.values["factor"]))
+        return levels
 
     def _levels_of(self, setting: Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
         """Return noise levels, sought from those of no effect and, for other data, elsewhere."""

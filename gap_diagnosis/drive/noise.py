@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 # Natural logarithms of typical levels and their spreads: white [ticks], walk [√s], spread [1],
 # memory [s], inexact [1].
 _CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3, 0.01])
-_WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 1.0])
+_WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 0.5])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
 _ITERATIONS: Final = 25

@@ -83,6 +83,8 @@ def _of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
 
 SLIP_WINDOWS: Final = 12
 """One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
+LASTING: Final = frozenset({"radius_scale", "radius_mismatch", "wheelbase_scale"})
+"""Sizes of wheels and of the track may change on the way, and do not change back."""
 LEFT_OUT: Final = 0.05
 """Of a wheel's way, what a window of its slip leaves out."""
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.choices import SLIP_WINDOWS
+from gap_diagnosis.explanations.choices import LASTING, SLIP_WINDOWS
 from gap_diagnosis.explanations.registry import rank_of
 from gap_diagnosis.explanations.variant import Action, Scatter, Variant
 from gap_diagnosis.motion.columns import GROSS, Term
@@ -90,6 +90,9 @@ def best_window(model: MotionModel, term: Term, levels: Floats) -> tuple[Term, f
     edges = np.linspace(t_s[0] - 1e-6, t_s[-1] + 1e-6, SLIP_WINDOWS + 1)
     scores = _scores(model, term, levels, edges)
     whole = scores.pop((0, SLIP_WINDOWS))
+    if term.variant.effect in LASTING:
+        ends = {0, SLIP_WINDOWS}
+        scores = {window: score for window, score in scores.items() if ends & set(window)}
     first, last = max(scores, key=lambda window: scores[window])
     evidence = scores[first, last] + LOG_WEIGHT
     if evidence <= whole:

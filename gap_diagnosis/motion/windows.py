@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.choices import LEFT_OUT
+from gap_diagnosis.explanations.choices import LASTING, LEFT_OUT
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import scales_of
 from gap_diagnosis.motion.model import MotionModel
@@ -297,6 +297,9 @@ class _Grid:
         """Tell which windows there may be, bool[e, e]."""
         motion = self._model.nodes.smooth
         long = np.subtract.outer(self.ends_s, self.ends_s).T >= SHORTEST_S
+        if self._variant.effect in LASTING:
+            is_end = (self.ends_s == self.ends_s[0]) | (self.ends_s == self.ends_s[-1])
+            return np.asarray(long & np.logical_or.outer(is_end, is_end))
         if self._variant.effect != "one_sided_slip":
             return np.asarray(long)
         is_left = self._variant.report["side"] == "left"

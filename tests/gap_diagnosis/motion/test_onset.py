@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE, nodes_of
 
+from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.block import MotionBlock
@@ -85,3 +86,17 @@ def test_an_effect_under_another_name_keeps_its_window() -> None:
     assert {name.split(".")[0] for name in other} == {"ticks_per_rev"}
     assert other["ticks_per_rev.start_s"].value == own["radius_scale.start_s"].value
     assert float(other["ticks_per_rev.scale"].value) == pytest.approx(1 / 1.02 - 1, rel=0.1)
+
+
+def test_no_wheel_is_of_another_size_for_a_while_and_then_as_before() -> None:
+    """A slip without its name in the library was a mismatch of the radii for 8 s (0.97): sizes may
+    change on the way, and do not change back."""
+    window = (("start_s", 20.0), ("stop_s", 28.0))
+    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.02), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, STILL, (slip,), 11, reference=ReferenceNoise(), duration_s=50.0
+    )
+    found = diagnose_recordings([recording], ROBOT, WIRE, without=frozenset({"one_sided_slip"}))
+    best = found.diagnosis.which[0]
+    assert best.effects == ("unknown",)
+    assert best.probability > 0.9
