@@ -242,7 +242,12 @@ class DriveBlock:
 
     def only(self, kept: NDArray[np.bool_]) -> DriveBlock:
         """Return the block that sees no more of the same drive than some of its blocks, bool[m]."""
-        data = replace(self._data, seen=self._data.seen & kept)
+        data = replace(
+            self._data,
+            seen=self._data.seen & kept,
+            turning=np.where(kept, self._data.turning, 0.0),
+        )
+        data = data.told(data.commanded).beside(self._shapes.angle({}))
         return DriveBlock(data, self._robot, self._doubted)
 
     @property

@@ -32,6 +32,7 @@ _REST_BLOCKS: Final = 25
 """A wheel at rest says its angle once a second: the same count again is no new observation."""
 _ACTIVITY_S: Final = 0.6
 _APART_S: Final = 0.2
+"""Over which how far a wheel goes astray is told: its counts are rounded."""
 _IDLE: Final = 0.02
 """Share of the largest activity that errors keep while the robot rests."""
 
