@@ -19,7 +19,7 @@ import numpy as np
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.windows import SHORTEST_S, at_window, windows_of
+from gap_diagnosis.motion.windows import at_window, windows_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats
 
@@ -31,6 +31,8 @@ LOOSE: Final = (0.3, 1.0)
 """Shares of its ratio by which a wheel that slips loosely slips more or less,"""
 _LASTS_S: Final = 0.3
 """each for so long."""
+_LEAST_S: Final = 4 * _LASTS_S
+"""In less than that nothing is now more and now less: a push is over sooner."""
 _ENDS_S: Final = (0.5, 0.1, 0.02)
 """Steps by which a loose slip's ends are moved."""
 _UNLIKELY: Final = 2.5
@@ -62,8 +64,11 @@ def windows_beside(
 
 
 def loose(term: Term) -> list[Term]:
-    """Return a slip's term with slips that are now more and now less than its ratio says."""
+    """Return a slip's term with slips that are now more and now less than its ratio says; none
+    where it is too short."""
     variant = term.variant
+    if variant.fixed["stop_s"] - variant.fixed["start_s"] < _LEAST_S:
+        return []
     return [
         replace(
             term,
@@ -102,7 +107,7 @@ def in_its_window(
         return (*terms[:place], at_window(terms[place], *ends), *terms[place + 1 :])
 
     def worth(ends: tuple[float, float]) -> float:
-        if ends[1] - ends[0] < SHORTEST_S:
+        if ends[1] - ends[0] < _LEAST_S:
             return -math.inf
         return model.evidence_about(at(ends), fit.coefficients, fit.levels).log_evidence
 

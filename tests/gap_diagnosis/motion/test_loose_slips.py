@@ -9,6 +9,10 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.slips import SLIP, loose
+from gap_diagnosis.motion.windows import at_window
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import NumberEstimate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -64,3 +68,12 @@ def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when(
         one = told[key]
         assert isinstance(one, NumberEstimate)
         assert one.ci95[0] < true < one.ci95[1]
+
+
+def test_a_second_is_too_short_to_slip_now_more_and_now_less() -> None:
+    """A push that turned the robot was a gyro that vibrates and half a second of slip (> 0.99)."""
+    log, _ = slipping_loosely("calibration", 15.2, 19.7, 0.25, 0.1, seed=2)
+    model = MotionModel(log, ROBOT, default_prior())
+    term = next(one for one in model.columns.terms if one.variant.effect == SLIP)
+    assert len(loose(at_window(term, 15.0, 16.0))) == 0
+    assert len(loose(at_window(term, 15.0, 17.0))) > 0
