@@ -55,7 +55,7 @@ def _scatter_of_missed(side: str) -> Scatter:
         size = motion.rounding_rad / motion.rad_per_count
         variance = turned * share * lost * (1.0 - lost) * size
         variance += (turned * lost) ** 2 * share * (1.0 - share)
-        return _of_side(side, variance / left**2)
+        return of_side(side, variance / left**2)
 
     return scatter
 
@@ -71,12 +71,13 @@ def _scatter_of_extra(side: str) -> Scatter:
     """Spurious counts are as many as expected in the mean, and that is their variance."""
 
     def scatter(motion: Motion, rate: float) -> tuple[Floats, Floats]:
-        return _of_side(side, abs(rate) * motion.dt_s)
+        return of_side(side, abs(rate) * motion.dt_s)
 
     return scatter
 
 
-def _of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
+def of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
+    """Return what counts of one side vary by as what those of the left and of the right do."""
     none = np.zeros_like(variance)
     return (variance, none) if side == "left" else (none, variance)
 
@@ -380,7 +381,7 @@ def _unsure_of_dead(side: str, first: int, last: int) -> Callable[[Motion], tupl
     def unsure(motion: Motion) -> tuple[Floats, Floats]:
         variance = np.zeros(len(motion.t_s))
         variance[first : last + 1] = (_GUESSED_RAD / motion.rad_per_count) ** 2
-        return _of_side(side, variance)
+        return of_side(side, variance)
 
     return unsure
 

@@ -27,6 +27,7 @@ _LEAST_RANGE: Final = {
 _STRAIGHT_RAD_S: Final = 0.05
 """So fast a robot on a straight may seem to turn."""
 _STRAIGHT_OVER_S: Final = 0.3
+"""Over which a gyro is asked for it: its noise is none."""
 _STILL_RAD_S: Final = 0.1
 """Wheels that are slower turn neither tightly nor widely."""
 _DRIVING_M_S: Final = 0.02

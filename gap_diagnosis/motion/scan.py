@@ -70,7 +70,6 @@ class Scan(Accounts):
 
     Attributes:
         foreseen: what the log can show at the described levels of noise, before any fit.
-        steady: accounts of sets with a slip that is always the same, where another was better.
     """
 
     foreseen: Sight
@@ -86,7 +85,7 @@ class Scan(Accounts):
         self._parts_beside: dict[Effects, Refitted] = {}
         self._surrounded: set[Effects] = set()
         self._windowed: set[Effects] = set()
-        self.steady: dict[Effects, Found] = {}
+        self._steady: dict[Effects, Found] = {}
         self._search(progress)
 
     def _is_dead_for_long(self) -> bool:
@@ -195,14 +194,14 @@ class Scan(Accounts):
                 if is_a_slip(again, place) and again.log_evidence + others > one.log_evidence:
                     terms = in_its_window(self.model, terms, place, again)
                     again = self.model.refit(terms, again.levels, start=again.coefficients)
-                    self.steady.setdefault(effects, one)
+                    self._steady.setdefault(effects, one)
                     self._take(terms, again, others)
 
     @property
     def best_steady(self) -> Found:
         """The best account of all in which no slip is now more and now less: beside that one, what
         it would explain of rough contact and pushes is left."""
-        accounts = [self.steady.get(effects, one) for effects, one in self.found.items()]
+        accounts = [self._steady.get(effects, one) for effects, one in self.found.items()]
         return max(
             (one for one in accounts if not any(map(is_loose, one.terms))),
             key=lambda one: one.log_evidence,

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.explanations.choices import of_side
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged
 from gap_diagnosis.motion.model import MotionModel, Refitted
@@ -146,5 +147,4 @@ def _scatter(
     rate = np.maximum(np.abs(own), body) / motion.rad_per_count
     inside = (motion.t_s > start_s) & (motion.t_s <= stop_s)
     variance = np.where(inside, 2.0 * _LASTS_S * motion.dt_s * (share * ratio * rate) ** 2, 0.0)
-    none = np.zeros_like(variance)
-    return (variance, none) if side == "left" else (none, variance)
+    return of_side(side, variance)

@@ -289,3 +289,15 @@ def test_a_robot_that_only_trembles_backwards_at_rest_has_no_direction_to_go_wit
     half = np.where(motion.t_s > np.median(motion.t_s), -1.0, 1.0)
     to_and_fro = replace(motion, speed_m_s=half * np.abs(motion.speed_m_s))
     assert len(basis(to_and_fro, "wheel", "direction").functions) == 1
+
+
+def test_a_wheel_that_loses_counts_on_a_straight_turns_no_robot() -> None:
+    """One count in ten: wheels say 0.13 rad/s on the sides of a square, and the gyro says nothing.
+    Taken for a turn, a function of speed took it away with its noise."""
+    losing = (("side", "left"), ("probability", 0.1), ("threshold", 4.0))
+    drive = replace(scenario("square"), effects=())
+    log = synthetic_recording(ROBOT, WIRE, drive, [EffectSetting("missed_ticks", losing)], 3)
+    motion = nodes_of(log).smooth
+    is_straight = np.minimum(motion.left_rate_rad_s, motion.right_rate_rad_s) > 4.0
+    assert np.median(np.abs(motion.turn_rate_rad_s[is_straight])) > 0.1
+    assert np.median(turns(motion)[is_straight]) < 0.1
