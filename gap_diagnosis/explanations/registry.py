@@ -94,13 +94,14 @@ _ALL: Final = (
         positive=True,
     ),
     _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
-    _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale"),
+    _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale", varies=True),
     _plain(
         "turn_scrub",
         "wheel",
         wheel.turn_scrub,
         "scrub",
         exact=wheel.exact_turn_scrub,
+        varies=True,
         unbent=wheel.scrub_of_line,
     ),
     _plain(
@@ -110,6 +111,7 @@ _ALL: Final = (
         "compliance",
         positive=True,
         exact=wheel.exact_longitudinal_slip,
+        varies=True,
     ),
     Explanation("one_sided_slip", 1, choices.one_sided_slip),
     _plain(
@@ -119,6 +121,7 @@ _ALL: Final = (
         "compliance",
         positive=True,
         exact=wheel.exact_lateral_slip,
+        varies=True,
     ),
     Explanation(
         "cross_slope_drift",
@@ -130,6 +133,7 @@ _ALL: Final = (
                 ("east", "north"),
                 polar=_DOWNHILL,
                 polar_turn=_swap_axes,
+                varies=True,
             ),
         ),
     ),
@@ -137,7 +141,9 @@ _ALL: Final = (
         "grade_slip",
         1,
         lambda motion: (
-            Variant("grade_slip", wheel.grade_slip, ("north", "east"), polar=_DOWNHILL),
+            Variant(
+                "grade_slip", wheel.grade_slip, ("north", "east"), polar=_DOWNHILL, varies=True
+            ),
         ),
     ),
     _sided(

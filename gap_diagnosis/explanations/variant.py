@@ -57,6 +57,8 @@ class Variant:
             level as `contact_m_per_sqrt_m`.
         about: for an effect that goes with its size in where it acts, further fixed values with
             which it acts where it does at this size: along them it is smooth in its size.
+        varies: it is of tyres on a floor, which do now more and now less; the size of a wheel, or
+            what is counted, is one number.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
     """
@@ -82,6 +84,7 @@ class Variant:
     unsure: Callable[[Motion], tuple[Floats, Floats]] | None = None
     rectifies: bool = False
     about: Callable[[float], Mapping[str, float]] | None = None
+    varies: bool = False
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""

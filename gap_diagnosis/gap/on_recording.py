@@ -58,9 +58,10 @@ class Replayed:
 
 
 def levels_of(levels: Floats, robot: Robot, motion: Motion) -> NoiseLevels:
-    """Return the motion block's levels, float64[9], with the encoder's noise of the description."""
+    """Return the motion block's levels, float64[10], with the description's encoder noise."""
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
     slow_s = named.pop("reference_slow_s")
+    named.pop("inexact")
     return NoiseLevels(**named, slow_s=slow_s, quantum_rad=_quantum_rad(robot, motion))
 
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS
 from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M
 from gap_diagnosis.recording import Floats
 from hil_harness.robot import Robot
@@ -36,7 +36,9 @@ _LEAST_DAMPED: Final = 5e-3
 _MOST_DAMPED: Final = 1e4
 _EASED: Final = 5.0
 _RIDGE: Final = 1e-9
-_HIGHEST: Final = 100.0
+_HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
+"""What varies by more than a third is there at times, and no effect that lasts: a slip of 2 % for
+8 s had another track, where that might be nothing for the rest of a log."""
 _LOUDER: Final = 1.3
 
 
@@ -85,7 +87,7 @@ class LevelPrior:
         return np.asarray(precision)
 
 
-FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
+FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
 """No floor is smoother than 0.1 mm per root metre and no room measures better than 0.1 mm: without
 these, data without noise would make any small misfit a certainty."""
 
@@ -101,6 +103,7 @@ def level_prior(robot: Robot) -> LevelPrior:
         "lateral_m_per_sqrt_m": (1e-4, 1.5),
         "gyro_noise_rad_per_sqrt_s": (noise, 0.35),
         "gyro_bias_walk_rad_s_per_sqrt_s": (walk, 0.5),
+        "inexact": (0.01, 1.0),
         "reference_position_m": (1e-3, 2.0),
         "reference_heading_rad": (1e-3, 2.0),
         "reference_slow_position_m": (3e-4, 2.0),
@@ -118,13 +121,13 @@ def best_levels(
     *,
     free: Sequence[int] = (),
 ) -> Floats:
-    """Return the levels that maximise evidence times prior, from *start* (float64[9]).
+    """Return the levels that maximise evidence times prior, from *start* (float64[10]).
 
     Scoring with the information of the innovations (Engle and Watson 1981, JASA 76:774, section 3;
     Harvey 1989, section 3.4), damped as by Levenberg and Marquardt, within bounds: levels differ a
     thousandfold in how sharply a log tells them, so that slopes alone lead nowhere in ten rounds.
     """
-    low, high = np.log(FLOORS), math.log(_HIGHEST)
+    low, high = np.log(FLOORS), np.log(_HIGHEST)
 
     def at(log_levels: Floats) -> _Place:
         seen = weigh(np.exp(log_levels))
@@ -184,12 +187,14 @@ def _best_along(
 
 
 def is_louder(levels: Floats, than: Floats) -> bool:
-    """Tell whether levels, float64[9], hold clearly more of any noise than others at any frequency.
+    """Tell whether levels, float64[10], hold more of any noise than others, at any frequency.
+
+    How effects vary is none of it: without effects nothing does.
 
     Slow noise of standard deviation s and correlation time T has the spectral density
     2 s² T / (1 + (w T)²): s² T decides below its corner, s² / T above.
     """
-    ratio = levels / than
+    ratio = np.delete(levels / than, INEXACT)
     slow, longer = ratio[-3:-1], math.sqrt(float(ratio[-1]))
     return bool(np.concatenate([ratio[:-3], slow * longer, slow / longer]).max() > _LOUDER)
 
@@ -206,7 +211,7 @@ def _step(slope: Floats, information: Floats, damping: float, is_free: NDArray[n
 def _slopes(
     weigh: Callable[[Floats], Weighed], here: Floats, seen: Weighed
 ) -> tuple[Floats, Floats]:
-    """Return slope float64[9] and information float64[9, 9] of log evidence by log levels.
+    """Return slope float64[10] and information float64[10, 10] of log evidence by log levels.
 
     With whitened innovations w of log variance v, the information of levels i and j is the sum over
     rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.coefficients import bounded, split
 from gap_diagnosis.motion.columns import (
     ACTS_OTHERWISE,
@@ -53,7 +54,7 @@ class Refitted:
 
     Attributes:
         scored: evidence and coefficients (they are the whole deviation: no tolerance beside them).
-        levels: noise levels, float64[9].
+        levels: noise levels, float64[10].
         log_evidence: with the density of the levels; comparable between sets.
         log_likelihood: at the best coefficients and levels, other tolerances marginalised.
         coefficients: per term, the best ones.
@@ -260,6 +261,8 @@ class MotionModel:
             course = self.scattered(terms, coefficients, leans=leans)
             if step > 0 and gained >= _STILL:
                 starts = [levels] if known is None else [levels, known]
+                if any(varies(term.variant, self.nodes) for term in terms):
+                    starts += roughly(levels, self.level_prior.median)
                 levels, gained = self._better_levels(values, nuisances, tangent, starts, course)
                 known, height = None, None
             white = whiten(values, course, levels, self.nodes.ticks)
@@ -355,6 +358,13 @@ class MotionModel:
         """Return the course with what rates and probabilities of these sizes leave to chance, and,
         unless the fit *leans* on them, with what guesses leave."""
         course = self.course
+        varying = [
+            (term.variant, sizes)
+            for term, sizes in zip(terms, coefficients, strict=True)
+            if varies(term.variant, self.nodes)
+        ]
+        if varying:
+            course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
@@ -364,6 +374,10 @@ class MotionModel:
             if term.variant.unsure is not None and not leans:
                 course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course
+
+    @cached_property
+    def _seen_astray_m(self) -> float:
+        return seen_astray_m(self.nodes, self.columns.values[..., 0])
 
     def _free_about(
         self,

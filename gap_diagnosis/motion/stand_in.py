@@ -37,7 +37,7 @@ class StandIn:
 
     Attributes:
         best, drawn: what acts.
-        levels: noise levels beside it, float64[9].
+        levels: noise levels beside it, float64[10].
     """
 
     best: Setting
@@ -49,7 +49,7 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
     """Return the stand-in of *one* as it suits best what *model* may see of the log; None where the
     log has nothing that it could be a function of.
 
-    Its noise levels are sought beside it from *start*, float64[9], and where some noise is louder
+    Its noise levels are sought beside it from *start*, float64[10], and where some noise is louder
     there than described from the described ones too: it may have taken what the stand-in explains.
     """
     is_of_codes = one.variable == CODE[0]

@@ -24,7 +24,7 @@ _MEMORIES_S: Final = (1.0, 15.0)
 
 
 def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
-    """Return levels float64[9] for a few wanders of the reference about its white noise."""
+    """Return levels float64[10] for a few wanders of the reference about its white noise."""
     if len(nodes.sample_t_s) < 3:
         return []
     x_m, y_m, heading_rad = nodes.reference_noise

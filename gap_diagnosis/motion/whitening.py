@@ -31,6 +31,7 @@ LEVELS: Final = (
     "lateral_m_per_sqrt_m",
     "gyro_noise_rad_per_sqrt_s",
     "gyro_bias_walk_rad_s_per_sqrt_s",
+    "inexact",
     "reference_position_m",
     "reference_heading_rad",
     "reference_slow_position_m",
@@ -39,6 +40,7 @@ LEVELS: Final = (
 )
 """Levels of noise, in the order of a vector of levels."""
 CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
+INEXACT: Final = LEVELS.index("inexact")
 
 _LEAST_TURN_RAD: Final = 1e-6
 QUANTUM_S: Final = 0.5
@@ -51,6 +53,9 @@ _FINER: Final = 0.5
 _AROUND: Final = 5
 """Blocks, a quarter of a second."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
+INEXACT_S: Final = 2.0
+"""Correlation time of the share by which an effect of the contact is larger than on average: a turn
+of a robot lasts for so long."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,8 @@ class Course:
     right_kept: Floats
     left_scatter_m2: Floats
     right_scatter_m2: Floats
+    left_astray_m: Floats
+    right_astray_m: Floats
     cosine: Floats
     sine: Floats
     quantum_m: float
@@ -81,6 +88,10 @@ class Course:
     samples: Floats
     gyro_floor_rad: Floats
     gyro_unsure_rad2: Floats
+
+    def beside(self, left_m: Floats, right_m: Floats) -> Course:
+        """Return the course of wheels that effects lead astray by so much in each block."""
+        return replace(self, left_astray_m=left_m, right_astray_m=right_m)
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
         """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
@@ -140,6 +151,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_kept=_kept(moved[1], slow[1]),
         left_scatter_m2=scatter[0],
         right_scatter_m2=scatter[1],
+        left_astray_m=np.zeros(nodes.count),
+        right_astray_m=np.zeros(nodes.count),
         cosine=np.cos(heading),
         sine=np.sin(heading),
         quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),
@@ -254,6 +267,8 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.right_kept,
         course.left_scatter_m2,
         course.right_scatter_m2,
+        course.left_astray_m,
+        course.right_astray_m,
         course.cosine,
         course.sine,
         course.quantum_m,
@@ -263,6 +278,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.gyro_floor_rad,
         course.gyro_unsure_rad2,
         QUANTUM_S,
+        INEXACT_S,
         levels,
         ticks,
     )
@@ -283,6 +299,8 @@ def _whiten(
     right_kept: Floats,
     left_scatter: Floats,
     right_scatter: Floats,
+    left_astray: Floats,
+    right_astray: Floats,
     cosine: Floats,
     sine: Floats,
     quantum_m: float,
@@ -292,32 +310,36 @@ def _whiten(
     gyro_floor: Floats,
     gyro_unsure: Floats,
     quantum_s: float,
+    inexact_s: float,
     levels: Floats,
     ticks: Floats,
 ) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
-    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading. The
-    # covariance is one flat row of 10 × 10 numbers: with sizes known, its loops are vectorised.
+    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, share
+    # of effects left, right. The covariance is one flat row of 12 × 12 numbers:
+    # with sizes known, its loops are vectorised.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
-    position, heading, slow_position, slow_heading = levels[4], levels[5], levels[6], levels[7]
-    slow_s = levels[8]
-    covariance = np.zeros(100)
-    state = np.zeros((10, width))
+    inexact, position, heading = levels[4], levels[5], levels[6]
+    slow_position, slow_heading, slow_s = levels[7], levels[8], levels[9]
+    covariance = np.zeros(144)
+    state = np.zeros((12, width))
     for i in range(4):
-        covariance[11 * i] = 25.0
-    covariance[44] = 1e-12
-    covariance[77] = slow_position**2
-    covariance[88] = slow_position**2
-    covariance[99] = slow_heading**2
+        covariance[13 * i] = 25.0
+    covariance[52] = 1e-12
+    covariance[91] = slow_position**2
+    covariance[104] = slow_position**2
+    covariance[117] = slow_heading**2
+    covariance[130] = inexact**2
+    covariance[143] = inexact**2
     quantum_variance = quantum_m**2
     out = np.empty((4 * nodes, width))
     log_variance = np.empty(4 * nodes)
     rows = 0
-    gain = np.zeros(10)
+    gain = np.zeros(12)
     fresh_angle = 0.0
     # What the contact adds to the heading from a block's mean to its end: its covariance with the
     # states, its variance, its estimate.
-    late = np.zeros(10)
+    late = np.zeros(12)
     late_variance = 0.0
     late_state = np.zeros(width)
     for k in range(nodes):
@@ -332,42 +354,60 @@ def _whiten(
                 state[1, j] -= dy * state[0, j]
                 state[2, j] += dx * state[0, j]
                 state[3, j] += dt * state[4, j]
-            for j in range(10):
-                covariance[10 + j] -= dy * covariance[j]
-                covariance[20 + j] += dx * covariance[j]
-                covariance[30 + j] += dt * covariance[40 + j]
-            for i in range(10):
-                covariance[10 * i + 1] -= dy * covariance[10 * i]
-                covariance[10 * i + 2] += dx * covariance[10 * i]
-                covariance[10 * i + 3] += dt * covariance[10 * i + 4]
+            for j in range(12):
+                covariance[12 + j] -= dy * covariance[j]
+                covariance[24 + j] += dx * covariance[j]
+                covariance[36 + j] += dt * covariance[48 + j]
+            for i in range(12):
+                covariance[12 * i + 1] -= dy * covariance[12 * i]
+                covariance[12 * i + 2] += dx * covariance[12 * i]
+                covariance[12 * i + 3] += dt * covariance[12 * i + 4]
+            c, s = cosine[k], sine[k]
+            if left_astray[k] != 0.0 or right_astray[k] != 0.0:
+                for q in range(10, 12):
+                    turned = -left_astray[k] if q == 10 else right_astray[k]
+                    went = 0.5 * (left_astray[k] if q == 10 else right_astray[k])
+                    astray = (turned / wheelbase_m, c * went, s * went)
+                    for i in range(3):
+                        for j in range(width):
+                            state[i, j] += astray[i] * state[q, j]
+                        for j in range(12):
+                            covariance[12 * i + j] += astray[i] * covariance[12 * q + j]
+                        for j in range(12):
+                            covariance[12 * j + i] += astray[i] * covariance[12 * j + q]
+            decay = np.exp(-dt / inexact_s)
+            for q in range(10, 12):
+                for j in range(width):
+                    state[q, j] *= decay
+                _scale_state(covariance, q, decay)
+                covariance[13 * q] += (1.0 - decay * decay) * inexact**2
             decay = np.exp(-dt / slow_s)
             for i in range(7, 10):
                 for j in range(width):
                     state[i, j] *= decay
                 _scale_state(covariance, i, decay)
             fresh = 1.0 - decay * decay
-            covariance[77] += fresh * slow_position**2
-            covariance[88] += fresh * slow_position**2
-            covariance[99] += fresh * slow_heading**2
+            covariance[91] += fresh * slow_position**2
+            covariance[104] += fresh * slow_position**2
+            covariance[117] += fresh * slow_heading**2
             left = contact * contact * left_path[k] + left_scatter[k]
             right = contact * contact * right_path[k] + right_scatter[k]
-            c, s = cosine[k], sine[k]
             along = 0.25 * (left + right)
             cross = 0.5 * (right - left) / wheelbase_m
             side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
             turn = (left + right) / (wheelbase_m * wheelbase_m)
             covariance[0] += turn
-            covariance[11] += c * c * along + s * s * side
-            covariance[22] += s * s * along + c * c * side
-            covariance[12] += c * s * (along - side)
-            covariance[21] += c * s * (along - side)
+            covariance[13] += c * c * along + s * s * side
+            covariance[26] += s * s * along + c * c * side
+            covariance[14] += c * s * (along - side)
+            covariance[25] += c * s * (along - side)
             covariance[1] += c * cross
-            covariance[10] += c * cross
+            covariance[12] += c * cross
             covariance[2] += s * cross
-            covariance[20] += s * cross
+            covariance[24] += s * cross
             fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
-            covariance[33] += fresh_angle
-            covariance[44] += walk * walk * dt
+            covariance[39] += fresh_angle
+            covariance[52] += walk * walk * dt
             late[:] = 0.0
             late[0] = together * turn
             late[1] = together * c * cross
@@ -388,7 +428,7 @@ def _whiten(
             for j in range(width):
                 state[q, j] *= keep
             _scale_state(covariance, q, keep)
-            covariance[11 * q] += (1.0 - keep * keep) * mean_variance
+            covariance[13 * q] += (1.0 - keep * keep) * mean_variance
             # The reference meets fewer readings than the block has: those are averaged less.
             met = min(max(samples[k], 1.0), averaged)
             few += quantum_variance / met - mean_variance
@@ -411,13 +451,13 @@ def _whiten(
                 first, second = 0, 3
                 left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
                 noise = gyro_floor[k] * gyro_floor[k]
-            one, two = 10 * first, 10 * second
-            for i in range(10):
+            one, two = 12 * first, 12 * second
+            for i in range(12):
                 gain[i] = (
                     covariance[one + i]
                     + covariance[two + i]
-                    + left_share * covariance[50 + i]
-                    + right_share * covariance[60 + i]
+                    + left_share * covariance[60 + i]
+                    + right_share * covariance[72 + i]
                 )
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6]
@@ -426,7 +466,7 @@ def _whiten(
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
-                for i in range(10):
+                for i in range(12):
                     gain[i] -= late[i]
             if channel == 3:
                 variance += fresh_angle * (spread - 2.0 * together)
@@ -434,7 +474,7 @@ def _whiten(
             log_variance[rows] = np.log(variance)
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
-            for i in range(10):
+            for i in range(12):
                 gain[i] *= scale
             for j in range(width):
                 expected = state[first, j] + state[second, j]
@@ -445,13 +485,13 @@ def _whiten(
             for j in range(width):
                 late_state[j] += late_gain * out[rows, j]
             late_variance -= late_gain * late_gain
-            for i in range(10):
+            for i in range(12):
                 amount = gain[i]
                 late[i] -= amount * late_gain
                 for j in range(width):
                     state[i, j] += amount * out[rows, j]
-                for j in range(10):
-                    covariance[10 * i + j] -= amount * gain[j]
+                for j in range(12):
+                    covariance[12 * i + j] -= amount * gain[j]
             rows += 1
     return out[:rows], log_variance[:rows]
 
@@ -459,7 +499,7 @@ def _whiten(
 @numba.njit(cache=True, nogil=True, inline="always")
 def _scale_state(covariance: Floats, place: int, factor: float) -> None:
     """Scale one state: its row and its column of the flat covariance."""
-    for j in range(10):
-        covariance[10 * place + j] *= factor
-    for j in range(10):
-        covariance[10 * j + place] *= factor
+    for j in range(12):
+        covariance[12 * place + j] *= factor
+    for j in range(12):
+        covariance[12 * j + place] *= factor

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from gap_diagnosis.motion.levels import FLOORS, LevelPrior
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS
 
 Floats = NDArray[np.float64]
 Draw = np.random.Generator
@@ -64,7 +64,9 @@ def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLev
     In stratum *prior* its probabilities are held to account, and a reference that is noisy for want
     of a better one is what speaks against a noise that is news.
     """
-    logs = np.log(believed.median) + believed.spread * draw.standard_normal(len(LEVELS))
+    # A trial's effects are exact.
+    scores = np.insert(draw.standard_normal(len(LEVELS) - 1), INEXACT, 0.0)
+    logs = np.log(believed.median) + believed.spread * scores
     level = dict(zip(LEVELS, np.maximum(np.exp(logs), FLOORS), strict=True))
     return ReferenceLevels(
         kind=kind,

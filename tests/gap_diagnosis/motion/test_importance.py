@@ -100,6 +100,7 @@ def likelihoods(names: Sequence[str], sizes: Floats) -> tuple[Floats, Floats]:
     lines = values[..., len(nuisances) + 1 :]
     best = np.array([one for (one,) in fit.coefficients])
     nodes = MODEL.nodes
+    course = MODEL.scattered(terms, fit.coefficients)
 
     def changes(some: Floats) -> Floats:
         settings = [(t.variant, (float(one),)) for t, one in zip(terms, some, strict=True)]
@@ -107,7 +108,7 @@ def likelihoods(names: Sequence[str], sizes: Floats) -> tuple[Floats, Floats]:
 
     def likelihood(left: Floats) -> float:
         columns = np.concatenate([left[..., np.newaxis], known], axis=-1)
-        white = whiten(np.ascontiguousarray(columns), MODEL.course, fit.levels, nodes.ticks)
+        white = whiten(np.ascontiguousarray(columns), course, fit.levels, nodes.ticks)
         return gram_of(*white, nuisances, fit.levels).log_nothing
 
     about = values[..., 0] - lines @ best - changes(best)
