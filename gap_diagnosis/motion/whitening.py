@@ -3,9 +3,9 @@
 The noise of a log, in the terms of docs/explanation: the contact of each wheel is a random walk
 over distance, the gyro's angle a random walk over time on a walking bias, each count is off by a
 quantum that stays while the wheel stands and is averaged over what it counts while it turns, the
-reference is off by white and by slow noise. Because
-the filter is linear, one pass whitens the data and every effect's column alike, with the same
-gains; what comes out is a plain least-squares problem.
+reference is off by white and by slow noise, and effects of tyres lead each wheel astray by a share
+more or less. Because the filter is linear, one pass whitens the data and every effect's column
+alike, with the same gains; what comes out is a plain least-squares problem.
 """
 
 from __future__ import annotations
