@@ -116,7 +116,7 @@ _TABLE: Final[dict[str, dict[str, Drawn]]] = {
         "side": _SIDE, "ratio": Size(0.005, 0.02, 0.2), "start_s": Moment(0.1, 0.7),
         "stop_s": Lasting(5.0, 20.0),
     },
-    "longitudinal_slip": {"compliance": _up(0.001, 0.005, 0.05)},
+    "longitudinal_slip": {"compliance": _up(0.003, 0.005, 0.05)},
     "lateral_slip": {"compliance": _up(0.002, 0.01, 0.1)},
     "cross_slope_drift": {"ratio": _up(0.001, 0.003, 0.03), "direction": _PHASE},
     "grade_slip": {"ratio": _up(0.001, 0.003, 0.03), "direction": _PHASE},

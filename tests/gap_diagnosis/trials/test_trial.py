@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
@@ -23,7 +24,7 @@ from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import SEALED, seal, unseal
 from gap_diagnosis.trials.secret import Secret
-from gap_diagnosis.trials.sizes import SIZES
+from gap_diagnosis.trials.sizes import SIZES, tolerances
 from gap_diagnosis.trials.truth import class_of
 from hil_harness.assembly import load_wire
 
@@ -197,6 +198,19 @@ def test_the_plan_covers_every_effect_and_withholds_whole_classes() -> None:
             assert not set(one.without) & class_of(one.effects[0])
         if one.kind in ("null", "single", "pair"):
             assert one.without == ()
+
+
+def test_what_a_trial_takes_for_no_gap_the_diagnosis_takes_for_none() -> None:
+    known = default_prior().parameters
+    told = {
+        (effect, name): parameters.get(name, parameters.get("all"))
+        for effect, parameters in known.items()
+        if effect in SIZES
+        for name in tolerances(effect)
+    }
+    drawn = {(effect, name): tolerances(effect)[name] for effect, name in told}
+    assert len(drawn) > 30
+    assert drawn == {key: drawn[key] if one is None else one.tolerance for key, one in told.items()}
 
 
 def test_the_prior_stratum_has_as_many_nulls_as_the_prior_says() -> None:
