@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Columns, Term
 from gap_diagnosis.motion.components import update
-from gap_diagnosis.motion.whitening import Course, whiten
+from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
 

@@ -21,12 +21,13 @@ import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import draw, is_news
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.nodes import residuals
-from gap_diagnosis.motion.whitening import Course, whiten
+from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.pareto import TRUSTED, smoothed
 from gap_diagnosis.recording import Floats
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
+from gap_diagnosis.motion.blocks import Course, course_of
 from gap_diagnosis.motion.coefficients import bounded, split
 from gap_diagnosis.motion.columns import (
     ACTS_OTHERWISE,
@@ -30,7 +31,7 @@ from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import starts
-from gap_diagnosis.motion.whitening import CONTACT, Course, course_of, whiten
+from gap_diagnosis.motion.whitening import CONTACT, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.effects.model import Effect

@@ -12,10 +12,11 @@ from scipy.stats import kurtosis
 
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.accounts import Found
+from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import LEVELS, Course, whiten
+from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
 
 _ABSENT: Final = -6.0

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Setting, Value
+from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s
-from gap_diagnosis.motion.whitening import course_of, whiten
+from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording

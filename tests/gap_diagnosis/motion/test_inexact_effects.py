@@ -1,4 +1,4 @@
-"""No effect of the contact is exact: one that varies from turn to turn is told all the same."""
+"""Tyres are not exact: what they do otherwise in every turn is told all the same."""
 
 from __future__ import annotations
 

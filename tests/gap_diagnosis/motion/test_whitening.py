@@ -12,8 +12,9 @@ from scipy.stats import chi2, kstest
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.manoeuvres import manoeuvres
+from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.nodes import CHANNELS, residuals
-from gap_diagnosis.motion.whitening import INEXACT_S, QUANTUM_S, course_of, whiten
+from gap_diagnosis.motion.whitening import INEXACT_S, QUANTUM_S, whiten
 from gap_diagnosis.motion.whitening import LEVELS as NAMES
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording

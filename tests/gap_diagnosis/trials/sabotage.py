@@ -18,7 +18,7 @@ from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.answer import candidates, stage_probabilities
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.explanations import twin_sets
-from gap_diagnosis.motion.whitening import Course
+from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
