@@ -176,47 +176,49 @@ def _gains(
     angle_gain, rate_gain = np.zeros((2, blocks)), np.zeros((2, blocks))
     scale = np.zeros((2, blocks))
     keep = math.exp(-dt_s / memory_s)
+    fresh = spread * spread * (1.0 - keep * keep)
     log_determinant = 0.0
-    for wheel in range(2):
-        started = False
-        paa, pau, puu = 0.0, 0.0, spread * spread
-        product, together = 1.0, 0
-        for i in range(blocks):
+    started = np.zeros(2, dtype=np.bool_)
+    of_angle, of_both, of_rate = np.zeros(2), np.zeros(2), np.full(2, spread * spread)
+    product, together = 1.0, 0
+    for i in range(blocks):
+        for wheel in range(2):  # both in one step: neither waits for the other
             g = activity[wheel, i]
-            if started:
+            paa, pau, puu = of_angle[wheel], of_both[wheel], of_rate[wheel]
+            if started[wheel]:
                 f = g * memory_s * (1.0 - keep)
                 flow[wheel, i], fade[wheel, i] = f, keep
                 paa += 2.0 * f * pau + f * f * puu
                 pau = keep * (pau + f * puu)
-                puu = keep * keep * puu + spread * spread * (1.0 - keep * keep)
+                puu = keep * keep * puu + fresh
                 step = walk * g
                 # what the rate error gains within the block also moves the angle
                 within = spread * g * dt_s
                 paa += step * step * dt_s + within * within * (1.0 - keep) * 0.667
                 if lost[i]:
-                    started = False
-            if not seen[wheel, i]:
-                continue
-            noise = white * white / count[wheel, i]
-            if not started:
-                started = True
-                paa, pau = noise, 0.0
-                angle_gain[wheel, i] = 1.0
-                continue
-            variance = paa + noise
-            product *= variance
-            together += 1
-            if together == _TOGETHER:
-                log_determinant += math.log(product)
-                product, together = 1.0, 0
-            scale[wheel, i] = 1.0 / math.sqrt(variance)
-            inverse = 1.0 / variance
-            ka, ku = paa * inverse, pau * inverse
-            angle_gain[wheel, i], rate_gain[wheel, i] = ka, ku
-            puu -= ku * pau
-            pau -= ka * pau
-            paa -= ka * paa
-        log_determinant += math.log(product)
+                    started[wheel] = False
+            if seen[wheel, i]:
+                noise = white * white / count[wheel, i]
+                if started[wheel]:
+                    variance = paa + noise
+                    product *= variance
+                    together += 1
+                    if together == _TOGETHER:
+                        log_determinant += math.log(product)
+                        product, together = 1.0, 0
+                    scale[wheel, i] = 1.0 / math.sqrt(variance)
+                    inverse = 1.0 / variance
+                    ka, ku = paa * inverse, pau * inverse
+                    angle_gain[wheel, i], rate_gain[wheel, i] = ka, ku
+                    puu -= ku * pau
+                    pau -= ka * pau
+                    paa -= ka * paa
+                else:
+                    started[wheel] = True
+                    paa, pau = noise, 0.0
+                    angle_gain[wheel, i] = 1.0
+            of_angle[wheel], of_both[wheel], of_rate[wheel] = paa, pau, puu
+    log_determinant += math.log(product)
     return flow, fade, angle_gain, rate_gain, scale, log_determinant
 
 

@@ -244,12 +244,16 @@ class Scan(Accounts):
         if self._parts_beside.get(head.effects) is fit:
             return
         self._parts_beside[head.effects] = fit
-        others = head.log_evidence - fit.log_evidence
         for effect in sorted(head.effects) if len(head.effects) > 1 else ():
-            kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
-            terms = tuple(head.terms[place] for place in kept)
-            start = tuple(fit.coefficients[place] for place in kept)
-            self._fit(terms, head.levels, start, others + math.log(self._choices(effect)))
+            self._fit_without(effect, head, fit)
+
+    def _fit_without(self, effect: str, head: Found, fit: Refitted) -> None:
+        """Fit a set without one of its effects from where a fit of the set ended."""
+        kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
+        terms = tuple(head.terms[place] for place in kept)
+        start = tuple(fit.coefficients[place] for place in kept)
+        others = head.log_evidence - fit.log_evidence + math.log(self._choices(effect))
+        self._fit(terms, head.levels, start, others)
 
     def _seek_beside(self, one: Found, fit: Refitted, instead_of: str = "") -> None:
         """Fit the few effects that gain beside a set what is worth believing, or about as much as
@@ -298,6 +302,8 @@ class Scan(Accounts):
         known = self.found.get(effects)
         if known is None or known.refitted is None or evidence > known.log_evidence:
             self.found[effects] = Found(effects, terms, evidence, likelihood, again.levels, again)
+            # What stretches contradicted was of the fit before.
+            self._weighed.discard(effects)
 
     def _doubted(self, head: Found) -> bool:
         """Take from a set, once, what an effect gains in it that stretches of the log contradict;
@@ -311,6 +317,11 @@ class Scan(Accounts):
         self._weighed.add(head.effects)
         too_much = 0.0
         for effect, times in excess(self.model, head.terms, head.refitted).items():
+            if times == 1.0:
+                continue
+            if self.account(head.effects - {effect}).refitted is None:
+                # Along straight lines a set without it may seem to lack far more than it does.
+                self._fit_without(effect, head, head.refitted)
             less = self._at_levels(self.account(head.effects - {effect}), head.levels)
             gained = max(head.log_likelihood - less.log_likelihood, 0.0)
             if gained / times < _CLEAR:

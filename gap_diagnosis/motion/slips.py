@@ -58,7 +58,8 @@ def windows_beside(
         start = model.refit(beside, levels, free_levels=False, steps=_STEPS).coefficients
     found = []
     for _, term in sorted(by_side.items()):
-        windows = windows_of(model, [*beside, term], len(beside), [*start, (0.0,)], levels)
+        terms, sizes = [*beside, term], [*start, (0.0,)]
+        windows = windows_of(model, terms, len(beside), sizes, levels, worth=_WORTH)
         if windows.log_evidence.max() > _WORTH:
             found.append((Edged(at_window(term, *windows.best_s), windows.spans_s), term))
     return found

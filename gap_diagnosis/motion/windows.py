@@ -8,6 +8,7 @@ end less what it does up to its start, so that one whitened column per end gives
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -36,6 +37,9 @@ _IN_REACH: Final = 8.0
 """Ends that lack more [nat] are not sought more closely, nor those between two that are as likely
 to within"""
 _ALIKE: Final = 0.5
+_PROMISES: Final = (0.1, 0.25, 0.5)
+"""Of what the best window gains, the ends compared so far show this share at least, round by round:
+of a window a fifth as long as they are apart a column between two of them holds a fifth."""
 
 
 @dataclass(frozen=True)
@@ -127,11 +131,17 @@ def windows_of(
     levels: Floats,
     *,
     leans: bool = True,
+    worth: float = -math.inf,
 ) -> Windows:
-    """Return what the log says of the window of ``terms[place]``, about a fit of all terms."""
+    """Return what the log says of the window of ``terms[place]``, about a fit of all terms.
+
+    Where no window promises to gain *worth* [nat], none is sought more closely.
+    """
     grid = _Grid(model, terms, place, coefficients, levels, leans=leans)
     windows = grid.compared()
     for done in range(_ROUNDS):
+        if windows.log_evidence.max() < worth * _PROMISES[min(done, len(_PROMISES) - 1)]:
+            break
         peaks = _PEAKS if done < _COARSE else 0
         between = _between(windows, model.nodes.motion.t_s, peaks)
         if len(between) == 0:

@@ -132,3 +132,20 @@ def test_of_an_unlikely_set_windows_are_told_roughly_and_never_within_a_tick() -
         sought, known = (one.parameters[f"one_sided_slip.{end}"] for one in (close, rough))
         assert abs(float(known.value) - float(sought.value)) < 4 * max(known.sd, sought.sd)
         assert known.sd > 0.28 * model.nodes.motion.tick_s
+
+
+def test_where_no_window_promises_enough_none_is_sought_more_closely() -> None:
+    """Most logs have no slip: a quarter of a diagnosis went into where it would have been."""
+    model = slipping(20.3, 20.9)
+    levels = model.level_prior.median
+    away = nearest(model, 5.0, 10.0)
+    right = next(
+        one
+        for one in model.columns.terms
+        if one.variant.effect == "one_sided_slip" and one.variant.report["side"] == "right"
+    )
+    thorough = windows_of(model, (away,), 0, ((0.0,),), levels)
+    quick = windows_of(model, (away,), 0, ((0.0,),), levels, worth=20.0)
+    assert np.array_equal(quick.log_evidence, thorough.log_evidence)
+    hopeless = windows_of(model, (right,), 0, ((0.0,),), levels, worth=1e6)
+    assert len(hopeless.ends_s) < 0.5 * len(thorough.ends_s)
