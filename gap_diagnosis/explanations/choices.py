@@ -86,8 +86,9 @@ SLIP_WINDOWS: Final = 12
 """One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
 LASTING: Final = frozenset({"radius_scale", "radius_mismatch", "wheelbase_scale"})
 """Sizes of wheels and of the track may change on the way, and do not change back."""
-LEFT_OUT: Final = 0.05
-"""Of a wheel's way, what a window of its slip leaves out."""
+LEFT_OUT: Final = 0.25
+"""Of a wheel's way, what a window of its slip leaves out: one that goes less for nearly all of a
+drive is a smaller wheel."""
 
 
 def one_sided_slip(motion: Motion) -> Iterable[Variant]:

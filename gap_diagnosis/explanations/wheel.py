@@ -138,6 +138,17 @@ def longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     _lag_behind(p, compliance, m.left_acceleration_rad_s2, m.right_acceleration_rad_s2)
 
 
+def creep_in_turns(p: Prediction, *, compliance: float) -> None:
+    """Let the wheels over-read against each other when a turn speeds up, and not in common.
+
+    Tyres creep with the force on them. A body's mass asks for one, its inertia about the vertical
+    for another; where no motor turns it but steered wheels do, for none.
+    """
+    m = p.motion
+    apart = 0.5 * (m.right_acceleration_rad_s2 - m.left_acceleration_rad_s2)
+    _lag_behind(p, compliance, -apart, apart)
+
+
 def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     """Let the wheels over-read when speeding up as sharply as they do."""
     _lag_behind(p, compliance, *_sharp_accelerations(p.motion))

@@ -15,6 +15,7 @@ from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
 from gap_diagnosis.explanations.reference import counts_latency
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.explanations.wheel import creep_in_turns
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -184,6 +185,12 @@ def build_columns(
         nuisances.append((len(base) - 2, 0.5 * speed_cycle_s))
         little[len(base) - 2] = _LATE_COUNTS, 0
         delays.add(len(base) - 2)
+    creep = prior.of(_CREEP, "compliance").tolerance
+    change = _change(nodes, _CREEP_IN_TURNS, [creep], nominal, to_both=True)
+    if _says_something(change):
+        base.append(change / creep)
+        nuisances.append((len(base) - 2, 0.5 * creep))
+        little[len(base) - 2] = _CREEP_IN_TURNS, 0
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances), little)
 
@@ -266,6 +273,8 @@ _OFFSET: Final = "reference_time_offset"
 _SKEW: Final = "reference_clock_skew"
 _LATENCY: Final = "frame_latency"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
+_CREEP: Final = "longitudinal_slip"
+_CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
 MOVES_IN_TIME: Final = _DELAYS | {_SKEW}
 """Late counts are an early reference: along chords to either side, or of other lengths, the two

@@ -1,0 +1,103 @@
+"""Tyres creep with the force on them: what turns a car is no force along its wheels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from gap_diagnosis.motion.evidence import score
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.reading import read_recordings
+from hil_harness import load_robot
+
+CREEP_S2_PER_M = 0.002
+"""Two thirds of what is no gap."""
+TRACK_M, RADIUS_M = 1.52, 0.316
+STEP_S, FIX_S = 0.01, 0.1
+GPS_M = 0.02
+NO_NEWS = 5.0
+"""Less evidence than this [nat] is none: a pair's prior is smaller by as much."""
+
+MAP = """[columns]
+time = { column = "t_s", unit = "s" }
+left_count = { column = "left_m_s", unit = "m/s" }
+right_count = { column = "right_m_s", unit = "m/s" }
+gyro = { column = "yaw_rad_s", unit = "rad/s" }
+"""
+ROBOT = f"""schema = 1
+[robot]
+name = "car"
+[wheels]
+radius_m = {RADIUS_M}
+wheelbase_m = {TRACK_M}
+[encoder]
+ticks_per_rev = 4096
+[drive]
+max_wheel_rate_rad_s = 120.0
+"""
+
+
+def driven(home: Path, seed: int) -> MotionModel:
+    """Return what a car's bus and its GPS say of four minutes in town: the rear wheels' speeds and
+    the yaw rate, and where it was, not which way it pointed."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(0.0, 240.0, STEP_S)
+    asked = np.zeros((2, len(t_s)))
+    at_s = 3.0
+    while at_s < t_s[-1] - 12.0:
+        part = (t_s >= at_s) & (t_s < (at_s := at_s + rng.uniform(4.0, 12.0)))
+        if rng.random() < 0.8:
+            speed = rng.uniform(3.0, 16.0)
+            bend = min(rng.uniform(0.01, 0.12), 2.5 / speed**2) * (rng.random() < 0.55)
+            asked[:, part] = [[speed], [rng.choice([-1.0, 1.0]) * bend]]
+    speed = gaussian_filter1d(asked[0], 1.5 / STEP_S)
+    bend = gaussian_filter1d(asked[1], 0.6 / STEP_S)
+    turn_rate = speed * bend
+    heading = np.cumsum(turn_rate) * STEP_S
+    middle = heading - 0.5 * turn_rate * STEP_S
+    x_m, y_m = np.cumsum([speed * np.cos(middle), speed * np.sin(middle)], axis=1) * STEP_S
+    creeps = 1.0 + CREEP_S2_PER_M * np.gradient(speed, STEP_S)
+    apart = 0.5 * TRACK_M * turn_rate
+    rows = [t_s, (speed - apart) * creeps, (speed + apart) * creeps, turn_rate]
+    noise = np.array([[0.0], [0.003], [0.003], [5e-4]]) * rng.standard_normal((4, len(t_s)))
+    table = (np.array(rows) + noise).T
+    np.savetxt(
+        home / "car.csv",
+        table,
+        fmt="%.5f",
+        delimiter=",",
+        header="t_s,left_m_s,right_m_s,yaw_rad_s",
+        comments="",
+    )
+    fixes_s = np.arange(0.0037, t_s[-1], FIX_S)
+    fixes = np.zeros((len(fixes_s), 8))
+    fixes[:, 0], fixes[:, 7] = fixes_s, 1.0
+    for column, way in ((1, x_m), (2, y_m)):
+        fixes[:, column] = np.interp(fixes_s, t_s, way) + GPS_M * rng.standard_normal(len(fixes))
+    np.savetxt(home / "car.tum", fixes, fmt="%.5f")
+    for name, text in (("map.toml", MAP), ("robot.toml", ROBOT)):
+        (home / name).write_text(text, encoding="utf-8")
+    robot = load_robot(home / "robot.toml")
+    (recording,) = read_recordings(
+        [home / "car.csv"],
+        robot=robot,
+        references=[home / "car.tum"],
+        signals=home / "map.toml",
+    )
+    return MotionModel(recording, robot, default_prior())
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_car_that_creeps_within_tolerance_has_no_gap(tmp_path: Path, seed: int) -> None:
+    """Only its speeding up makes its tyres creep, in turns and on straights alike. Where the outer
+    wheel had to creep more than the inner one as a turn begins, the antenna lay 8 cm farther ahead
+    (8 to 14 nats), and beside it an unlisted cause was told."""
+    model = driven(tmp_path, seed)
+    gram = model.gram(model.no_effect_levels)
+    for term in model.columns.terms:
+        if term.variant.effect in {"reference_lever_arm", "lateral_slip", "longitudinal_slip"}:
+            assert score(gram, [term], model.prior).log_evidence < NO_NEWS
