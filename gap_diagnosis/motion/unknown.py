@@ -10,7 +10,7 @@ library's on equal terms; what wins says on what the leftover depends, without n
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -268,21 +268,30 @@ def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
                     prediction = predict(smooth)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
-            plans.append(_planned(stage, variable, first, usable, base, lead_s))
+            plans.append(_planned(stage, variable, first, usable, base, lead_s, model.without))
     return Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
 
 
 def _planned(
-    stage: str, variable: str, first: int, ways: Sequence[Way], base: Basis, lead_s: float
+    stage: str,
+    variable: str,
+    first: int,
+    ways: Sequence[Way],
+    base: Basis,
+    lead_s: float,
+    without: Set[str],
 ) -> Plan:
-    """Return a plan: all ways together, each by itself, and the simplest shapes of each."""
+    """Return a plan: all ways together, each by itself, and the simplest shapes of each that are no
+    listed effect: an arm straight ahead would be likelier than one that may lie aside as well."""
     count = len(base.functions)
     whole = np.eye(count * len(ways))
     mixes = [whole]
-    for place in range(len(ways)):
+    even = [np.ptp(function) == 0.0 for function in base.functions]
+    for place, way in enumerate(ways):
         own = whole[:, place * count : (place + 1) * count]
         mixes += [own] if len(ways) > 1 else []
-        mixes += [own @ one for one in base.simple]
+        is_listed = way.evenly and way.evenly not in without
+        mixes += [own @ one for one in base.simple if not (is_listed and one[even].any())]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
     if base.within_per_s:
         within = lead_s * np.tile(base.within_per_s, len(ways))

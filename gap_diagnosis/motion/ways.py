@@ -18,7 +18,8 @@ from gap_diagnosis.recording import Floats
 class Way:
     """One way in which a stage can err: what a unit function adds, and usual sizes.
 
-    Up to about *within*, half of what a description may be off by, it is no gap.
+    Up to about *within*, half of what a description may be off by, it is no gap. *evenly*: the
+    effect that it is where it is the same everywhere.
     """
 
     stage: str
@@ -28,6 +29,7 @@ class Way:
     within: float
     needs_reference: bool = False
     needs_gyro: bool = False
+    evenly: str = ""
 
 
 def _steadied(p: Prediction) -> tuple[Floats, Floats]:
@@ -135,9 +137,9 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,
     "reference": (
-        Way("reference", _reference_along, 1e-3, 0.2, 5e-4, needs_reference=True),
-        Way("reference", _reference_across, 1e-3, 0.2, 5e-4, needs_reference=True),
-        Way("reference", _reference_heading, 1e-3, 0.1, 5e-4, needs_reference=True),
+        Way("reference", _reference_along, 1e-3, 0.2, 5e-4, True, evenly="reference_lever_arm"),
+        Way("reference", _reference_across, 1e-3, 0.2, 5e-4, True, evenly="reference_lever_arm"),
+        Way("reference", _reference_heading, 1e-3, 0.1, 5e-4, True, evenly="reference_yaw"),
     ),
 }
 # Wheels may be off by a tolerance of their size, and drift by half of what wear in 100 s is none.

@@ -301,3 +301,22 @@ def test_a_wheel_that_loses_counts_on_a_straight_turns_no_robot() -> None:
     is_straight = np.minimum(motion.left_rate_rad_s, motion.right_rate_rad_s) > 4.0
     assert np.median(np.abs(motion.turn_rate_rad_s[is_straight])) > 0.1
     assert np.median(turns(motion)[is_straight]) < 0.1
+
+
+@pytest.mark.parametrize("is_listed", [True, False])
+def test_an_arm_straight_ahead_is_an_unlisted_cause_only_where_no_arm_is_listed(
+    is_listed: bool,
+) -> None:
+    """An arm of 50 mm, told to 0.02 mm, was an unlisted cause that goes with heading (0.98): the
+    listed one may lie aside as well, and it paid for that."""
+    effect = "reference_lever_arm"
+    arm = EffectSetting(effect, (("x", 0.05), ("y", 0.0)))
+    without = frozenset() if is_listed else frozenset({effect})
+    model = MotionModel(drive(arm), ROBOT, default_prior(), without=without)
+    levels = model.no_effect_levels
+    unlisted = alternatives(model, levels)[0]
+    assert (unlisted.stage, unlisted.variable) == ("reference", "heading")
+    whole = MotionModel(drive(arm), ROBOT, default_prior())
+    (term,) = [one for one in whole.columns.terms if one.variant.effect == effect]
+    listed = score(whole.gram(levels), [term], whole.prior)
+    assert (listed.log_evidence > unlisted.log_evidence) == is_listed
