@@ -27,6 +27,9 @@ _BURSTY: Final = 6.0
 mean of a block of samples with Student's five degrees of freedom has half of that."""
 _FACTORS: Final = (4.0, 16.0, 64.0)
 _OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVELS])
+_LABS: Final = 100.0
+"""A reference so many times noisier than a lab's usual one is none of a lab, but a GPS: how well it
+measures is known, and no gap."""
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
 
@@ -45,10 +48,11 @@ class Noise:
         return tuple(LEVELS.index(level) for _, level in self.parameters)
 
 
+_REFERENCE: Final = "reference_noise"
 NOISES: Final[Mapping[str, Noise]] = {
     "gyro_noise": Noise("gyro", (("density", "gyro_noise_rad_per_sqrt_s"),), (3,)),
     "gyro_bias_walk": Noise("gyro", (("density", "gyro_bias_walk_rad_s_per_sqrt_s"),), (3,)),
-    "reference_noise": Noise(
+    _REFERENCE: Noise(
         "reference",
         (("position", "reference_position_m"), ("heading", "reference_heading_rad")),
         (0, 1, 2),
@@ -60,7 +64,12 @@ def fit_noise(
     model: MotionModel, quiet: Found, nothing: Found, name: str, names: Sequence[str]
 ) -> Fit:
     """Fit a set of effects with the levels of one noise free."""
-    places = NOISES[name].places
+    measured = [
+        (parameter, LEVELS.index(level))
+        for parameter, level in NOISES[name].parameters
+        if level != "reference_heading_rad" or model.nodes.has_heading
+    ]
+    places = [place for _, place in measured]
     described = model.level_prior.median
     course = model.course
     if quiet.refitted is not None:
@@ -76,8 +85,9 @@ def fit_noise(
     levels = _start(quiet.levels, described, places, value)
     if any(levels[place] > _SUSPECT * described[place] for place in places):
         levels = model.levels_for(quiet.terms, levels, free=places, course=course)
-    is_larger = any(levels[place] > 2 * described[place] for place in places)
-    if not is_larger or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
+    larger = (levels / described)[places]
+    is_noise = larger.max() > 2 and not (name == _REFERENCE and larger.max() > _LABS)
+    if not is_noise or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
         alone = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood
         return Fit(tuple(names), alone + _ABSENT, likelihood)
@@ -87,8 +97,7 @@ def fit_noise(
     gain = best - max(plain(levels), plain(quiet.levels))
     parameters = {}
     rng = np.random.default_rng(0)
-    for parameter, level in NOISES[name].parameters:
-        place = LEVELS.index(level)
+    for parameter, place in measured:
         moved = [levels.copy(), levels.copy()]
         moved[0][place] *= math.exp(-_STEP)
         moved[1][place] *= math.exp(_STEP)

@@ -116,3 +116,22 @@ def test_beside_a_large_effect_a_noise_too_loud_to_be_its_leftover_is_told() -> 
     alone = block.fit(frozenset({"wheelbase_scale"})).log_evidence
     assert alone > 300
     assert block.fit(frozenset({"wheelbase_scale", "gyro_noise"})).log_evidence > alone + 5
+
+
+@pytest.mark.parametrize(("position_m", "is_noise"), [(0.02, True), (0.5, False)])
+def test_a_gps_is_no_noisy_reference_of_a_lab(position_m: float, is_noise: bool) -> None:
+    """It measures to half a metre, and every healthy car was told to have a noisy reference (.81).
+    Nor has a heading noise where there is no heading."""
+    still = replace(scenario("figure8"), effects=())
+    log = synthetic_recording(
+        ROBOT, WIRE, still, (), 5, reference=ReferenceNoise(position_m=position_m, rate_hz=5.0)
+    )
+    assert log.reference is not None
+    places = replace(log.reference, heading_rad=None)
+    model = MotionModel(replace(log, reference=places), ROBOT, default_prior())
+    levels = model.no_effect_levels
+    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
+    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    fit = fit_noise(model, nothing, nothing, "reference_noise", ("reference_noise",))
+    assert (fit.log_evidence > 0) == is_noise
+    assert fit.parameters.keys() == ({"reference_noise.position"} if is_noise else set())
