@@ -92,7 +92,8 @@ class _Table:
             )
         ecu = self.map.get("ecu_time")
         wrap_s = None if ecu is None or ecu.wrap is None else ecu.wrap * ecu.si_factor
-        return table_clock(str(self.path), clocks[0], clocks[1], wrap_s)
+        columns = [value[anchors] for value in self.values.values()]
+        return table_clock(str(self.path), clocks[0], clocks[1], wrap_s, columns)
 
     def missing(self) -> tuple[str, ...]:
         """Say how many values were missing, empty or not finite; nothing where none was.

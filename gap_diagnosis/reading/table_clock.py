@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,6 +23,9 @@ _RESTART_S: Final = 1.0
 _STEP_S: Final = 1e-6
 _SLOWEST_S: Final = 2.0
 """Between rows so far apart no wheel's motion is told."""
+_BURSTS: Final = 0.1
+"""Of a table with more rows that share a stamp, rows are of several sources and no bursts."""
+_BURST_ROWS: Final = 4
 _BACK_S: Final = 1.0
 """Rows of several sources may be out of order, but not by this much."""
 
@@ -47,9 +51,13 @@ class TableClock:
 
 
 def table_clock(
-    name: str, time_s: Floats | None, ecu_s: Floats | None, ecu_wrap_s: float | None
+    name: str,
+    time_s: Floats | None,
+    ecu_s: Floats | None,
+    ecu_wrap_s: float | None,
+    columns: Sequence[Floats] = (),
 ) -> TableClock:
-    """Return the clock of a table.
+    """Return the clock of a table; *columns* are what its rows say, float64[n] each.
 
     With an ECU clock the log's time is the line through its stamps against it, and rows are ordered
     by it. Without one a row is taken to be sampled when it says (what the counts tell of that:
@@ -70,8 +78,7 @@ def table_clock(
         _refuse_backwards(name, time_s)
     leading = ecu_s if ecu_s is not None else time_s
     assert leading is not None  # the map has at least one clock
-    _, order = np.unique(np.round((leading - leading.min()) / _STEP_S), return_index=True)
-    ordered = leading[order]
+    order, ordered = _in_order(leading, columns)
     steps = np.diff(ordered)
     if len(steps) == 0:
         raise DiagnosisError(f"{name}: {len(leading)} rows at one time: expected a clock that runs")
@@ -105,16 +112,43 @@ def _refuse_backwards(name: str, time_s: Floats) -> None:
         )
 
 
+def _in_order(stamp_s: Floats, columns: Sequence[Floats]) -> tuple[Ints, Floats]:
+    """Return the rows in the order of time, int64[m], and their stamps, ascending, float64[m].
+
+    Of rows with one stamp the first counts, but for a few that say something else: what waits for a
+    bus comes in a burst.
+    """
+    step = np.round((stamp_s - stamp_s.min()) / _STEP_S)
+    order = np.argsort(step, kind="stable")
+    with_last = np.diff(step[order], prepend=-1.0) == 0.0
+    says_else = np.zeros(len(order), dtype=np.bool_)
+    for column in columns:
+        own = column[order]
+        says_else[1:] |= (own[1:] != own[:-1]) & np.isfinite(own[1:])
+    burst = with_last & says_else
+    if np.count_nonzero(with_last) > _BURSTS * len(order):
+        burst[:] = False
+    kept = ~with_last | burst
+    order, burst = order[kept], burst[kept]
+    place = np.arange(len(order))
+    in_burst = place - np.maximum.accumulate(np.where(burst, 0, place))
+    return order, np.asarray(stamp_s[order] + in_burst * _STEP_S)
+
+
 def _ticks(t_s: Floats, period_s: float) -> Ints:
     """Return which tick each row is, int64[n], strictly ascending from 0.
 
-    A stamp that is late makes one step long and the next one short: where a row seems lost, two
-    steps together must say so too.
+    A stamp that is late makes one step long and the next one short: where a row seems lost, this
+    step with the one before must say so too, and so must it with a few of those behind it.
     """
     steps = np.rint(np.diff(t_s) / period_s)
-    pairs = np.rint((t_s[2:] - t_s[:-2]) / period_s) - 1.0
-    steps[:-1] = np.minimum(steps[:-1], pairs)
-    steps[1:] = np.minimum(steps[1:], pairs)
+    lost = steps.copy()
+    for more in range(1, min(_BURST_ROWS, len(steps) - 1) + 1):
+        together = np.rint((t_s[1 + more :] - t_s[: -1 - more]) / period_s) - more
+        lost[:-more] = np.minimum(lost[:-more], together)
+        if more == 1:
+            lost[1:] = np.minimum(lost[1:], together)
+    steps = lost
     return np.concatenate(([0], np.cumsum(np.maximum(steps, 1.0)))).astype(np.int64)
 
 

@@ -139,6 +139,27 @@ def test_jitter_of_a_sixth_of_a_tick_hardly_ever_loses_or_adds_a_tick() -> None:
     assert np.count_nonzero(np.diff(clock.tick) != np.diff(np.flatnonzero(there))) <= 3
 
 
+@pytest.mark.parametrize("together", [2, 3, 4])
+def test_rows_that_come_in_a_burst_are_all_there_and_none_is_lost(together: int) -> None:
+    """Of rows with one stamp all but the first were left out, and each was a lost tick: a robot on
+    a busy bus was pushed about (> 0.99)."""
+    counts = np.arange(2000.0)
+    stamps_s = 0.025 * counts
+    for last in range(100, 2000, 150):
+        stamps_s[last - together + 1 : last + 1] = stamps_s[last]
+    clock = table_clock("table", stamps_s, None, None, [counts])
+    assert np.array_equal(clock.order, np.arange(2000))
+    assert np.array_equal(clock.tick, np.arange(2000))
+    assert np.all(np.diff(clock.t_s) > 0)
+
+
+def test_rows_that_say_the_same_at_the_same_time_are_one() -> None:
+    counts = np.arange(200.0)
+    twice = np.repeat(np.arange(200), np.where(counts == 50, 2, 1))
+    clock = table_clock("table", 0.025 * counts[twice], None, None, [counts[twice]])
+    assert np.array_equal(twice[clock.order], np.arange(200))
+
+
 def test_a_map_reads_angles_distances_speeds_and_other_units(tmp_path: Path) -> None:
     table = drive(600)
     angle = table.columns["left_ticks"] / TICKS_PER_RAD
