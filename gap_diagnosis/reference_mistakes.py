@@ -35,6 +35,9 @@ _LEAST_TURN_RAD: Final = 0.05
 _LEAST_WAY_M: Final = 0.01
 _LITTLE: Final = 0.1
 """A step so many times the usual one leads nowhere."""
+_CLEAR: Final = 20.0
+"""A factor or a sign gains hundreds of nats in seconds: what gains less [nat] may be noise (a metre
+of it was km/h for m/s by 4)."""
 _QUARTER_RAD: Final = math.pi / 2
 _FINE_RAD: Final = 0.1
 """A frame so far off a quarter turn is another one; up to there it is the effect reference_yaw's,
@@ -118,7 +121,7 @@ def with_reference_put_right(
         gain = _log_evidence(after) - before - float(values) * math.log(abs(factor))
         tried.append((right, Mistake(signal, factor, gain, quarters)))
     right, mistake = max(tried, key=lambda one: one[1].log_evidence)
-    if mistake.effect in without or mistake.log_evidence <= 0:
+    if mistake.effect in without or mistake.log_evidence < _CLEAR:
         return recording, None
     return right, mistake
 

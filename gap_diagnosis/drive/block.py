@@ -191,7 +191,7 @@ class DriveBlock:
             # A larger step takes longer to the limit: what a gain adds there is no straight line.
             there, before = about(setting, levels, point), setting.about
             setting = laid_at(setting, setting.values(point), there)
-            point = likeliest(setting, levels)
+            point = likeliest(setting, levels, setting.values(point))
             levels, free = self._levels_of(setting, setting.values(point))
             if max(abs(a - b) for a, b in zip(there, before, strict=True)) < _STRAIGHT:
                 break

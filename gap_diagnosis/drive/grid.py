@@ -130,13 +130,14 @@ def _best_of_box(log_density: Values, box: Floats, alone: Sequence[float | None]
     coordinates, improved by a simplex."""
     size = len(box)
     points, cell = _middles(box, _COARSE[size])
-    lines = [points]
+    lines, known = [points], points
     for place, value in enumerate(alone):
         if value is not None:
             line = points.copy()
-            line[:, place] = np.clip(value, box[place, 0], box[place, 1])
+            known = known.copy()
+            line[:, place] = known[:, place] = np.clip(value, box[place, 0], box[place, 1])
             lines.append(np.unique(line, axis=0))
-    points = np.concatenate(lines)
+    points = np.concatenate([*lines, np.unique(known, axis=0)])
     start = points[int(np.argmax(log_density(points)))]
     found = minimize(
         lambda point: -max(float(_inside(log_density, box, point[np.newaxis])[0]), -1e300),

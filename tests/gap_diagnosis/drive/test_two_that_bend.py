@@ -11,6 +11,7 @@ from drive_recordings import ROBOT, WIRE
 from foreign_drives import weak_motors
 
 from gap_diagnosis.drive import drive_block
+from gap_diagnosis.drive.grid import Floats, locate
 from gap_diagnosis.synthetic import synthetic_recording
 from gap_diagnosis.trials.drives import drive
 from hil_harness.effects import EffectSetting
@@ -58,3 +59,16 @@ def test_motors_of_little_torque_have_a_limit_of_acceleration_and_nothing_else(k
     gain = block.fit(frozenset({"drive_acceleration_limit", "drive_gain"})).parameters
     for side in ("left", "right"):
         assert abs(gain[f"drive_gain.{side}"].value) < 0.01
+
+
+def test_a_peak_that_is_known_is_found_however_narrow_it_is() -> None:
+    """Where a limit is laid anew its peak is narrower than a grid's cells, and so is what stands
+    beside it: a dead band was found or not by the last digit of a noise level (27 nats)."""
+    peak = np.array([0.3, 0.7])
+
+    def log_density(points: Floats) -> Floats:
+        away = (points - peak) / 1e-3
+        return np.asarray(np.log(np.exp(-0.5 * np.sum(away**2, axis=1)) + 1e-3))
+
+    bounds = [(0.0, 1.0), (0.0, 1.0)]
+    assert locate(log_density, bounds, [0.3, 0.7]) == pytest.approx(peak, abs=1e-3)
