@@ -69,8 +69,8 @@ def locate(
 ) -> Floats:
     """Return where log_density(points float64[p, d]) is largest in a box.
 
-    *alone*: by coordinate, where it is likeliest without the others, if that is known: a peak may
-    be narrower than the grid's cells.
+    *alone*: by coordinate, where it is likeliest without the others, or was before all else moved a
+    little, if that is known: a peak may be narrower than the grid's cells.
     """
     box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
     if len(box) < 2:
@@ -126,8 +126,8 @@ def _inside(log_density: Values, box: Floats, candidates: Floats) -> Floats:
 
 
 def _best_of_box(log_density: Values, box: Floats, alone: Sequence[float | None] = ()) -> Floats:
-    """Return the best point of a coarse grid, and of its lines through what is known of single
-    coordinates, improved by a simplex."""
+    """Return the best point of a coarse grid, of its lines through what is known of single
+    coordinates and of the point that all of those make, improved by a simplex."""
     size = len(box)
     points, cell = _middles(box, _COARSE[size])
     lines, known = [points], points

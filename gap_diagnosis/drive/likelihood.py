@@ -164,7 +164,7 @@ def evidence(
 
 def likeliest(setting: Setting, logs: Floats, alone: Mapping[str, float] = _NOTHING) -> Floats:
     """Return the likeliest bending parameters at noise levels; *alone*: by effect, the likeliest
-    one of each by itself, where that is known."""
+    one of each by itself, or of all before they are laid anew, where that is known."""
     log_density, _ = _density(setting, logs, rough=True)
     known = [
         one.at(alone[one.effect]) if one.effect in alone else None for one in setting.coordinates

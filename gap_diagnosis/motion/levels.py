@@ -40,6 +40,8 @@ _HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
 """What varies by more than a third is there at times, and no effect that lasts: a slip of 2 % for
 8 s had another track, where that might be nothing for the rest of a log."""
 _LOUDER: Final = 1.3
+EVEN_OVER: Final = 50.0
+"""The factor over which a level is even that an effect raises."""
 
 
 class Weighed(NamedTuple):
@@ -73,11 +75,11 @@ class LevelPrior:
     spread: Floats
 
     def log_density(self, log_levels: Floats, free: Sequence[int] = ()) -> float:
-        """Return the log density; the levels in *free* are even over a factor of 50 instead."""
+        """Return the log density; the levels in *free* are even over `EVEN_OVER` instead."""
         score = (log_levels - np.log(self.median)) / self.spread
         terms = -0.5 * score**2 - np.log(self.spread) - 0.5 * math.log(math.tau)
         for index in free:
-            terms[index] = -math.log(math.log(50.0))
+            terms[index] = -math.log(math.log(EVEN_OVER))
         return float(terms.sum())
 
     def restraint(self, free: Sequence[int] = ()) -> Floats:

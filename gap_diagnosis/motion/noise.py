@@ -15,6 +15,7 @@ from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS
+from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
@@ -27,9 +28,11 @@ _BURSTY: Final = 6.0
 mean of a block of samples with Student's five degrees of freedom has half of that."""
 _FACTORS: Final = (4.0, 16.0, 64.0)
 _OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVELS])
-_LABS: Final = 100.0
-"""A reference so many times noisier than a lab's usual one is none of a lab, but a GPS: how well it
-measures is known, and no gap."""
+_LARGER: Final = 2.0
+"""A level so many times the described one is an effect,"""
+_LABS: Final = _LARGER * EVEN_OVER
+"""over the factor that its prior has. A reference that is noisier than that beside a lab's usual one
+is none of a lab, but a GPS: how well it measures is known, and no gap."""
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
 
@@ -86,7 +89,7 @@ def fit_noise(
     if any(levels[place] > _SUSPECT * described[place] for place in places):
         levels = model.levels_for(quiet.terms, levels, free=places, course=course)
     larger = (levels / described)[places]
-    is_noise = larger.max() > 2 and not (name == _REFERENCE and larger.max() > _LABS)
+    is_noise = larger.max() > _LARGER and not (name == _REFERENCE and larger.max() > _LABS)
     if not is_noise or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
         alone = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood

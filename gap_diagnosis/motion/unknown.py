@@ -290,7 +290,7 @@ def _planned(
     for place, way in enumerate(ways):
         own = whole[:, place * count : (place + 1) * count]
         mixes += [own] if len(ways) > 1 else []
-        is_listed = way.evenly and way.evenly not in without
+        is_listed = way.evenly not in {"", *without}
         mixes += [own @ one for one in base.simple if not (is_listed and one[even].any())]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
     if base.within_per_s:

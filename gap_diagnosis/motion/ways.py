@@ -137,9 +137,33 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,
     "reference": (
-        Way("reference", _reference_along, 1e-3, 0.2, 5e-4, True, evenly="reference_lever_arm"),
-        Way("reference", _reference_across, 1e-3, 0.2, 5e-4, True, evenly="reference_lever_arm"),
-        Way("reference", _reference_heading, 1e-3, 0.1, 5e-4, True, evenly="reference_yaw"),
+        Way(
+            "reference",
+            _reference_along,
+            1e-3,
+            0.2,
+            5e-4,
+            needs_reference=True,
+            evenly="reference_lever_arm",
+        ),
+        Way(
+            "reference",
+            _reference_across,
+            1e-3,
+            0.2,
+            5e-4,
+            needs_reference=True,
+            evenly="reference_lever_arm",
+        ),
+        Way(
+            "reference",
+            _reference_heading,
+            1e-3,
+            0.1,
+            5e-4,
+            needs_reference=True,
+            evenly="reference_yaw",
+        ),
     ),
 }
 # Wheels may be off by a tolerance of their size, and drift by half of what wear in 100 s is none.

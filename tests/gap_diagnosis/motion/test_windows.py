@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 
-from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged, best_edges
@@ -162,4 +161,3 @@ def test_no_slip_lasts_for_nearly_all_of_a_drive() -> None:
     start_s, stop_s = windows.best_s
     inside = (motion.t_s > start_s) & (motion.t_s <= stop_s)
     assert way[inside].sum() < 0.75 * way.sum()
-    assert all(leaves_out(motion, one.variant) for one in model.columns.terms)

@@ -160,6 +160,14 @@ def test_rows_that_say_the_same_at_the_same_time_are_one() -> None:
     assert np.array_equal(twice[clock.order], np.arange(200))
 
 
+def test_where_many_rows_share_a_stamp_the_first_of_each_counts() -> None:
+    """They are of several sources, and no bursts."""
+    rows = np.arange(400.0)
+    clock = table_clock("table", 0.025 * (rows // 2), None, None, [rows])
+    assert np.array_equal(clock.order, np.arange(0, 400, 2))
+    assert np.array_equal(clock.tick, np.arange(200))
+
+
 def test_a_map_reads_angles_distances_speeds_and_other_units(tmp_path: Path) -> None:
     table = drive(600)
     angle = table.columns["left_ticks"] / TICKS_PER_RAD
