@@ -31,7 +31,7 @@ _OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVE
 _LARGER: Final = 2.0
 """A level so many times the described one is an effect,"""
 _LABS: Final = _LARGER * EVEN_OVER
-"""over the factor that its prior has. A reference that is noisier than that beside a lab's usual one
+"""over the factor that its prior has. A reference noisier than that beside a lab's usual one
 is none of a lab, but a GPS: how well it measures is known, and no gap."""
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
