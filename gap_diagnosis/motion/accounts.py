@@ -259,6 +259,10 @@ class Accounts:
         """Return how many variants of an effect share its prior evenly."""
         return max(sum(term.log_weight == 0.0 for term in self.by_effect[effect]), 1)
 
+    def _cost(self, term: Term) -> float:
+        """Return what it costs [nat] that an effect is this variant of it."""
+        return math.log(self._choices(term.variant.effect)) - term.log_weight
+
     def _offer(self, found: Found) -> None:
         known = self.found.get(found.effects)
         if known is None or found.log_evidence > known.log_evidence:
@@ -321,18 +325,14 @@ class Accounts:
         levels = one.levels
         less = self.model.refit(guess.terms, levels, leans=False)
         more = self.model.refit(one.terms, levels, leans=False)
-        others = math.fsum(
-            t.log_weight - math.log(self._choices(t.variant.effect))
-            for t in one.terms
-            if t.variant.effect not in guess.effects
-        )
+        own = [term for term in one.terms if term.variant.effect not in guess.effects]
         self.found[one.effects] = Found(
             one.effects,
             one.terms,
             guess.log_evidence
             + more.log_evidence
             - less.log_evidence
-            + others
+            - math.fsum(map(self._cost, own))
             - self._beyond_belief(one.terms, [v for c in more.coefficients for v in c]),
             guess.log_likelihood + max(more.log_likelihood - less.log_likelihood, 0.0),
             more.levels,

@@ -9,7 +9,7 @@ from typing import Final
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.thresholds import coarse_threshold, has_threshold
-from gap_diagnosis.motion.windows import at_window, has_window, windows_of
+from gap_diagnosis.motion.windows import Windows, at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
 EDGES: Final = ("start_s", "stop_s", "threshold", "limit")
@@ -23,16 +23,28 @@ _GROWN: Final = 14
 
 @dataclass(frozen=True)
 class Edged:
-    """A term at its best edges, with how far each can move: half a nat of evidence, or the standard
-    deviation of a window's end."""
+    """A term at its best edges.
+
+    Attributes:
+        term: there.
+        spans: how far each edge can move: half a nat of evidence, or the standard deviation of a
+            window's end.
+        log_width: by how much less [nat] than its best window some window is worth.
+    """
 
     term: Term
     spans: dict[str, float]
+    log_width: float = 0.0
 
 
 def has_edges(term: Term) -> bool:
     """Tell whether a term has a window, a threshold or a limit that is to be sought."""
     return not term.variant.is_held and any(name in term.variant.fixed for name in EDGES)
+
+
+def edged_by(term: Term, windows: Windows) -> Edged:
+    """Return a term in the best of its windows."""
+    return Edged(at_window(term, *windows.best_s), windows.spans_s, windows.log_width)
 
 
 def best_edges(
@@ -47,7 +59,7 @@ def best_edges(
     term = terms[place]
     if has_window(term):
         windows = windows_of(model, terms, place, coefficients, levels)
-        return Edged(at_window(term, *windows.best_s), windows.spans_s)
+        return edged_by(term, windows)
     if has_threshold(term):
         return Edged(coarse_threshold(model, terms, place, coefficients, levels), {})
     step = 0.05 * max(float(term.variant.fixed["limit"]), 0.5)

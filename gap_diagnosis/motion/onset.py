@@ -24,9 +24,9 @@ from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
 
 _GYRO_RANK: Final = 2
-_SHARE: Final = 0.1
+LOG_SHARE: Final = math.log(0.1)
 """One effect in ten does not act on the whole log."""
-LOG_WEIGHT: Final = math.log(_SHARE / (SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2))
+LOG_WEIGHT: Final = LOG_SHARE - math.log(SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2)
 """Log prior of one window of the grid, beside the effect on the whole log."""
 
 

@@ -14,10 +14,10 @@ from gap_diagnosis.motion.accounts import NEAR, Accounts, Effects, Found
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
-from gap_diagnosis.motion.edges import best_edges, has_edges
-from gap_diagnosis.motion.evidence import Gram, score
+from gap_diagnosis.motion.edges import Edged, best_edges, has_edges
+from gap_diagnosis.motion.evidence import Gram, log_sum, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.onset import LOG_WEIGHT, best_window, can_begin
+from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.motion.slips import (
     LOOSE,
@@ -156,24 +156,51 @@ class Scan(Accounts):
             return False
         self._windowed.add(head.effects)
         terms, fit = list(head.terms), head.refitted
+        others = head.log_evidence - fit.log_evidence
         for place, term in enumerate(head.terms):
             if has_window(term):
                 edged = best_edges(self.model, terms, place, fit.coefficients, fit.levels)
-                self.spans[term.variant.effect] = edged.spans
-                terms[place] = edged.term
+                terms[place] = self._in_its_window(edged)
+                others += terms[place].log_weight - self._log_weight(head, place)
             elif has_threshold(term):
                 known = thresholds_of(self.model, terms, place, fit.coefficients, fit.levels)
                 terms[place] = known.best[place]
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
-        others = head.log_evidence - fit.log_evidence
+        head = replace(head, log_evidence=fit.log_evidence + others)
+        self.found[head.effects] = head
         self._fit(tuple(terms), head.levels, fit.coefficients, others)
         moved = self.found[head.effects]
         if moved is head or moved.refitted is None:
-            return False
+            return max(self.found.values(), key=self._belief) is not head
         self._fit_parts(moved, moved.refitted)
         self._surrounded.discard(head.effects)
         return True
+
+    def _in_its_window(self, edged: Edged) -> Term:
+        """Return a term in its best window, which is worth as much as all windows are in sum; keep
+        how far its edges can move."""
+        term, effect = edged.term, edged.term.variant.effect
+        self.spans[effect] = edged.spans
+        on_the_grid = [one for one in self.by_effect[effect] if one.log_weight == 0.0]
+        if not has_window(on_the_grid[0]):
+            return replace(term, log_weight=LOG_SHARE + edged.log_width)
+        variants = [one.variant for one in on_the_grid]
+        kinds = {frozenset(one.report.items() - one.fixed.items()) for one in variants}
+        choices = len(variants) / len(kinds)
+        return replace(term, log_weight=edged.log_width + math.log(choices))
+
+    def _log_weight(self, one: Found, place: int) -> float:
+        """Return by how much a term counts for all variants of its effect in the account of a set:
+        for itself and as many as are about as good."""
+        term = one.terms[place]
+        others = [t for t in self._kept[-1][term.variant.effect] if t is not term]
+
+        def worth(own: Term) -> float:
+            terms = (*one.terms[:place], own, *one.terms[place + 1 :])
+            return self.evidence(terms, one.levels) + own.log_weight
+
+        return log_sum(np.array([worth(t) for t in (term, *others)])) - worth(term) + term.log_weight
 
     def _loosened(self) -> None:
         """Let a slip be now more and now less, by itself and in the best set."""
@@ -249,10 +276,11 @@ class Scan(Accounts):
 
     def _fit_without(self, effect: str, head: Found, fit: Refitted) -> None:
         """Fit a set without one of its effects from where a fit of the set ended."""
-        kept = [place for place, t in enumerate(head.terms) if t.variant.effect != effect]
+        (left_out,) = (term for term in head.terms if term.variant.effect == effect)
+        kept = [place for place, term in enumerate(head.terms) if term is not left_out]
         terms = tuple(head.terms[place] for place in kept)
         start = tuple(fit.coefficients[place] for place in kept)
-        others = head.log_evidence - fit.log_evidence + math.log(self._choices(effect))
+        others = head.log_evidence - fit.log_evidence + self._cost(left_out)
         self._fit(terms, head.levels, start, others)
 
     def _seek_beside(self, one: Found, fit: Refitted, instead_of: str = "") -> None:
@@ -279,7 +307,7 @@ class Scan(Accounts):
             is_fitted = known is not None and known.refitted is not None
             if is_fitted or new.log_evidence < least - _UNSURE:
                 continue
-            others = one.log_evidence - fit.log_evidence - math.log(self._choices(effect))
+            others = one.log_evidence - fit.log_evidence - self._cost(new.term)
             start = (*fit.coefficients, new.sizes)
             self._fit((*one.terms, new.term), one.levels, start, others)
 
@@ -398,8 +426,7 @@ class Scan(Accounts):
         described = self._grams[0].levels
         slips = windows_beside(self.model, greedy, self.by_effect.get(SLIP, ()), described)
         for edged, grid_term in slips:
-            self.by_effect[SLIP].append(self.model.add(edged.term.variant, grid_term))
-            self.spans[SLIP] = edged.spans
+            self._add_at_its_edges(edged, grid_term)
         added = bool(slips)
         for one in singles:
             (term,) = one.terms
@@ -409,9 +436,7 @@ class Scan(Accounts):
                 continue
             start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
             edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
-            better = self.model.add(edged.term.variant, term)
-            self.by_effect[term.variant.effect].append(better)
-            self.spans[term.variant.effect] = edged.spans
+            self._add_at_its_edges(edged, term)
             added = True
         asked = self._part_of_the_log()
         if added or asked is not None:
@@ -462,10 +487,16 @@ class Scan(Accounts):
         )
         if between.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_EDGES:
             return None
-        added = replace(self.model.add(edged.term.variant, term), log_weight=LOG_WEIGHT)
-        self.by_effect[term.variant.effect].append(added)
-        self.spans[term.variant.effect] = edged.spans
+        self._add_at_its_edges(edged, term)
         return between.levels
+
+    def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
+        """Add a variant whose edges lie where they fit best."""
+        effect = grid_term.variant.effect
+        log_weight = self._in_its_window(edged).log_weight if has_window(edged.term) else 0.0
+        added = self.model.add(edged.term.variant, grid_term)
+        self.by_effect[effect].append(replace(added, log_weight=log_weight))
+        self.spans[effect] = edged.spans
 
     def _greedy(self, gram: Gram) -> list[Term]:
         """Return a few terms that together take most of what is there."""

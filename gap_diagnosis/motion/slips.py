@@ -18,7 +18,7 @@ import numpy as np
 
 from gap_diagnosis.explanations.choices import of_side
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.edges import Edged
+from gap_diagnosis.motion.edges import Edged, edged_by
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.windows import at_window, windows_of
 from gap_diagnosis.prediction import Motion
@@ -61,7 +61,7 @@ def windows_beside(
         terms, sizes = [*beside, term], [*start, (0.0,)]
         windows = windows_of(model, terms, len(beside), sizes, levels, worth=_WORTH)
         if windows.log_evidence.max() > _WORTH:
-            found.append((Edged(at_window(term, *windows.best_s), windows.spans_s), term))
+            found.append((edged_by(term, windows), term))
     return found
 
 

@@ -48,13 +48,16 @@ class Windows:
 
     Attributes:
         ends_s: float64[e], ascending, the ends that were compared.
-        log_evidence: float64[e, e], of a window from the first end to the second one.
+        log_evidence: float64[e, e], of a window from the first end to the second one, and
+        areas: float64[e, e], for how many such windows it stands [s², or s where one end is known
+            beforehand]: before, all ends are alike.
         means, variances, log_weights: float64[s, e, e], of the effect's size in each window, by
             component of its prior.
     """
 
     ends_s: Floats
     log_evidence: Floats
+    areas: Floats
     means: Floats
     variances: Floats
     log_weights: Floats
@@ -64,6 +67,19 @@ class Windows:
         """The likeliest window."""
         first, last = np.unravel_index(np.argmax(self.log_evidence), self.log_evidence.shape)
         return float(self.ends_s[first]), float(self.ends_s[last])
+
+    @property
+    def log_mean(self) -> float:
+        """The log evidence [nat] of some window: the mean over all there may be."""
+        top = float(self.log_evidence.max())
+        share = self.areas * np.exp(self.log_evidence - top)
+        return top + math.log(float(share.sum() / self.areas.sum()))
+
+    @property
+    def log_width(self) -> float:
+        """How wide the best window stands among all there may be: by so much less [nat] than the
+        best one is worth, some window is."""
+        return self.log_mean - float(self.log_evidence.max())
 
     @property
     def spans_s(self) -> dict[str, float]:
@@ -76,17 +92,9 @@ class Windows:
             found[name] = float(np.sqrt(weight @ away_s**2))
         return found
 
-    @property
-    def _cells(self) -> tuple[Floats, Floats]:
-        """From where to where each end stands for those about it, float64[e] each."""
-        middles = 0.5 * (self.ends_s[1:] + self.ends_s[:-1])
-        return np.append(self.ends_s[0], middles), np.append(middles, self.ends_s[-1])
-
     def _shares(self, dispersion: float) -> Floats:
-        """Return the probability of each window, float64[e, e]: before, all ends are alike."""
-        low, high = self._cells
-        share = np.exp((self.log_evidence - self.log_evidence.max()) / dispersion)
-        share = share * np.outer(high - low, high - low)
+        """Return the probability of each window, float64[e, e]."""
+        share = self.areas * np.exp((self.log_evidence - self.log_evidence.max()) / dispersion)
         return np.asarray(share / share.sum())
 
     def draw(
@@ -94,7 +102,7 @@ class Windows:
     ) -> tuple[Floats, Floats, Floats]:
         """Return draws float64[count] of start, stop [s] and size, where the log's likelihood is
         *dispersion* times too sure."""
-        low, high = self._cells
+        low, high = _cells(self.ends_s)
         share = self._shares(dispersion)
         picked = rng.choice(share.size, size=count, p=share.ravel())
         first, last = np.unravel_index(picked, share.shape)
@@ -175,6 +183,12 @@ def _between(windows: Windows, t_s: Floats, most: int) -> Floats:
     at = np.flatnonzero(wanted)
     asked_s = nearest_ticks((ends_s[at, None] + np.diff(ends_s)[at, None] * _QUARTERS).ravel(), t_s)
     return np.setdiff1d(asked_s, ends_s)
+
+
+def _cells(ends_s: Floats) -> tuple[Floats, Floats]:
+    """Return from where to where each end stands for those about it, float64[e] each."""
+    middles = 0.5 * (ends_s[1:] + ends_s[:-1])
+    return np.append(ends_s[0], middles), np.append(middles, ends_s[-1])
 
 
 class _Grid:
@@ -299,9 +313,20 @@ class _Grid:
         means = variances * data
         log_parts = 0.5 * (means * data - np.log1p(scales * power))
         top = log_parts.max(axis=0)
-        log_evidence = top + np.log(np.exp(log_parts - top).sum(axis=0)) - 0.5 * misfit
-        log_evidence = np.where(self._admitted(), log_evidence, -np.inf)
-        return Windows(self.ends_s, log_evidence, means, variances, log_parts - top)
+        log_evidence = top + np.log(np.exp(log_parts - top).mean(axis=0)) - 0.5 * misfit
+        admitted = self._admitted()
+        log_evidence = np.where(admitted, log_evidence, -np.inf)
+        areas = np.where(admitted, self._areas(), 0.0)
+        return Windows(self.ends_s, log_evidence, areas, means, variances, log_parts - top)
+
+    def _areas(self) -> Floats:
+        """Return for how many windows each one stands, float64[e, e]."""
+        low, high = _cells(self.ends_s)
+        width = high - low
+        if self._variant.effect not in LASTING:
+            return np.asarray(np.outer(width, width))
+        begins = self.ends_s == self.ends_s[0]
+        return np.where(begins[:, None], width, width[:, None])
 
     def _admitted(self) -> NDArray[np.bool_]:
         """Tell which windows there may be, bool[e, e]."""

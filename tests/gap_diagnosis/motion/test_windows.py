@@ -27,8 +27,19 @@ def slipping(start_s: float, stop_s: float) -> MotionModel:
     """Return the log of a drive on which the left wheel slips in a window."""
     window = (("start_s", start_s), ("stop_s", stop_s))
     slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", RATIO), *window))
+    return driven(slip)
+
+
+def driven(effect: EffectSetting) -> MotionModel:
+    """Return the log of a drive with an effect."""
     recording = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        [effect],
+        5,
+        reference=ReferenceNoise(),
+        duration_s=40.0,
     )
     return MotionModel(recording, ROBOT, default_prior())
 
@@ -100,6 +111,57 @@ def test_an_end_that_is_told_to_the_tick_may_be_anywhere_in_it() -> None:
         hundredth_s = 0.01 * recording.tick_s
         assert abs(drawn_s.min() - ends_s[0]) < hundredth_s
         assert abs(drawn_s.max() - ends_s[1]) < hundredth_s
+
+
+def test_a_window_told_to_the_tick_is_one_of_as_many_as_there_may_be() -> None:
+    """It counted as one of the grid's hundred, however narrow it was."""
+    window = (("start_s", 20.303), ("stop_s", 27.794))
+    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.5), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
+    )
+    model = MotionModel(recording, ROBOT, default_prior())
+    term = nearest(model, 20.3, 27.8)
+    windows = windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
+    ticks = model.nodes.smooth.t_s
+    way = np.cumsum(np.abs(model.nodes.smooth.left_step_rad))
+    ends_s, step_s = np.linspace(ticks[0], ticks[-1], 801, retstep=True)
+    until = np.interp(ends_s, ticks[-len(way) :], way)
+    leaves_out = way[-1] - np.subtract.outer(until, until).T > 0.25 * way[-1]
+    admitted = leaves_out & (np.subtract.outer(ends_s, ends_s).T >= 0.5)
+    expected = math.log(recording.tick_s**2 / (admitted.sum() * step_s**2))
+    # Along the border of what is admitted cells are whole or none, and the likeliest tick is not
+    # all there is.
+    assert abs(windows.log_width - expected) < 0.1
+
+
+def test_a_slip_is_worth_what_all_its_windows_are_on_average() -> None:
+    """A healthy robot slipped (0.80): of 67 windows the best one gained ten nats, and half a second
+    is not one in 67 of its drive."""
+    scan = Scan(slipping(20.3, 27.7))
+    found = scan.account(frozenset({"one_sided_slip"}))
+    assert found.refitted is not None
+    about = found.refitted.coefficients, found.refitted.levels
+    windows = windows_of(scan.model, found.terms, 0, *about)
+    either_side = math.log(2)
+    expected = found.refitted.log_evidence + windows.log_width - either_side
+    assert abs(found.log_evidence - expected) < 0.1
+
+
+def test_what_began_on_the_way_is_worth_one_in_ten_of_all_its_windows() -> None:
+    """A wheel may change for good: then one end of its window is that of the drive."""
+    at_half = EffectSetting("radius_scale", (("scale", 0.01), ("start_s", 20.3)))
+    scan = Scan(driven(at_half))
+    found = scan.account(frozenset({"radius_scale"}))
+    assert found.refitted is not None
+    assert found.terms[0].variant.fixed["start_s"] == pytest.approx(20.3, abs=1.0)
+    about = found.refitted.coefficients, found.refitted.levels
+    windows = windows_of(scan.model, found.terms, 0, *about)
+    expected = found.refitted.log_evidence + windows.log_width + math.log(0.1)
+    assert abs(found.log_evidence - expected) < 0.1
+    ends_s = windows.ends_s
+    width_s = np.diff(np.concatenate([[ends_s[0]], 0.5 * (ends_s[1:] + ends_s[:-1]), ends_s[-1:]]))
+    assert windows.areas[0, 1:] == pytest.approx(np.where(ends_s >= 0.5, width_s, 0.0)[1:])
 
 
 def test_no_edges_are_sought_of_an_effect_that_gains_nothing_beside_a_better_one(
