@@ -8,16 +8,14 @@ from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
-import numpy as np
-
-from gap_diagnosis.motion.accounts import NEAR, Accounts, Effects, Found
+from gap_diagnosis.motion.accounts import NEAR, Effects, Found
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
-from gap_diagnosis.motion.edges import Edged, best_edges, has_edges
-from gap_diagnosis.motion.evidence import Gram, log_sum, score
+from gap_diagnosis.motion.edges import best_edges
+from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
+from gap_diagnosis.motion.off_the_grid import OffTheGrid
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.motion.slips import (
     LOOSE,
@@ -26,7 +24,6 @@ from gap_diagnosis.motion.slips import (
     is_a_slip,
     is_loose,
     loose,
-    windows_beside,
 )
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import has_window
@@ -36,11 +33,6 @@ from gap_diagnosis.visibility import Sight, sight_of
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
 _GREEDY: Final = 3
-_EDGED: Final = 4
-_WORTH_EDGES: Final = 5.0
-_LITTLE: Final = 0.35
-_WINDOWED: Final = 8
-_WORTH_WINDOW: Final = 20.0
 _EXTENDED: Final = 4
 _MORE_VARIANTS: Final = 3
 _WORTH_MORE: Final = 10.0
@@ -65,7 +57,7 @@ _UNSURE: Final = 3.0
 """if along those columns they lack at most so many nats."""
 
 
-class Scan(Accounts):
+class Scan(OffTheGrid):
     """The search through one log's motion.
 
     Attributes:
@@ -109,7 +101,7 @@ class Scan(Accounts):
         self._add_levels(model.levels_for((), self._grams[-1].levels))
         progress(0.3)
         tried: set[Effects] = {frozenset()}
-        self._off_the_grid(greedy)
+        self._add_off_the_grid(greedy)
         while len(tried) <= _LEVELS_TRIED:
             candidates = [f for f in self._ranked() if f.effects not in tried]
             if not candidates or candidates[0].log_evidence < self._ranked()[0].log_evidence - 5:
@@ -160,47 +152,27 @@ class Scan(Accounts):
         for place, term in enumerate(head.terms):
             if has_window(term):
                 edged = best_edges(self.model, terms, place, fit.coefficients, fit.levels)
-                terms[place] = self._in_its_window(edged)
-                others += terms[place].log_weight - self._log_weight(head, place)
+                self.spans[term.variant.effect] = edged.spans
+                terms[place] = replace(edged.term, log_weight=self._log_weight(edged))
+                others += terms[place].log_weight - self._counts_for(head, place)
             elif has_threshold(term):
                 known = thresholds_of(self.model, terms, place, fit.coefficients, fit.levels)
                 terms[place] = known.best[place]
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
-        head = replace(head, log_evidence=fit.log_evidence + others)
+        weighed = tuple(
+            replace(term, log_weight=moved.log_weight)
+            for term, moved in zip(head.terms, terms, strict=True)
+        )
+        head = replace(head, terms=weighed, log_evidence=fit.log_evidence + others)
         self.found[head.effects] = head
         self._fit(tuple(terms), head.levels, fit.coefficients, others)
-        moved = self.found[head.effects]
-        if moved is head or moved.refitted is None:
+        better = self.found[head.effects]
+        if better is head or better.refitted is None:
             return max(self.found.values(), key=self._belief) is not head
-        self._fit_parts(moved, moved.refitted)
+        self._fit_parts(better, better.refitted)
         self._surrounded.discard(head.effects)
         return True
-
-    def _in_its_window(self, edged: Edged) -> Term:
-        """Return a term in its best window, which is worth as much as all windows are in sum; keep
-        how far its edges can move."""
-        term, effect = edged.term, edged.term.variant.effect
-        self.spans[effect] = edged.spans
-        on_the_grid = [one for one in self.by_effect[effect] if one.log_weight == 0.0]
-        if not has_window(on_the_grid[0]):
-            return replace(term, log_weight=LOG_SHARE + edged.log_width)
-        variants = [one.variant for one in on_the_grid]
-        kinds = {frozenset(one.report.items() - one.fixed.items()) for one in variants}
-        choices = len(variants) / len(kinds)
-        return replace(term, log_weight=edged.log_width + math.log(choices))
-
-    def _log_weight(self, one: Found, place: int) -> float:
-        """Return by how much a term counts for all variants of its effect in the account of a set:
-        for itself and as many as are about as good."""
-        term = one.terms[place]
-        others = [t for t in self._kept[-1][term.variant.effect] if t is not term]
-
-        def worth(own: Term) -> float:
-            terms = (*one.terms[:place], own, *one.terms[place + 1 :])
-            return self.evidence(terms, one.levels) + own.log_weight
-
-        return log_sum(np.array([worth(t) for t in (term, *others)])) - worth(term) + term.log_weight
 
     def _loosened(self) -> None:
         """Let a slip be now more and now less, by itself and in the best set."""
@@ -417,86 +389,6 @@ class Scan(Accounts):
                 if effect not in parent.effects | self._bending | GROSS:
                     choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
-
-    def _off_the_grid(self, greedy: Sequence[Term]) -> None:
-        """Give leading effects with edges a variant whose edges lie where they fit best, and a slip
-        the window that suits each wheel best beside what leads at the described levels of noise."""
-        singles = [one for one in self._ranked() if len(one.effects) == 1][:_EDGED]
-        nothing = self.found[frozenset()].log_evidence
-        described = self._grams[0].levels
-        slips = windows_beside(self.model, greedy, self.by_effect.get(SLIP, ()), described)
-        for edged, grid_term in slips:
-            self._add_at_its_edges(edged, grid_term)
-        added = bool(slips)
-        for one in singles:
-            (term,) = one.terms
-            if not has_edges(term) or one.log_evidence < nothing + _WORTH_EDGES:
-                continue
-            if self._is_explained(one) or (slips and one.effects == {SLIP}):
-                continue
-            start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
-            edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
-            self._add_at_its_edges(edged, term)
-            added = True
-        asked = self._part_of_the_log()
-        if added or asked is not None:
-            levels = [gram.levels for gram in self._grams]
-            levels += [] if asked is None else [asked]
-            self._grams.clear()
-            self._kept.clear()
-            self.found.clear()
-            for one_levels in levels:
-                self._add_levels(one_levels)
-
-    def _is_explained(self, one: Found) -> bool:
-        """Tell whether an effect gains little of what the best set does, and nothing beside that:
-        wherever its edges lay, the best set would explain as much."""
-        best = self._ranked()[0]
-        if one.effects <= best.effects:
-            return False
-        nothing = self.found[frozenset()].log_evidence
-        is_little = one.log_evidence - nothing < _LITTLE * (best.log_evidence - nothing)
-        beside = self.account(best.effects | one.effects).log_evidence if is_little else math.inf
-        return is_little and beside < best.log_evidence + _WORTH_EDGES
-
-    def _part_of_the_log(self) -> Floats | None:
-        """Give an effect a window where that makes it the best account of all; return its levels.
-
-        It is sought at the described noise levels: where nothing explains a change, levels grow.
-        """
-        gram, kept = self._grams[0], self._kept[0]
-        density = self.model.level_prior.log_density(np.log(gram.levels))
-        best_so_far = self._ranked()[0].log_evidence
-        if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
-            return None
-        leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
-        best: tuple[float, Term] | None = None
-        for term in leading:
-            window = best_window(self.model, term, gram.levels)
-            if window is not None and (best is None or window[1] > best[0]):
-                best = window[1], window[0]
-        if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
-            return None
-        term = best[1]
-        at_ends = self.model.refit((term,), gram.levels)
-        if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
-            return None
-        edged = best_edges(self.model, (term,), 0, at_ends.coefficients, at_ends.levels)
-        between = self.model.refit(
-            (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
-        )
-        if between.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_EDGES:
-            return None
-        self._add_at_its_edges(edged, term)
-        return between.levels
-
-    def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
-        """Add a variant whose edges lie where they fit best."""
-        effect = grid_term.variant.effect
-        log_weight = self._in_its_window(edged).log_weight if has_window(edged.term) else 0.0
-        added = self.model.add(edged.term.variant, grid_term)
-        self.by_effect[effect].append(replace(added, log_weight=log_weight))
-        self.spans[effect] = edged.spans
 
     def _greedy(self, gram: Gram) -> list[Term]:
         """Return a few terms that together take most of what is there."""

@@ -174,7 +174,8 @@ def test_no_edges_are_sought_of_an_effect_that_gains_nothing_beside_a_better_one
         asked.append(terms[place].variant.effect)
         return best_edges(model, terms, place, *about)
 
-    monkeypatch.setattr("gap_diagnosis.motion.scan.best_edges", asking)
+    for room in ("off_the_grid", "scan"):
+        monkeypatch.setattr(f"gap_diagnosis.motion.{room}.best_edges", asking)
     scan = Scan(slipping(20.3, 27.7))
     singles = sorted(
         (one for one in scan.found.values() if len(one.effects) == 1),

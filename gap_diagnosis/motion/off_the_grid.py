@@ -1,0 +1,133 @@
+"""Where a window's ends, a threshold or a limit lie that no grid of variants holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.motion.accounts import Accounts, Found
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.edges import Edged, best_edges, has_edges
+from gap_diagnosis.motion.evidence import log_sum
+from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
+from gap_diagnosis.motion.slips import SLIP, windows_beside
+from gap_diagnosis.motion.windows import has_window
+from gap_diagnosis.recording import Floats
+
+_EDGED: Final = 4
+_WORTH_EDGES: Final = 5.0
+_LITTLE: Final = 0.35
+_WINDOWED: Final = 8
+_WORTH_WINDOW: Final = 20.0
+
+
+class OffTheGrid(Accounts):
+    """What sets of effects say, with variants whose edges lie where they fit best."""
+
+    def _add_off_the_grid(self, greedy: Sequence[Term]) -> None:
+        """Give leading effects with edges a variant whose edges lie where they fit best, and a slip
+        the window that suits each wheel best beside what leads at the described levels of noise."""
+        singles = [one for one in self._ranked() if len(one.effects) == 1][:_EDGED]
+        nothing = self.found[frozenset()].log_evidence
+        described = self._grams[0].levels
+        slips = windows_beside(self.model, greedy, self.by_effect.get(SLIP, ()), described)
+        for edged, grid_term in slips:
+            self._add_at_its_edges(edged, grid_term)
+        added = bool(slips)
+        for one in singles:
+            (term,) = one.terms
+            if not has_edges(term) or one.log_evidence < nothing + _WORTH_EDGES:
+                continue
+            if self._is_explained(one) or (slips and one.effects == {SLIP}):
+                continue
+            start = self.model.refit(one.terms, one.levels, free_levels=False, steps=2)
+            edged = best_edges(self.model, one.terms, 0, start.coefficients, one.levels)
+            self._add_at_its_edges(edged, term)
+            added = True
+        asked = self._part_of_the_log()
+        if added or asked is not None:
+            levels = [gram.levels for gram in self._grams]
+            levels += [] if asked is None else [asked]
+            self._grams.clear()
+            self._kept.clear()
+            self.found.clear()
+            for one_levels in levels:
+                self._add_levels(one_levels)
+
+    def _is_explained(self, one: Found) -> bool:
+        """Tell whether an effect gains little of what the best set does, and nothing beside that:
+        wherever its edges lay, the best set would explain as much."""
+        best = self._ranked()[0]
+        if one.effects <= best.effects:
+            return False
+        nothing = self.found[frozenset()].log_evidence
+        is_little = one.log_evidence - nothing < _LITTLE * (best.log_evidence - nothing)
+        beside = self.account(best.effects | one.effects).log_evidence if is_little else math.inf
+        return is_little and beside < best.log_evidence + _WORTH_EDGES
+
+    def _part_of_the_log(self) -> Floats | None:
+        """Give an effect a window where that makes it the best account of all; return its levels.
+
+        It is sought at the described noise levels: where nothing explains a change, levels grow.
+        """
+        gram, kept = self._grams[0], self._kept[0]
+        density = self.model.level_prior.log_density(np.log(gram.levels))
+        best_so_far = self._ranked()[0].log_evidence
+        if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
+            return None
+        leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
+        best: tuple[float, Term] | None = None
+        for term in leading:
+            window = best_window(self.model, term, gram.levels)
+            if window is not None and (best is None or window[1] > best[0]):
+                best = window[1], window[0]
+        if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
+            return None
+        term = best[1]
+        at_ends = self.model.refit((term,), gram.levels)
+        if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
+            return None
+        edged = best_edges(self.model, (term,), 0, at_ends.coefficients, at_ends.levels)
+        between = self.model.refit(
+            (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
+        )
+        if between.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_EDGES:
+            return None
+        self._add_at_its_edges(edged, term)
+        return between.levels
+
+    def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
+        """Add a variant whose edges lie where they fit best."""
+        effect = grid_term.variant.effect
+        log_weight = self._log_weight(edged) if has_window(edged.term) else 0.0
+        added = self.model.add(edged.term.variant, grid_term)
+        self.by_effect[effect].append(replace(added, log_weight=log_weight))
+        self.spans[effect] = edged.spans
+
+    def _log_weight(self, edged: Edged) -> float:
+        """Return the log weight with which a term in its best window is worth what all its windows
+        are, beside the even share of each that the grid holds."""
+        on_the_grid = [t for t in self.by_effect[edged.term.variant.effect] if t.log_weight == 0.0]
+        if not has_window(on_the_grid[0]):
+            return LOG_SHARE + edged.log_width
+        variants = [term.variant for term in on_the_grid]
+        kinds = {frozenset(one.report.items() - one.fixed.items()) for one in variants}
+        return edged.log_width + math.log(len(variants) / len(kinds))
+
+    def _counts_for(self, one: Found, place: int) -> float:
+        """Return the log weight with which a term counts in the account of a set: its own, and that
+        of other variants of its effect that are about as good."""
+        term = one.terms[place]
+        others = [t for t in self._kept[-1][term.variant.effect] if t is not term]
+
+        def worth(own: Term) -> float:
+            terms = (*one.terms[:place], own, *one.terms[place + 1 :])
+            return self.evidence(terms, one.levels) + own.log_weight
+
+        return (
+            log_sum(np.array([worth(t) for t in (term, *others)])) - worth(term) + term.log_weight
+        )
