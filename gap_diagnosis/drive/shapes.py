@@ -224,7 +224,8 @@ class Shapes:
 
         Responses with other lags less the described one (weighted, they make any stable linear
         response of no overshoot or some), and a speed that bends with its size; responses that come
-        late, weighted; a gain of each wheel; and one that is any smooth function of its speed.
+        late, weighted; a gain of each wheel; one that is any smooth function of its speed; and one
+        of driving and of turning, as of a controller that takes another track for its own.
         """
         nominal = self.angle({})
         lags = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
@@ -241,8 +242,17 @@ class Shapes:
             np.stack(late),
             bent.sum(axis=1),
             bent.reshape(2 * _HATS, *rates.shape),
+            self.driving_and_turning(),
         ]
         return [np.where(self._data.seen, columns, 0.0) for columns in made]
+
+    def driving_and_turning(self) -> Floats:
+        """Return what a gain of the commanded speed and of the commanded turn add:
+        float64[2, 2, m]."""
+        left, right = self._data.commanded
+        speed, turn = 0.5 * (left + right), 0.5 * (right - left)
+        made = [self._answers(np.stack(both)) for both in ((speed, speed), (-turn, turn))]
+        return np.where(self._data.seen, np.stack(made), 0.0)
 
     def slow(self) -> Floats:
         """Return what a drive adds that answers slow commands otherwise than others: per step of

@@ -107,9 +107,10 @@ def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
     no effect.
 
     Linear dynamics of other time constants with a speed that bends with the command, answers
-    that come late, or a gain of each wheel, steady or some function of its speed, all of
-    unknown size: what is left to a motor, a velocity loop or an engine not in the library. Or
-    one that answers slow commands in a way of their own, or whose poles show in its rate.
+    that come late, or a gain of each wheel, steady or some function of its speed, or of driving and
+    of turning, all of unknown size: what is left to a motor, a velocity loop or an engine not in
+    the library. Or one that answers slow commands in a way of their own, or whose poles show in its
+    rate.
     """
     shapes = Shapes(null.data, robot)
     does_as_told = as_told(null.data, robot)

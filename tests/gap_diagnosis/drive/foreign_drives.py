@@ -60,6 +60,15 @@ def disturbed(seed: int, duration_s: float = DURATION_S, level: float = 0.05) ->
     return _turned(commands, rates, seed)
 
 
+def another_track(seed: int, share: float) -> Recording:
+    """The described motors under a controller that takes this share of the track for the robot's:
+    all turns are so much less than told."""
+    commands, told = commanded_rates(seed, DURATION_S)
+    turn = 0.5 * (1.0 - share) * (told[:, 1] - told[:, 0])
+    less = told + np.stack([turn, -turn], axis=1)
+    return _turned(commands, _lagged(less, ROBOT.plant.drive.time_constant_s), seed)
+
+
 def weak_motors(scenario: Scenario, seed: int) -> Recording:
     """Motors of little torque: friction hinders them where they speed up and helps them where they
     slow down, by a twentieth of the torque."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drive_recordings import ROBOT, WIRE, drive_scenario, recording_of, simulated
 from foreign_drives import (
+    another_track,
     commanded_rates,
     disturbed,
     logged_a_row_late,
@@ -276,6 +277,18 @@ def test_a_leftover_without_a_name_goes_first_with_what_makes_it(
     slow commands; nothing was told of what any of them goes with."""
     first = block_of(simulated(effect, seed=3)).goes_with[0]
     assert first.variable == variable
+    assert first.share > 0.5
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_controller_with_another_track_turns_less_than_told_and_has_no_name(share: float) -> None:
+    """Straight on the wheels do exactly as they are told, so that no gain of a wheel or function of
+    its speed explains turns half as large: noise was, and there was no gap (0.96)."""
+    block = block_of(another_track(3, share))
+    named = max(evidence(block, one) for one in ACTUATION)
+    assert block.unexplained().log_evidence > max(named, 0.0) + 50
+    first = block.goes_with[0]
+    assert first.variable == "turn_rate"
     assert first.share > 0.5
 
 
