@@ -206,7 +206,8 @@ class Oracle:
 def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
     """Return answers that leave the same data because of these values, as `effects` says of each.
 
-    A reception stamp's delay and spread are those of a latency and a jitter.
+    A reception stamp's delay and spread are those of a latency and a jitter; positions in another
+    unit are those of a reference whose scale is off by as much.
     """
     found = []
     names = frozenset(news)
@@ -221,6 +222,8 @@ def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
                 others = (frozenset({"frame_jitter"}), frozenset({"frame_jitter", "frame_latency"}))
             case "stale_heading" if values["cycles"] == 1:
                 others = (frozenset({"euler_integration"}),)
+            case "setup_unit" if values["signal"] == "reference_position":
+                others = (frozenset({"reference_scale"}),)
             case "fixed_tick_period":
                 others = (frozenset({"firmware_constant"}),)
             case "firmware_constant" if values["constant"] in ("tick_period", "gyro_sensitivity"):

@@ -6,7 +6,7 @@ import pytest
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from gap_diagnosis.trials.case import Case
-from gap_diagnosis.trials.oracle import Oracle
+from gap_diagnosis.trials.oracle import Oracle, Values
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting
@@ -57,3 +57,24 @@ def test_a_missing_code_is_as_clear_as_it_is_often_asked_for() -> None:
     assert over[0] > 2
     assert over[1] < 1
     assert over[2] == 0.0
+
+
+def test_positions_in_another_unit_are_a_reference_whose_scale_is_off_by_as_much(
+    oracle: Oracle,
+) -> None:
+    """Nothing but how usual a factor is tells them apart: where the mistake was withheld, the scale
+    was a confident wrong name."""
+    unit: Values = {"signal": "reference_position", "factor": 0.25}
+    logs = (
+        log_of(EffectSetting("setup_unit", tuple(unit.items()))),
+        log_of(EffectSetting("reference_scale", (("scale", -0.75),))),
+    )
+    first, second = (one.reference for one in logs)
+    assert first is not None
+    assert second is not None
+    for axis in ("x_m", "y_m", "heading_rad"):
+        here, there = getattr(first, axis), getattr(second, axis)
+        assert here - here[0] == pytest.approx(there - there[0], abs=1e-9)
+    assert frozenset({"reference_scale"}) in oracle.group({"setup_unit": unit})
+    turned: Values = {"signal": "reference_heading", "factor": 0.25}
+    assert frozenset({"reference_scale"}) not in oracle.group({"setup_unit": turned})
