@@ -231,7 +231,7 @@ class _Maker:
     def _at_limit(self, case: Case, draw: np.random.Generator) -> Case:
         """Return the case with its sizes spread about the detection limit."""
         quiet = replace(case, effects={}, without=())
-        oracle = self._oracle(self._simulated(quiet, [()])[0], quiet)
+        oracle = self._oracle(self._simulated(quiet, [quiet.settings])[0], quiet)
         low, high = self._counts.factor
         if case.kind in ("withheld", "decoy"):
             low, high = 2.0, max(high, 2.0)

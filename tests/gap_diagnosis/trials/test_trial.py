@@ -15,10 +15,12 @@ import pytest
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
+from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
 from gap_diagnosis.trials.opening import open_trial
+from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.plan import Counts, Planned, planned
 from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
@@ -27,6 +29,7 @@ from gap_diagnosis.trials.secret import Secret
 from gap_diagnosis.trials.sizes import SIZES, tolerances
 from gap_diagnosis.trials.truth import class_of
 from hil_harness.assembly import load_wire
+from hil_harness.robot import load_robot
 
 COUNTS = Counts(
     2, nulls=1, pairs=0, strata=("limit",), factor=(8.0, 10.0), effects=("gyro_scale",), new_share=0
@@ -122,6 +125,18 @@ def test_of_an_effect_without_a_name_it_is_measured_how_clear_it_is(
     made = make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
     assert (made.over_limit[effect] > 1) == is_clear
     assert ("gyro_scale" in made.like[effect]) != is_clear
+
+
+@pytest.mark.parametrize("effect", ["gyro_temperature_scale", "supply_ratio", "wheelbase_scale"])
+def test_a_size_is_so_often_its_limit_as_it_is_said_to_be(effect: str, tmp_path: Path) -> None:
+    """Beside a gyro that never warms up nothing shows what warmth does: eight times the tolerance
+    was called eight limits, and was one and a half."""
+    one = Planned("limit", "single", (effect,), drive="calibration")
+    made = make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
+    robot = load_robot(tmp_path / ROBOT)
+    (recording,) = read_recordings([tmp_path / LOG], robot=robot, references=[tmp_path / REFERENCE])
+    there = Oracle(recording, robot, made).over_limit(effect, made.effects[effect])
+    assert there == pytest.approx(made.over_limit[effect], rel=0.05)
 
 
 def test_a_trial_is_made_only_where_nothing_is(trial: Path) -> None:
