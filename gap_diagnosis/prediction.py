@@ -18,6 +18,7 @@ from functools import cached_property, wraps
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gap_diagnosis.play import motor_steps
@@ -53,6 +54,8 @@ class Motion:
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
             description; the noise is that of one sample.
+        gyro_at_its_end: bool[n], codes at an end of the described range: the gyro does as
+            described, and turns at least so fast.
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.
@@ -93,6 +96,7 @@ class Motion:
     gyro_zero_rate_code: float
     gyro_noise_lsb: float
     adc_max_code: float
+    gyro_at_its_end: NDArray[np.bool_]
     warm_k: Floats | None
     supply_error: Floats | None
     radius_m: float

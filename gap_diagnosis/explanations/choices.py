@@ -117,7 +117,10 @@ def leaves_out(motion: Motion, variant: Variant) -> bool:
 
 
 def gyro_saturation(motion: Motion) -> Iterable[Variant]:
-    """Return the limit that a flat top of the rate shows, or limits below the largest turn rate."""
+    """Return the limit that a flat top of the rate shows, or limits below the largest turn rate;
+    none of a gyro that goes as far as described."""
+    if motion.gyro_at_its_end.any():
+        return
     flat = _flat_top(motion)
     if flat is not None:
         choice = {"limit": flat}

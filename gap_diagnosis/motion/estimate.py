@@ -32,6 +32,7 @@ from gap_diagnosis.wheel_speeds import WheelSpeed, WheelSpeeds, wheel_speed
 from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
+_A_CODE: Final = 0.6
 _NOTHING_SAID_RAD2: Final = 1.0
 """Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
 taken for a measurement, that would say that the wheels never slipped meanwhile."""
@@ -135,6 +136,7 @@ def estimate_motion(
         / math.sqrt(step_s)
         * plant.gyro.sensitivity_lsb_per_rad_s,
         adc_max_code=high_code,
+        gyro_at_its_end=_at_its_end(recording, robot),
         warm_k=None if temperature is None else unheld(temperature, t_s) - _REFERENCE_K,
         supply_error=None if supply is None else unheld(supply, t_s) / plant.supply.nominal_v - 1.0,
         radius_m=radius_m,
@@ -185,9 +187,23 @@ def _slope(values: Floats, t_s: Floats) -> Floats:
     return np.concatenate([slope[:1], slope])
 
 
-def unsure_where_frozen(motion: Motion) -> Motion:
-    """Return the motion with a gyro that says nothing where it repeats its code."""
-    silent = np.zeros(len(motion.t_s), dtype=np.bool_)
+def _at_its_end(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
+    """Tell where the gyro shows an end of its described range; nowhere, if it goes beyond that: the
+    range is another one, and was perhaps left out of robot.toml."""
+    code = recording.gyro_code
+    if code is None:
+        return np.zeros(len(recording.t_s), dtype=np.bool_)
+    low, high = robot.plant.gyro_code_limits
+    beyond = np.maximum(low - code, code - high)
+    if np.nanmax(beyond, initial=-np.inf) > _A_CODE:
+        return np.zeros(len(code), dtype=np.bool_)
+    return np.asarray(beyond > -_A_CODE)
+
+
+def unsure_where_silent(motion: Motion) -> Motion:
+    """Return the motion with a gyro that says nothing where it repeats its code or shows no more
+    than the end of its described range."""
+    silent = motion.gyro_at_its_end.copy()
     for first, last in frozen_runs(motion):
         silent[first : last + 1] = True
     return without_gyro(motion, silent)

@@ -24,7 +24,7 @@ from gap_diagnosis.motion.columns import (
     build_columns,
     with_variant,
 )
-from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_frozen, without_gyro
+from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import LevelPrior, Weighed, best_levels, level_prior
 from gap_diagnosis.motion.missing import silences
@@ -97,7 +97,7 @@ class MotionModel:
         self.recording, self.robot, self.prior = recording, robot, prior
         self.without = without
         delay_s = coarse_delay_s(recording, robot)
-        motion = unsure_where_frozen(estimate_motion(recording, robot, reference_delay_s=delay_s))
+        motion = unsure_where_silent(estimate_motion(recording, robot, reference_delay_s=delay_s))
         self.keep = ~silences(recording.left_ticks, recording.t_s)
         if keep is not None:
             self.keep, motion = self.keep & keep, without_gyro(motion, ~keep)

@@ -80,17 +80,19 @@ class OffTheGrid(Accounts):
         if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
             return None
         leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
-        best: tuple[float, Term] | None = None
-        for term in leading:
-            window = best_window(self.model, term, gram.levels)
+        best: tuple[float, Term, Term] | None = None
+        for whole in leading:
+            window = best_window(self.model, whole, gram.levels)
             if window is not None and (best is None or window[1] > best[0]):
-                best = window[1], window[0]
+                best = window[1], window[0], whole
         if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
             return None
-        term = best[1]
+        _, term, whole = best
         at_ends = self.model.refit((term,), gram.levels)
         if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
             return None
+        # Of a large effect on the whole log a straight line may explain no more than a part.
+        best_so_far = max(best_so_far, self.model.refit((whole,), gram.levels).log_evidence)
         edged = best_edges(self.model, (term,), 0, at_ends.coefficients, at_ends.levels)
         between = self.model.refit(
             (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
