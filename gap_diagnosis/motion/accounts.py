@@ -111,8 +111,11 @@ class Accounts:
 
     def scored(self, terms: Sequence[Term], levels: Floats) -> Scored:
         """Return the linear fit of terms at levels that were tried, or the nearest of them."""
-        gram = min(self._grams, key=lambda one: float(np.sum(np.log(one.levels / levels) ** 2)))
-        return score(gram, terms, self.model.prior)
+        return score(self._gram_at(levels), terms, self.model.prior)
+
+    def _gram_at(self, levels: Floats) -> Gram:
+        """Return what was multiplied at levels that were tried, or the nearest of them."""
+        return min(self._grams, key=lambda one: float(np.sum(np.log(one.levels / levels) ** 2)))
 
     def _hold_back_the_unfitted(self) -> None:
         """Let no set win on straight lines alone: where those of one bent effect mislead, they do

@@ -8,6 +8,8 @@ from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
+import numpy as np
+
 from gap_diagnosis.motion.accounts import NEAR, Effects, Found
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
@@ -44,6 +46,8 @@ _ALL_PARTS: Final = 3
 """Every part of sets so large is fitted again; of larger ones those without one effect."""
 _LOOSE: Final = 0.25
 """Single effects so near are fitted, and those that lack at most this share of the best's gain."""
+_STRETCHED: Final = 4.0
+"""Standard deviations of a constant within its tolerance, or two tolerances."""
 _CLEAR: Final = 20.0
 """An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
 _CONTRADICTED: Final = 2
@@ -405,6 +409,18 @@ class Scan(OffTheGrid):
             chosen, reached = list(best.terms), best.log_evidence
         return chosen
 
+    def _stretched(self) -> list[str]:
+        """Return the effects of which no gap takes far more than is within tolerance: whatever a
+        straight line over their usual size says of them, they are fitted."""
+        gram = self._gram_at(self.found[frozenset()].levels)
+        places = [place for place, _ in self.model.columns.nuisances]
+        sds = np.array([sd for _, sd in self.model.columns.nuisances])
+        loaded = gram.full_inner[np.ix_(places, places)] + np.diag(sds**-2)
+        taken = np.linalg.solve(loaded, gram.full_data[places]) / sds
+        owners = [self.model.columns.little[place][0].effect for place in places]
+        far = {effect for effect, one in zip(owners, taken, strict=True) if abs(one) > _STRETCHED}
+        return sorted(far)
+
     def _to_refit(self) -> list[Found]:
         """Return the sets that may win, singles first, so that each kind of answer is exact."""
         ranked = [one for one in self._ranked() if one.effects]
@@ -417,7 +433,10 @@ class Scan(OffTheGrid):
         # A straight line errs the more, the more there is to explain: singles get a chance.
         loose = least - _LOOSE * (best - self.found[frozenset()].log_evidence)
         close = [one for one in singles[1:] if one.log_evidence > loose]
-        return singles[:1] + close + [one for one in pairs if one.log_evidence > least]
+        near = singles[:1] + close + [one for one in pairs if one.log_evidence > least]
+        known = {one.effects for one in near}
+        stretched = [frozenset({effect}) for effect in self._stretched()]
+        return near + [self.found[one] for one in stretched if one in self.found.keys() - known]
 
 
 def _differ(first: Term, second: Term) -> bool:

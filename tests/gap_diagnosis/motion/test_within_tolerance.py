@@ -17,6 +17,7 @@ from gap_diagnosis.motion import unknown
 from gap_diagnosis.motion.block import beyond
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, lay_out
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -265,3 +266,28 @@ def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -
     plain = alternatives(model, levels)
     better = _at(motion, levels, plain)
     assert [one.log_evidence for one in better] == [one.log_evidence for one in plain]
+
+
+@pytest.mark.parametrize("offset_s", [-0.008, -0.011])
+def test_what_no_gap_takes_beyond_tolerance_is_fitted_whatever_a_straight_line_says(
+    offset_s: float,
+) -> None:
+    """Four and five tolerances of a delay, on a smooth floor beside a reference of 0.03 mm: along
+    the chord of 20 ms they lacked 20 to 30 nats, and were no gap; as they act they gain 44 and
+    133."""
+    room = ReferenceNoise(3e-5, 3e-5, 3e-5, 4e-5, 1.5, 100.0)
+    late = EffectSetting("reference_time_offset", (("offset", offset_s),))
+    log = synthetic_recording(
+        ROBOT,
+        load_wire(),
+        scenario("calibration"),
+        [late],
+        2,
+        reference=room,
+        contact_noise_m_per_sqrt_m=1e-4,
+        duration_s=65.0,
+    )
+    scan = Scan(MotionModel(log, ROBOT, default_prior()))
+    best = max(scan.found.values(), key=lambda one: one.log_evidence)
+    assert best.effects == {"reference_time_offset"}
+    assert best.log_evidence > scan.account(frozenset()).log_evidence + 20.0
