@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
+
+import numpy as np
 
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
@@ -29,12 +32,13 @@ class Edged:
         term: there.
         spans: how far each edge can move: half a nat of evidence, or the standard deviation of a
             window's end.
-        log_width: by how much less [nat] than its best window some window is worth.
+        log_width: by how much less [nat] some edges are worth than the best ones; None where they
+            were sought too roughly to tell, or are known beforehand: they count as one variant.
     """
 
     term: Term
     spans: dict[str, float]
-    log_width: float = 0.0
+    log_width: float | None
 
 
 def has_edges(term: Term) -> bool:
@@ -61,7 +65,7 @@ def best_edges(
         windows = windows_of(model, terms, place, coefficients, levels)
         return edged_by(term, windows)
     if has_threshold(term):
-        return Edged(coarse_threshold(model, terms, place, coefficients, levels), {})
+        return Edged(coarse_threshold(model, terms, place, coefficients, levels), {}, None)
     step = 0.05 * max(float(term.variant.fixed["limit"]), 0.5)
 
     def value(candidate: Term) -> float:
@@ -79,7 +83,11 @@ def best_edges(
         step *= 0.5
         if halving >= _HALVINGS and best < before + _GAIN:
             break
-    return Edged(term, {"limit": _span(value, term, step, best)})
+    sd = _span(value, term, step, best)
+    if "limit" in term.variant.told:  # by the codes themselves
+        return Edged(term, {"limit": sd}, None)
+    fastest = float(np.abs(model.nodes.motion.turn_rate_rad_s).max())
+    return Edged(term, {"limit": sd}, min(math.log(math.sqrt(math.tau) * sd / fastest), 0.0))
 
 
 def _span(value: Callable[[Term], float], term: Term, step: float, best: float) -> float:

@@ -11,11 +11,10 @@ import numpy as np
 
 from gap_diagnosis.motion.accounts import Accounts, Found
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.edges import Edged, best_edges, has_edges
+from gap_diagnosis.motion.edges import EDGES, Edged, best_edges, has_edges
 from gap_diagnosis.motion.evidence import log_sum
 from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.slips import SLIP, windows_beside
-from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
 
 _EDGED: Final = 4
@@ -105,20 +104,19 @@ class OffTheGrid(Accounts):
     def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
         """Add a variant whose edges lie where they fit best."""
         effect = grid_term.variant.effect
-        log_weight = self._log_weight(edged) if has_window(edged.term) else 0.0
+        log_weight = 0.0 if edged.log_width is None else self._log_weight(effect, edged.log_width)
         added = self.model.add(edged.term.variant, grid_term)
         self.by_effect[effect].append(replace(added, log_weight=log_weight))
         self.spans[effect] = edged.spans
 
-    def _log_weight(self, edged: Edged) -> float:
-        """Return the log weight with which a term in its best window is worth what all its windows
-        are, beside the even share of each that the grid holds."""
-        on_the_grid = [t for t in self.by_effect[edged.term.variant.effect] if t.log_weight == 0.0]
-        if not has_window(on_the_grid[0]):
-            return LOG_SHARE + edged.log_width
-        variants = [term.variant for term in on_the_grid]
-        kinds = {frozenset(one.report.items() - one.fixed.items()) for one in variants}
-        return edged.log_width + math.log(len(variants) / len(kinds))
+    def _log_weight(self, effect: str, log_width: float) -> float:
+        """Return the log weight with which an effect at its best edges is worth what it is at all
+        of them, beside the even share of each variant that the grid holds."""
+        grid = [term.variant for term in self.by_effect[effect] if term.log_weight == 0.0]
+        if not any(name in grid[0].fixed for name in EDGES):
+            return LOG_SHARE + log_width
+        kinds = {frozenset(one.report.items() - one.fixed.items()) for one in grid}
+        return log_width + math.log(len(grid) / len(kinds))
 
     def _counts_for(self, one: Found, place: int) -> float:
         """Return the log weight with which a term counts in the account of a set: its own, and that

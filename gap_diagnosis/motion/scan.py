@@ -14,7 +14,6 @@ from gap_diagnosis.motion.accounts import NEAR, Effects, Found
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
-from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.off_the_grid import OffTheGrid
@@ -28,7 +27,7 @@ from gap_diagnosis.motion.slips import (
     loose,
 )
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
-from gap_diagnosis.motion.windows import has_window
+from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sight, sight_of
 
@@ -155,13 +154,17 @@ class Scan(OffTheGrid):
         others = head.log_evidence - fit.log_evidence
         for place, term in enumerate(head.terms):
             if has_window(term):
-                edged = best_edges(self.model, terms, place, fit.coefficients, fit.levels)
-                self.spans[term.variant.effect] = edged.spans
-                terms[place] = replace(edged.term, log_weight=self._log_weight(edged))
-                others += terms[place].log_weight - self._counts_for(head, place)
+                windows = windows_of(self.model, terms, place, fit.coefficients, fit.levels)
+                self.spans[term.variant.effect] = windows.spans_s
+                best, log_width = at_window(term, *windows.best_s), windows.log_width
             elif has_threshold(term):
                 known = thresholds_of(self.model, terms, place, fit.coefficients, fit.levels)
-                terms[place] = known.best[place]
+                best, log_width = known.best[place], known.log_width
+            else:
+                continue
+            log_weight = self._log_weight(term.variant.effect, log_width)
+            terms[place] = replace(best, log_weight=log_weight)
+            others += log_weight - self._counts_for(head, place)
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
         weighed = tuple(

@@ -7,6 +7,7 @@ the threshold goes the share of counts that are lost, so that both are drawn tog
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -60,16 +61,33 @@ class Thresholds:
         """All terms with the likeliest threshold."""
         return self.terms[int(np.argmax(self.log_evidence))]
 
+    @property
+    def log_width(self) -> float:
+        """By how much less [nat] some threshold is worth than the likeliest, which stands so narrow
+        among all there may be."""
+        low, high = self._cells
+        share = self._shares(1.0) * (high - low)
+        return math.log(float(share.sum()) / float(high[-1] - low[0]))
+
+    @property
+    def _cells(self) -> tuple[Floats, Floats]:
+        """From where to where each threshold stands for those about it, float64[t] each."""
+        middles = 0.5 * (self.rates_rad_s[1:] + self.rates_rad_s[:-1])
+        return np.append(self.rates_rad_s[0], middles), np.append(middles, self.rates_rad_s[-1])
+
+    def _shares(self, dispersion: float) -> Floats:
+        """Return how likely each is beside the likeliest, float64[t], where the log's likelihood is
+        *dispersion* times too sure."""
+        logs = self.log_evidence
+        return np.asarray(np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)))
+
     def draw(
         self, count: int, dispersion: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], Floats]:
         """Return draws of which threshold it is, int64[count], and of its rate [rad/s], where the
         log's likelihood is *dispersion* times too sure: before, all rates are alike."""
-        middles = 0.5 * (self.rates_rad_s[1:] + self.rates_rad_s[:-1])
-        low = np.append(self.rates_rad_s[0], middles)
-        high = np.append(middles, self.rates_rad_s[-1])
-        logs = self.log_evidence
-        share = np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)) * (high - low)
+        low, high = self._cells
+        share = self._shares(dispersion) * (high - low)
         picked = rng.choice(len(share), size=count, p=share / share.sum())
         return picked, low[picked] + (high - low)[picked] * rng.uniform(size=count)
 

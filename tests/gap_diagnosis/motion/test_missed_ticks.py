@@ -14,6 +14,7 @@ from gap_diagnosis.explanations.variant import Value
 from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.onset import windowed
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.thresholds import at_threshold, thresholds_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -88,6 +89,25 @@ def losing(*effects: EffectSetting, duration_s: float = 34.0) -> Recording:
         reference=ReferenceNoise(),
         duration_s=duration_s,
     )
+
+
+def test_lost_counts_are_worth_what_all_their_thresholds_are_on_average() -> None:
+    """Told to a hundredth of a rate, the best one counted as one of the grid's seven."""
+    values = (("side", "left"), ("probability", 0.05), ("threshold", 3.0))
+    scan = Scan(only_missed(losing(EffectSetting("missed_ticks", values))))
+    found = scan.account(frozenset({"missed_ticks"}))
+    assert found.refitted is not None
+    about = found.refitted.coefficients, found.refitted.levels
+    known = thresholds_of(scan.model, found.terms, 0, *about)
+    logs = known.log_evidence
+    steps = np.diff(known.rates_rad_s)
+    widths = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
+    # Counts are lost one by one: their law is told as one that is twice too sure.
+    mean = np.average(np.exp(0.5 * (logs - logs.max())), weights=widths)
+    either_side = math.log(2)
+    expected = found.refitted.log_evidence + math.log(mean) - either_side
+    assert math.log(mean) < -math.log(7) - 0.6
+    assert found.log_evidence == pytest.approx(expected, abs=0.5)
 
 
 def only_missed(log: Recording) -> MotionModel:
