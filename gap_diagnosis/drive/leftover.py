@@ -110,7 +110,7 @@ def _ways(null: Null, robot: Robot) -> dict[str, list[Foreign]]:
         lags, bend = lags_and_bend[:-1], lags_and_bend[-1:]
         found["acceleration"] = [foreign(null, robot, one) for one in (lags, late)]
         gains = shapes.gain_columns({}, shapes.angle({}))  # proportional: exact, as no hats are
-        found["speed"] = [foreign(null, robot, one) for one in (gains, bend, *bent)]
+        found["speed"] = [foreign(null, robot, one) for one in (gains, bend, *bent, by_command[:1])]
         found["turn_rate"] = [foreign(null, robot, by_command[1:])]
     slow = shapes.slow()
     if len(slow):

@@ -252,7 +252,7 @@ class Shapes:
         left, right = self._data.commanded
         speed, turn = 0.5 * (left + right), 0.5 * (right - left)
         made = [self._answers(np.stack(both)) for both in ((speed, speed), (-turn, turn))]
-        return np.where(self._data.seen, np.stack(made), 0.0)
+        return np.stack(made)
 
     def slow(self) -> Floats:
         """Return what a drive adds that answers slow commands otherwise than others: per step of

@@ -264,7 +264,8 @@ class Accounts:
 
     def _cost(self, term: Term) -> float:
         """Return what it costs [nat] that an effect is this variant of it."""
-        return math.log(self._choices(term.variant.effect)) - term.log_weight
+        own = term.log_weight + term.variant.log_share
+        return math.log(self._choices(term.variant.effect)) - own
 
     def _offer(self, found: Found) -> None:
         known = self.found.get(found.effects)

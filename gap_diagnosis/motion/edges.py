@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.thresholds import coarse_threshold, has_threshold
+from gap_diagnosis.motion.thresholds import coarse_thresholds, has_threshold
 from gap_diagnosis.motion.windows import Windows, at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
@@ -32,8 +33,8 @@ class Edged:
         term: there.
         spans: how far each edge can move: half a nat of evidence, or the standard deviation of a
             window's end.
-        log_width: by how much less [nat] some edges are worth than the best ones; None where they
-            were sought too roughly to tell, or are known beforehand: they count as one variant.
+        log_width: logarithm of what some edges are worth beside the best ones, at most 0; None
+            where they are known beforehand, and count as one variant.
     """
 
     term: Term
@@ -41,9 +42,14 @@ class Edged:
     log_width: float | None
 
 
+def edges_of(variant: Variant) -> frozenset[str]:
+    """Return the names of a variant's edges."""
+    return frozenset(name for name in EDGES if name in variant.fixed)
+
+
 def has_edges(term: Term) -> bool:
     """Tell whether a term has a window, a threshold or a limit that is to be sought."""
-    return not term.variant.is_held and any(name in term.variant.fixed for name in EDGES)
+    return not term.variant.is_held and bool(edges_of(term.variant))
 
 
 def edged_by(term: Term, windows: Windows) -> Edged:
@@ -65,7 +71,8 @@ def best_edges(
         windows = windows_of(model, terms, place, coefficients, levels)
         return edged_by(term, windows)
     if has_threshold(term):
-        return Edged(coarse_threshold(model, terms, place, coefficients, levels), {}, None)
+        known = coarse_thresholds(model, terms, place, coefficients, levels)
+        return Edged(known.best[place], {}, known.log_width)
     step = 0.05 * max(float(term.variant.fixed["limit"]), 0.5)
 
     def value(candidate: Term) -> float:
@@ -83,27 +90,32 @@ def best_edges(
         step *= 0.5
         if halving >= _HALVINGS and best < before + _GAIN:
             break
-    sd = _span(value, term, step, best)
+    reaches = [_reach(value, term, sign * step, best) for sign in (-1, 1)]
+    spans = {"limit": max(reaches)}
     if "limit" in term.variant.told:  # by the codes themselves
-        return Edged(term, {"limit": sd}, None)
+        return Edged(term, spans, None)
+    # Half a nat is a standard deviation on its side, of a limit that may be any up to the fastest.
+    width = math.sqrt(math.tau) * sum(reaches) / 2
     fastest = float(np.abs(model.nodes.motion.turn_rate_rad_s).max())
-    return Edged(term, {"limit": sd}, min(math.log(math.sqrt(math.tau) * sd / fastest), 0.0))
+    return Edged(term, spans, math.log(width / max(width, fastest)))
 
 
-def _span(value: Callable[[Term], float], term: Term, step: float, best: float) -> float:
-    """Return how far a limit moves, on the side where it moves farther, for half a nat."""
-    farthest = 0.0
-    for sign in (-1, 1):
-        reach = step
-        for _ in range(_GROWN):
-            moved = _moved(term, sign * reach)
-            if moved is term:
-                break
-            farthest = max(farthest, reach)
-            if best - value(moved) > _HALF_A_NAT:
-                break
-            reach *= 2.0
-    return farthest or step
+def _reach(value: Callable[[Term], float], term: Term, step: float, best: float) -> float:
+    """Return how far a limit moves to one side for half a nat."""
+    near, far = 0.0, step
+    for _ in range(_GROWN):
+        moved = _moved(term, far)
+        if moved is term or best - value(moved) > _HALF_A_NAT:
+            break
+        near, far = far, 2.0 * far
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (near + far)
+        moved = _moved(term, middle)
+        if moved is term or best - value(moved) > _HALF_A_NAT:
+            far = middle
+        else:
+            near = middle
+    return abs(0.5 * (near + far))
 
 
 def _moved(term: Term, by: float) -> Term:

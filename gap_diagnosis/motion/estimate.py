@@ -33,6 +33,11 @@ from hil_harness.robot import Robot
 
 _REFERENCE_K: Final = 298.15
 _A_CODE: Final = 0.6
+"""Rounding leaves half a code [LSB]."""
+_OFTEN: Final = 20
+"""So many codes at an end, or beyond it, are no spikes."""
+_BY_CHANCE: Final = 3.0
+"""Standard deviations of a sample's noise."""
 _NOTHING_SAID_RAD2: Final = 1.0
 """Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
 taken for a measurement, that would say that the wheels never slipped meanwhile."""
@@ -99,7 +104,10 @@ def estimate_motion(
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
     along = _slope(x_m, t_s) * np.cos(middle) + _slope(y_m, t_s) * np.sin(middle)
     temperature, supply = recording.temperature_k, recording.supply_v
-    low_code, high_code = 0, plant.adc.max_code
+    code, gyro = recording.gyro_code, plant.gyro
+    gyro_code = None if code is None or gyro_turn is None else filled(code, t_s)
+    noise_rad_s = gyro.noise_density_rad_per_sqrt_s / math.sqrt(step_s)
+    noise_lsb = noise_rad_s * gyro.sensitivity_lsb_per_rad_s
     return Motion(
         t_s=t_s,
         dt_s=dt_s,
@@ -127,16 +135,14 @@ def estimate_motion(
         if recording.unsure_ticks2 is None
         else recording.unsure_ticks2 * rad_per_count**2,
         gyro_unsure_rad2=gyro_unsure,
-        gyro_code=None
-        if recording.gyro_code is None or gyro_turn is None
-        else np.clip(filled(recording.gyro_code, t_s), low_code, high_code),
+        gyro_code=None if gyro_code is None else np.clip(gyro_code, 0, plant.adc.max_code),
         gyro_sensitivity_lsb_per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
         gyro_zero_rate_code=plant.gyro.zero_rate_code,
-        gyro_noise_lsb=plant.gyro.noise_density_rad_per_sqrt_s
-        / math.sqrt(step_s)
-        * plant.gyro.sensitivity_lsb_per_rad_s,
-        adc_max_code=high_code,
-        gyro_at_its_end=_at_its_end(recording, robot),
+        gyro_noise_lsb=noise_lsb,
+        adc_max_code=plant.adc.max_code,
+        gyro_at_its_end=np.zeros(len(t_s), dtype=np.bool_)
+        if gyro_code is None
+        else _at_its_end(gyro_code, plant.gyro_code_limits, noise_lsb),
         warm_k=None if temperature is None else unheld(temperature, t_s) - _REFERENCE_K,
         supply_error=None if supply is None else unheld(supply, t_s) / plant.supply.nominal_v - 1.0,
         radius_m=radius_m,
@@ -187,17 +193,20 @@ def _slope(values: Floats, t_s: Floats) -> Floats:
     return np.concatenate([slope[:1], slope])
 
 
-def _at_its_end(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
-    """Tell where the gyro shows an end of its described range; nowhere, if it goes beyond that: the
-    range is another one, and was perhaps left out of robot.toml."""
-    code = recording.gyro_code
-    if code is None:
-        return np.zeros(len(recording.t_s), dtype=np.bool_)
-    low, high = robot.plant.gyro_code_limits
+def _at_its_end(code: Floats, limits: tuple[int, int], noise_lsb: float) -> NDArray[np.bool_]:
+    """Tell where the gyro is at an end of its described range, or within its noise of one: where it
+    does not show the end itself it shows what chance left below.
+
+    Nowhere if it hardly ever gets there, nor if it goes beyond: the range is another one, and was
+    perhaps left out of robot.toml. *code* is float64[n], lost ones filled in, *noise_lsb* a
+    sample's.
+    """
+    low, high = limits
     beyond = np.maximum(low - code, code - high)
-    if np.nanmax(beyond, initial=-np.inf) > _A_CODE:
+    at_an_end = beyond > -_A_CODE
+    if np.count_nonzero(beyond > _A_CODE) >= _OFTEN or np.count_nonzero(at_an_end) < _OFTEN:
         return np.zeros(len(code), dtype=np.bool_)
-    return np.asarray(beyond > -_A_CODE)
+    return np.asarray(beyond > -_A_CODE - _BY_CHANCE * noise_lsb)
 
 
 def unsure_where_silent(motion: Motion) -> Motion:

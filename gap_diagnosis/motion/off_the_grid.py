@@ -11,10 +11,10 @@ import numpy as np
 
 from gap_diagnosis.motion.accounts import Accounts, Found
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.edges import EDGES, Edged, best_edges, has_edges
-from gap_diagnosis.motion.evidence import log_sum
+from gap_diagnosis.motion.edges import Edged, best_edges, edged_by, edges_of, has_edges
 from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.slips import SLIP, windows_beside
+from gap_diagnosis.motion.windows import windows_of
 from gap_diagnosis.recording import Floats
 
 _EDGED: Final = 4
@@ -92,11 +92,13 @@ class OffTheGrid(Accounts):
             return None
         # Of a large effect on the whole log a straight line may explain no more than a part.
         best_so_far = max(best_so_far, self.model.refit((whole,), gram.levels).log_evidence)
-        edged = best_edges(self.model, (term,), 0, at_ends.coefficients, at_ends.levels)
+        about = at_ends.coefficients, at_ends.levels
+        windows = windows_of(self.model, (term,), 0, *about)
+        edged = edged_by(term, windows)
         between = self.model.refit(
             (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
         )
-        if between.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_EDGES:
+        if between.log_evidence + LOG_SHARE + windows.log_width < best_so_far - _WORTH_EDGES:
             return None
         self._add_at_its_edges(edged, term)
         return between.levels
@@ -104,30 +106,17 @@ class OffTheGrid(Accounts):
     def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
         """Add a variant whose edges lie where they fit best."""
         effect = grid_term.variant.effect
-        log_weight = 0.0 if edged.log_width is None else self._log_weight(effect, edged.log_width)
+        width = edged.log_width
+        log_weight = 0.0 if width is None else self._log_weight(edged.term, width)
         added = self.model.add(edged.term.variant, grid_term)
         self.by_effect[effect].append(replace(added, log_weight=log_weight))
         self.spans[effect] = edged.spans
 
-    def _log_weight(self, effect: str, log_width: float) -> float:
-        """Return the log weight with which an effect at its best edges is worth what it is at all
-        of them, beside the even share of each variant that the grid holds."""
-        grid = [term.variant for term in self.by_effect[effect] if term.log_weight == 0.0]
-        if not any(name in grid[0].fixed for name in EDGES):
-            return LOG_SHARE + log_width
+    def _log_weight(self, term: Term, log_width: float) -> float:
+        """Return the log weight with which a term at its best edges is worth what it is at all of
+        them, beside the even share of each variant that the grid holds."""
+        grid = [t.variant for t in self.by_effect[term.variant.effect] if t.log_weight == 0.0]
         kinds = {frozenset(one.report.items() - one.fixed.items()) for one in grid}
+        if not edges_of(term.variant) <= edges_of(grid[0]):
+            return LOG_SHARE + log_width
         return log_width + math.log(len(grid) / len(kinds))
-
-    def _counts_for(self, one: Found, place: int) -> float:
-        """Return the log weight with which a term counts in the account of a set: its own, and that
-        of other variants of its effect that are about as good."""
-        term = one.terms[place]
-        others = [t for t in self._kept[-1][term.variant.effect] if t is not term]
-
-        def worth(own: Term) -> float:
-            terms = (*one.terms[:place], own, *one.terms[place + 1 :])
-            return self.evidence(terms, one.levels) + own.log_weight
-
-        return (
-            log_sum(np.array([worth(t) for t in (term, *others)])) - worth(term) + term.log_weight
-        )

@@ -113,9 +113,10 @@ class Scan(OffTheGrid):
             self._add_levels(model.levels_for(candidates[0].terms, candidates[0].levels))
             progress(0.3 + 0.05 * len(tried))
         self._seek_more()
-        for done, one in enumerate(self._to_refit()):
+        refitted = self._to_refit()
+        for done, one in enumerate(refitted):
             self._refit(one)
-            progress(0.6 + 0.4 * (done + 1) / _REFITTED)
+            progress(0.6 + 0.4 * (done + 1) / len(refitted))
         self._moved_windows(max(self._fitted(), key=self._belief))
         self._loosened()
         self._sought_beside(max(self._fitted(), key=self._belief))
@@ -162,13 +163,15 @@ class Scan(OffTheGrid):
                 best, log_width = known.best[place], known.log_width
             else:
                 continue
-            log_weight = self._log_weight(term.variant.effect, log_width)
-            terms[place] = replace(best, log_weight=log_weight)
-            others += log_weight - self._counts_for(head, place)
+            terms[place] = replace(best, log_weight=self._log_weight(best, log_width))
+            others += terms[place].log_weight - term.log_weight
+            if len(terms) == 1:
+                # Other windows that are as likely are in the sum over all: not once more.
+                others = -self._cost(terms[place])
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
         weighed = tuple(
-            replace(term, log_weight=moved.log_weight)
+            term if term is moved else replace(term, log_weight=moved.log_weight)
             for term, moved in zip(head.terms, terms, strict=True)
         )
         head = replace(head, terms=weighed, log_evidence=fit.log_evidence + others)

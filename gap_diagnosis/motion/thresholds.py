@@ -63,11 +63,12 @@ class Thresholds:
 
     @property
     def log_width(self) -> float:
-        """By how much less [nat] some threshold is worth than the likeliest, which stands so narrow
-        among all there may be."""
+        """Logarithm of what some threshold is worth beside the likeliest one, at most 0: the mean
+        over all rates up to the fastest, which are alike beforehand."""
         low, high = self._cells
-        share = self._shares(1.0) * (high - low)
-        return math.log(float(share.sum()) / float(high[-1] - low[0]))
+        logs = self.log_evidence
+        mean = np.average(np.exp(logs - logs.max()), weights=high - low)
+        return math.log(float(mean))
 
     @property
     def _cells(self) -> tuple[Floats, Floats]:
@@ -75,19 +76,14 @@ class Thresholds:
         middles = 0.5 * (self.rates_rad_s[1:] + self.rates_rad_s[:-1])
         return np.append(self.rates_rad_s[0], middles), np.append(middles, self.rates_rad_s[-1])
 
-    def _shares(self, dispersion: float) -> Floats:
-        """Return how likely each is beside the likeliest, float64[t], where the log's likelihood is
-        *dispersion* times too sure."""
-        logs = self.log_evidence
-        return np.asarray(np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)))
-
     def draw(
         self, count: int, dispersion: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], Floats]:
         """Return draws of which threshold it is, int64[count], and of its rate [rad/s], where the
         log's likelihood is *dispersion* times too sure: before, all rates are alike."""
         low, high = self._cells
-        share = self._shares(dispersion) * (high - low)
+        logs = self.log_evidence
+        share = np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)) * (high - low)
         picked = rng.choice(len(share), size=count, p=share / share.sum())
         return picked, low[picked] + (high - low)[picked] * rng.uniform(size=count)
 
@@ -117,14 +113,14 @@ def thresholds_of(
     return found.thresholds
 
 
-def coarse_threshold(
+def coarse_thresholds(
     model: MotionModel,
     terms: Sequence[Term],
     place: int,
     coefficients: Sequence[tuple[float, ...]],
     levels: Floats,
-) -> Term:
-    """Return ``terms[place]`` with the best threshold of a coarse grid, far from a fit.
+) -> Thresholds:
+    """Return the same on a coarse grid, far from a fit.
 
     How much is lost by chance goes with how much is lost, which a first step of two brings. Every
     second one of the grid is compared, then those beside the best.
@@ -136,7 +132,7 @@ def coarse_threshold(
     best = float(found.thresholds.best[place].variant.fixed["threshold"])
     at = int(np.searchsorted(grid, best))
     found.add(np.setdiff1d(grid[max(at - 1, 0) : at + 2], best))
-    return found.thresholds.best[place]
+    return found.thresholds
 
 
 class _Compared:

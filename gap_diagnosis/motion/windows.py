@@ -77,8 +77,7 @@ class Windows:
 
     @property
     def log_width(self) -> float:
-        """How wide the best window stands among all there may be: by so much less [nat] than the
-        best one is worth, some window is."""
+        """Logarithm of what some window is worth beside the best one, at most 0."""
         return self.log_mean - float(self.log_evidence.max())
 
     @property

@@ -204,10 +204,10 @@ class Oracle:
 
 
 def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
-    """Return answers that leave the same data because of these values, as `effects` says of each.
+    """Return answers that leave the same data because of these values.
 
-    A reception stamp's delay and spread are those of a latency and a jitter; positions in another
-    unit are those of a reference whose scale is off by as much.
+    What `effects` says of each; a reception stamp's delay and spread are those of a latency and a
+    jitter; positions in another unit are those of a reference whose scale is off by as much.
     """
     found = []
     names = frozenset(news)

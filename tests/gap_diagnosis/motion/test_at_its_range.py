@@ -54,18 +54,45 @@ def test_what_a_gyro_shows_at_the_end_of_its_range_is_no_limit_of_its_own(
 
 def test_a_gyro_that_goes_beyond_its_described_range_is_believed(spinning: Recording) -> None:
     """Its range was left out of robot.toml, and is another one."""
-    gyro = replace_range(ROBOT, 2.0)
+    narrow = with_range(ROBOT, 2.0)
     code = spinning.gyro_code
     assert code is not None
-    low, high = gyro.plant.gyro_code_limits
-    assert code.max() > high + 1
-    model = MotionModel(spinning, gyro, default_prior())
-    usual = MotionModel(spinning, ROBOT, default_prior())
-    at_a_lower_end = (np.abs(code - low) < 0.5) | (np.abs(code - high) < 0.5)
-    unsure = model.nodes.motion.gyro_unsure_rad2
-    assert unsure[at_a_lower_end].max() < usual.nodes.motion.gyro_unsure_rad2.max()
+    assert np.count_nonzero(code > narrow.plant.gyro_code_limits[1] + 1) > 100
+    assert not MotionModel(spinning, narrow, default_prior()).nodes.motion.gyro_at_its_end.any()
 
 
-def replace_range(robot: Robot, range_rad_s: float) -> Robot:
+def test_a_spike_is_neither_the_end_of_a_range_nor_beyond_it(spinning: Recording) -> None:
+    code = spinning.gyro_code
+    assert code is not None
+    low, high = ROBOT.plant.gyro_code_limits
+    usual = MotionModel(spinning, ROBOT, default_prior()).nodes.motion.gyro_at_its_end
+    spiked = replace(spinning, gyro_code=np.where(np.arange(len(code)) == 50, high + 500.0, code))
+    also = MotionModel(spiked, ROBOT, default_prior()).nodes.motion.gyro_at_its_end
+    assert np.array_equal(np.delete(also, 50), np.delete(usual, 50))
+    middle = 0.5 * (low + high)
+    once = np.where(np.arange(len(code)) == 50, float(high), middle + 0.1 * (code - middle))
+    calm = MotionModel(replace(spinning, gyro_code=once), ROBOT, default_prior())
+    assert not calm.nodes.motion.gyro_at_its_end.any()
+
+
+def test_within_noise_of_the_end_and_between_two_rows_there_nothing_is_said_either(
+    spinning: Recording,
+) -> None:
+    """Only those readings would be left that chance has made smaller."""
+    code = spinning.gyro_code
+    assert code is not None
+    low, high = ROBOT.plant.gyro_code_limits
+    at_an_end = at_its_end(ROBOT, spinning)
+    inside = np.flatnonzero(at_an_end[:-2] & at_an_end[1:-1] & at_an_end[2:]) + 1
+    lost = np.where(np.isin(np.arange(len(code)), inside[::7]), np.nan, code)
+    motion = MotionModel(replace(spinning, gyro_code=lost), ROBOT, default_prior()).nodes.motion
+    assert motion.gyro_at_its_end[inside].all()
+    near = np.minimum(code - low, high - code) < 2.0 * motion.gyro_noise_lsb
+    assert motion.gyro_at_its_end[near].all()
+    assert motion.gyro_noise_lsb > 2.0
+
+
+def with_range(robot: Robot, range_rad_s: float) -> Robot:
+    """Return the robot described with another range of its gyro."""
     gyro = robot.plant.gyro.model_copy(update={"range_rad_s": range_rad_s})
     return replace(robot, plant=robot.plant.model_copy(update={"gyro": gyro}))

@@ -16,6 +16,7 @@ from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.onset import windowed
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.thresholds import at_threshold, thresholds_of
+from gap_diagnosis.motion.windows import windows_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -102,11 +103,26 @@ def test_lost_counts_are_worth_what_all_their_thresholds_are_on_average() -> Non
     logs = known.log_evidence
     steps = np.diff(known.rates_rad_s)
     widths = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
-    # Counts are lost one by one: their law is told as one that is twice too sure.
-    mean = np.average(np.exp(0.5 * (logs - logs.max())), weights=widths)
+    mean = np.average(np.exp(logs - logs.max()), weights=widths)
     either_side = math.log(2)
     expected = found.refitted.log_evidence + math.log(mean) - either_side
     assert math.log(mean) < -math.log(7) - 0.6
+    assert found.log_evidence == pytest.approx(expected, abs=0.5)
+
+
+def test_counts_that_get_lost_from_a_moment_on_pay_for_their_threshold_and_their_window() -> None:
+    """One in ten begins on the way, at any moment; whose side and which of seven thresholds it is
+    costs as much as on the whole log."""
+    values = (("side", "left"), ("probability", 0.2), ("threshold", 0.0), ("start_s", 20.0))
+    scan = Scan(only_missed(losing(EffectSetting("missed_ticks", values))))
+    found = scan.account(frozenset({"missed_ticks"}))
+    assert found.refitted is not None
+    assert found.terms[0].variant.fixed["start_s"] == pytest.approx(20.0, abs=0.5)
+    windows = windows_of(
+        scan.model, found.terms, 0, found.refitted.coefficients, found.refitted.levels
+    )
+    one_of = math.log(2 * 7)
+    expected = found.refitted.log_evidence + windows.log_width + math.log(0.1) - one_of
     assert found.log_evidence == pytest.approx(expected, abs=0.5)
 
 
