@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.explanations.gyro import gyro_saturation
+from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
@@ -59,3 +68,28 @@ def test_a_wheel_that_slips_all_the_way_is_no_slip_but_another_wheel() -> None:
         way = np.abs(motion.left_step_rad if is_left else motion.right_step_rad)
         inside = (motion.t_s > fixed["start_s"]) & (motion.t_s <= fixed["stop_s"])
         assert way[inside].sum() < 0.96 * way.sum()
+
+
+@pytest.mark.parametrize(("below", "above"), [(0.02, 0.02), (0.01, 0.05)])
+def test_a_limit_is_worth_what_all_up_to_the_fastest_turn_are_on_average(
+    below: float, above: float
+) -> None:
+    """Where its likelihood falls like two halves of normal laws, of either side's deviation."""
+    best, fastest = 1.3, 2.0
+
+    def evidence_about(terms: Sequence[Term], *_: object) -> SimpleNamespace:
+        away = float(terms[0].variant.fixed["limit"]) - best
+        return SimpleNamespace(log_evidence=-0.5 * (away / (below if away < 0 else above)) ** 2)
+
+    motion = SimpleNamespace(turn_rate_rad_s=np.array([0.0, -fastest, 1.0]))
+    model: Any = SimpleNamespace(
+        nodes=SimpleNamespace(motion=motion), evidence_about=evidence_about
+    )
+    variant = Variant("gyro_saturation", gyro_saturation, (), {"limit": 1.25}, {"limit": 1.25})
+    edged = best_edges(model, (Term(variant, (), ()),), 0, ((),), np.ones(1))
+    assert edged.term.variant.fixed["limit"] == pytest.approx(best, abs=0.1 * below)
+    limits, step = np.linspace(0.0, fastest, 20001, retstep=True)
+    sds = np.where(limits < best, below, above)
+    mean = float(np.sum(np.exp(-0.5 * ((limits - best) / sds) ** 2)) * step / fastest)
+    assert edged.log_width == pytest.approx(math.log(mean), abs=0.05)
+    assert edged.spans["limit"] == pytest.approx(max(below, above), rel=0.05)
