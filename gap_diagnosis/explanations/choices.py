@@ -328,18 +328,21 @@ def _died_s(motion: Motion, side: str, first: int, by: int) -> tuple[float, floa
     """
     step = motion.left_step_rad if side == "left" else motion.right_step_rad
     latest_s = float(motion.t_s[by])
-    usual = 0.0
+    usual, unsure = 0.0, _ROUNDED
     if first > _USUAL_ROWS:
-        around = np.abs(step[first - 1 - _USUAL_ROWS : first - 1])
-        usual = float(np.median(around)) / motion.rad_per_count
+        around = np.abs(step[first - 1 - _USUAL_ROWS : first - 1]) / motion.rad_per_count
+        usual = float(np.median(around))
+        # A wheel that speeds up or slows down goes on to.
+        unsure += abs(float(around[-2:].mean() - around[:2].mean()))
     if usual < _ROUNDED:
         return float(motion.t_s[max(first - 2, 0)]), latest_s
     lacks = usual - abs(float(step[first - 1])) / motion.rad_per_count
     row_s, ended_s = float(motion.dt_s[first - 1]), float(motion.t_s[first - 1])
-    earliest_s = ended_s - row_s * min(max((lacks + _ROUNDED) / usual, 0.0), 1.0)
-    if lacks > _ROUNDED:
-        latest_s = ended_s - row_s * (lacks - _ROUNDED) / usual
-    return earliest_s, latest_s
+    most = min(max((lacks + unsure) / usual, 0.0), 1.0)
+    if lacks > unsure:
+        return ended_s - row_s * most, ended_s - row_s * (lacks - unsure) / usual
+    # That it died so long before the row's end is ever less likely: even over half of it.
+    return ended_s - row_s * 0.5 * most, latest_s
 
 
 def encoder_dead(motion: Motion) -> Iterable[Variant]:

@@ -70,6 +70,19 @@ def test_a_whole_row_before_it_died_says_that_it_lived_to_its_end() -> None:
     assert float(WHOLE.t_s[at - 1]) - rounded_s < first_s <= start_s <= last_s
 
 
+def test_a_row_of_a_wheel_that_slows_down_lacks_nothing_for_that() -> None:
+    """Six of a hundred true times lay outside, by up to 20 standard deviations: each row had fewer
+    counts than those before."""
+    half = standing(0.3 * LASTS_S, 0.8 * LASTS_S)
+    at = int(np.flatnonzero(WHOLE.t_s > 0.3 * LASTS_S)[0])
+    step = np.diff(half.left_ticks, prepend=half.left_ticks[0])
+    step[at - 10 : at] = np.round(step[at - 10 : at] * (1.0 - 0.05 * np.arange(10)))
+    (dead,) = found(replace(half, left_ticks=half.left_ticks[0] + np.cumsum(step)))
+    first_s, last_s = dead.told["start_s"]
+    assert first_s <= float(WHOLE.t_s[at - 1]) <= last_s
+    assert last_s - first_s < 2.0 * WHOLE.tick_period_s
+
+
 def test_the_row_in_which_it_counts_again_may_have_been_counted_in_part() -> None:
     stop_s = 0.8 * LASTS_S
     (dead,) = found(standing(0.3 * LASTS_S, stop_s))
