@@ -260,7 +260,7 @@ class Accounts:
 
     def _choices(self, effect: str) -> int:
         """Return how many variants of an effect share its prior evenly."""
-        return max(sum(term.log_weight == 0.0 for term in self.by_effect[effect]), 1)
+        return max(sum(term.is_on_the_grid for term in self.by_effect[effect]), 1)
 
     def _cost(self, term: Term) -> float:
         """Return what it costs [nat] that an effect is this variant of it."""

@@ -57,12 +57,14 @@ class Term:
             columns it is made of: pairs of index and weight.
         tolerances: per coefficient, what is no news.
         log_weight: log prior of this variant over the effect's others, beside an even share.
+        is_on_the_grid: one of those that share the effect's prior evenly.
     """
 
     variant: Variant
     weights: tuple[tuple[tuple[int, float], ...], ...]
     tolerances: tuple[float, ...]
     log_weight: float = 0.0
+    is_on_the_grid: bool = True
 
     @property
     def is_fixed(self) -> bool:

@@ -106,17 +106,18 @@ class OffTheGrid(Accounts):
     def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
         """Add a variant whose edges lie where they fit best."""
         effect = grid_term.variant.effect
-        width = edged.log_width
-        log_weight = 0.0 if width is None else self._log_weight(edged.term, width)
         added = self.model.add(edged.term.variant, grid_term)
-        self.by_effect[effect].append(replace(added, log_weight=log_weight))
+        if edged.log_width is not None:
+            added = self._in_sum(added, edged.log_width)
+        self.by_effect[effect].append(added)
         self.spans[effect] = edged.spans
 
-    def _log_weight(self, term: Term, log_width: float) -> float:
-        """Return the log weight with which a term at its best edges is worth what it is at all of
-        them, beside the even share of each variant that the grid holds."""
-        grid = [t.variant for t in self.by_effect[term.variant.effect] if t.log_weight == 0.0]
+    def _in_sum(self, term: Term, log_width: float) -> Term:
+        """Return a term at its best edges so that it is worth what it is at all of them, beside the
+        even share of each variant that the grid holds."""
+        grid = [one.variant for one in self.by_effect[term.variant.effect] if one.is_on_the_grid]
         kinds = {frozenset(one.report.items() - one.fixed.items()) for one in grid}
+        log_weight = log_width + math.log(len(grid) / len(kinds))
         if not edges_of(term.variant) <= edges_of(grid[0]):
-            return LOG_SHARE + log_width
-        return log_width + math.log(len(grid) / len(kinds))
+            log_weight = LOG_SHARE + log_width
+        return replace(term, log_weight=log_weight, is_on_the_grid=False)

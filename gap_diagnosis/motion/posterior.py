@@ -97,7 +97,7 @@ class Posterior:
             known = self.scan.evidence(found.terms, found.levels)
             for other in self.scan.by_effect[term.variant.effect]:
                 terms = (*found.terms[:place], other, *found.terms[place + 1 :])
-                is_rival = other is not term and other.log_weight == 0.0
+                is_rival = other is not term and other.is_on_the_grid
                 if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
                     fit = self.model.refit(terms, again.levels, free_levels=False)
                     likely.append((terms, fit))

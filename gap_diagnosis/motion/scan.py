@@ -163,7 +163,7 @@ class Scan(OffTheGrid):
                 best, log_width = known.best[place], known.log_width
             else:
                 continue
-            terms[place] = replace(best, log_weight=self._log_weight(best, log_width))
+            terms[place] = self._in_sum(best, log_width)
             others += terms[place].log_weight - term.log_weight
             if len(terms) == 1:
                 # Other windows that are as likely are in the sum over all: not once more.
@@ -171,7 +171,9 @@ class Scan(OffTheGrid):
         if all(one is other for one, other in zip(terms, head.terms, strict=True)):
             return False
         weighed = tuple(
-            term if term is moved else replace(term, log_weight=moved.log_weight)
+            term
+            if term is moved
+            else replace(term, log_weight=moved.log_weight, is_on_the_grid=False)
             for term, moved in zip(head.terms, terms, strict=True)
         )
         head = replace(head, terms=weighed, log_evidence=fit.log_evidence + others)
