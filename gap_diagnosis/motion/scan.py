@@ -425,9 +425,10 @@ class Scan(OffTheGrid):
         sds = np.array([sd for _, sd in self.model.columns.nuisances])
         loaded = gram.full_inner[np.ix_(places, places)] + np.diag(sds**-2)
         taken = np.linalg.solve(loaded, gram.full_data[places]) / sds
-        owners = [self.model.columns.little[place][0].effect for place in places]
-        far = {effect for effect, one in zip(owners, taken, strict=True) if abs(one) > _STRETCHED}
-        return sorted(far)
+        # What is free besides, as a function of something, is no effect's.
+        little = self.model.columns.little
+        far = [place for place, one in zip(places, taken, strict=True) if abs(one) > _STRETCHED]
+        return sorted({little[place][0].effect for place in far if place in little})
 
     def _to_refit(self) -> list[Found]:
         """Return the sets that may win, singles first, so that each kind of answer is exact."""
