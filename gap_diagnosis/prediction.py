@@ -54,8 +54,8 @@ class Motion:
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
             description; the noise is that of one sample.
-        gyro_at_its_end: bool[n], codes at an end of the described range: the gyro does as
-            described, and turns at least so fast.
+        gyro_at_its_end: bool[n], codes at an end of the described range or within a sample's noise
+            of it: there the gyro does as described, and says no more than that.
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.

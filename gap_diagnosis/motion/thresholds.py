@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations.encoder import own_speed
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.windows import cells_of
 from gap_diagnosis.recording import Floats
 
 _EVEN: Final = 8
@@ -65,23 +66,17 @@ class Thresholds:
     def log_width(self) -> float:
         """Logarithm of what some threshold is worth beside the likeliest one, at most 0: the mean
         over all rates up to the fastest, which are alike beforehand."""
-        low, high = self._cells
+        low, high = cells_of(self.rates_rad_s)
         logs = self.log_evidence
         mean = np.average(np.exp(logs - logs.max()), weights=high - low)
         return math.log(float(mean))
-
-    @property
-    def _cells(self) -> tuple[Floats, Floats]:
-        """From where to where each threshold stands for those about it, float64[t] each."""
-        middles = 0.5 * (self.rates_rad_s[1:] + self.rates_rad_s[:-1])
-        return np.append(self.rates_rad_s[0], middles), np.append(middles, self.rates_rad_s[-1])
 
     def draw(
         self, count: int, dispersion: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], Floats]:
         """Return draws of which threshold it is, int64[count], and of its rate [rad/s], where the
         log's likelihood is *dispersion* times too sure: before, all rates are alike."""
-        low, high = self._cells
+        low, high = cells_of(self.rates_rad_s)
         logs = self.log_evidence
         share = np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)) * (high - low)
         picked = rng.choice(len(share), size=count, p=share / share.sum())

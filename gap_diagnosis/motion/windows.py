@@ -69,16 +69,11 @@ class Windows:
         return float(self.ends_s[first]), float(self.ends_s[last])
 
     @property
-    def log_mean(self) -> float:
-        """The log evidence [nat] of some window: the mean over all there may be."""
-        top = float(self.log_evidence.max())
-        share = self.areas * np.exp(self.log_evidence - top)
-        return top + math.log(float(share.sum() / self.areas.sum()))
-
-    @property
     def log_width(self) -> float:
-        """Logarithm of what some window is worth beside the best one, at most 0."""
-        return self.log_mean - float(self.log_evidence.max())
+        """Logarithm of what some window is worth beside the best one, at most 0: the mean over all
+        there may be."""
+        share = self.areas * np.exp(self.log_evidence - self.log_evidence.max())
+        return math.log(float(share.sum() / self.areas.sum()))
 
     @property
     def spans_s(self) -> dict[str, float]:
@@ -101,7 +96,7 @@ class Windows:
     ) -> tuple[Floats, Floats, Floats]:
         """Return draws float64[count] of start, stop [s] and size, where the log's likelihood is
         *dispersion* times too sure."""
-        low, high = _cells(self.ends_s)
+        low, high = cells_of(self.ends_s)
         share = self._shares(dispersion)
         picked = rng.choice(share.size, size=count, p=share.ravel())
         first, last = np.unravel_index(picked, share.shape)
@@ -184,8 +179,9 @@ def _between(windows: Windows, t_s: Floats, most: int) -> Floats:
     return np.setdiff1d(asked_s, ends_s)
 
 
-def _cells(ends_s: Floats) -> tuple[Floats, Floats]:
-    """Return from where to where each end stands for those about it, float64[e] each."""
+def cells_of(ends_s: Floats) -> tuple[Floats, Floats]:
+    """Return from where to where each of these, ascending, stands for those about it, float64[e]
+    each."""
     middles = 0.5 * (ends_s[1:] + ends_s[:-1])
     return np.append(ends_s[0], middles), np.append(middles, ends_s[-1])
 
@@ -320,7 +316,7 @@ class _Grid:
 
     def _areas(self) -> Floats:
         """Return for how many windows each one stands, float64[e, e]."""
-        low, high = _cells(self.ends_s)
+        low, high = cells_of(self.ends_s)
         width = high - low
         if self._variant.effect not in LASTING:
             return np.asarray(np.outer(width, width))

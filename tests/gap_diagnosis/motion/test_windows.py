@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.explanations.choices import LEFT_OUT
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged, best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
-from gap_diagnosis.motion.windows import windows_of
+from gap_diagnosis.motion.windows import SHORTEST_S, Windows, windows_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 RATIO = 0.02
+SHARP_S = (20.303, 27.794)
 
 
 def slipping(start_s: float, stop_s: float) -> MotionModel:
@@ -28,6 +30,15 @@ def slipping(start_s: float, stop_s: float) -> MotionModel:
     window = (("start_s", start_s), ("stop_s", stop_s))
     slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", RATIO), *window))
     return driven(slip)
+
+
+def told_to_the_tick() -> tuple[MotionModel, Windows]:
+    """Return the log of a slip so large that both ends are known to the tick, and its windows."""
+    start_s, stop_s = SHARP_S
+    window = (("start_s", start_s), ("stop_s", stop_s))
+    model = driven(EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.5), *window)))
+    term = nearest(model, start_s, stop_s)
+    return model, windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
 
 
 def driven(effect: EffectSetting) -> MotionModel:
@@ -94,42 +105,28 @@ def test_a_window_is_sought_again_where_its_effect_is_fitted() -> None:
 def test_an_end_that_is_told_to_the_tick_may_be_anywhere_in_it() -> None:
     """From the middle of its own to that of the next, all ends leave the same log; between ends
     that were compared within the tick, one in four true ends was left out."""
-    window = (("start_s", 20.303), ("stop_s", 27.794))
-    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.5), *window))
-    recording = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
-    )
-    model = MotionModel(recording, ROBOT, default_prior())
-    term = nearest(model, 20.3, 27.8)
-    windows = windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
+    model, windows = told_to_the_tick()
     start_s, stop_s, _ = windows.draw(4000, 1.0, np.random.default_rng(1))
     t_s = model.nodes.motion.t_s
     middles_s = 0.5 * (t_s[1:] + t_s[:-1])
-    for drawn_s, (_, true_s) in zip((start_s, stop_s), window, strict=True):
+    for drawn_s, true_s in zip((start_s, stop_s), SHARP_S, strict=True):
         above = int(np.searchsorted(middles_s, true_s))
         ends_s = middles_s[above - 1], middles_s[above]
-        hundredth_s = 0.01 * recording.tick_s
+        hundredth_s = 0.01 * model.recording.tick_s
         assert abs(drawn_s.min() - ends_s[0]) < hundredth_s
         assert abs(drawn_s.max() - ends_s[1]) < hundredth_s
 
 
 def test_a_window_told_to_the_tick_is_one_of_as_many_as_there_may_be() -> None:
     """It counted as one of the grid's hundred, however narrow it was."""
-    window = (("start_s", 20.303), ("stop_s", 27.794))
-    slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.5), *window))
-    recording = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), [slip], 5, reference=ReferenceNoise(), duration_s=40.0
-    )
-    model = MotionModel(recording, ROBOT, default_prior())
-    term = nearest(model, 20.3, 27.8)
-    windows = windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
+    model, windows = told_to_the_tick()
     ticks = model.nodes.smooth.t_s
     way = np.cumsum(np.abs(model.nodes.smooth.left_step_rad))
     ends_s, step_s = np.linspace(ticks[0], ticks[-1], 801, retstep=True)
     until = np.interp(ends_s, ticks[-len(way) :], way)
-    leaves_out = way[-1] - np.subtract.outer(until, until).T > 0.25 * way[-1]
-    admitted = leaves_out & (np.subtract.outer(ends_s, ends_s).T >= 0.5)
-    expected = math.log(recording.tick_s**2 / (admitted.sum() * step_s**2))
+    leaves_out = way[-1] - np.subtract.outer(until, until).T > LEFT_OUT * way[-1]
+    admitted = leaves_out & (np.subtract.outer(ends_s, ends_s).T >= SHORTEST_S)
+    expected = math.log(model.recording.tick_s**2 / (admitted.sum() * step_s**2))
     # Along the border of what is admitted cells are whole or none, and the likeliest tick is not
     # all there is.
     assert abs(windows.log_width - expected) < 0.1
