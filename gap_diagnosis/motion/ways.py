@@ -123,6 +123,13 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
 _GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, 1.7e-4, needs_gyro=True),)
 # A scale may be off by more than it may drift by: of its own tolerance every explanation has some.
 _DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, 5e-4, needs_gyro=True))
+
+
+def _of_reference(act: Callable[[Prediction, Floats], None], high: float, evenly: str) -> Way:
+    """Return a way in which a reference is shifted or turned about the body."""
+    return Way("reference", act, 1e-3, high, 5e-4, needs_reference=True, evenly=evenly)
+
+
 WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
         Way("wheel", _forward, 1e-3, 0.1, 1e-3),
@@ -137,33 +144,9 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,
     "reference": (
-        Way(
-            "reference",
-            _reference_along,
-            1e-3,
-            0.2,
-            5e-4,
-            needs_reference=True,
-            evenly="reference_lever_arm",
-        ),
-        Way(
-            "reference",
-            _reference_across,
-            1e-3,
-            0.2,
-            5e-4,
-            needs_reference=True,
-            evenly="reference_lever_arm",
-        ),
-        Way(
-            "reference",
-            _reference_heading,
-            1e-3,
-            0.1,
-            5e-4,
-            needs_reference=True,
-            evenly="reference_yaw",
-        ),
+        _of_reference(_reference_along, 0.2, "reference_lever_arm"),
+        _of_reference(_reference_across, 0.2, "reference_lever_arm"),
+        _of_reference(_reference_heading, 0.1, "reference_yaw"),
     ),
 }
 # Wheels may be off by a tolerance of their size, and drift by half of what wear in 100 s is none.
