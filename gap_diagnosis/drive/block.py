@@ -49,17 +49,21 @@ _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
 
 
 def drive_block(
-    recording: Recording, robot: Robot, doubted: frozenset[str] = COMMANDS | COUNTS
+    recording: Recording,
+    robot: Robot,
+    doubted: frozenset[str] = COMMANDS | COUNTS,
+    without: frozenset[str] = frozenset(),
 ) -> DriveBlock | None:
     """Return the block, or None where the log holds no commands or no motion.
 
-    *doubted*: the signals of which a mistake of the set-up may be.
+    *doubted*: the signals of which a mistake of the set-up may be. *without*: effects that nobody
+    will ask for, so that they explain nothing away.
     """
     data = drive_beside_described(recording, robot)
     if data is None:
         return None
     block = DriveBlock(data, robot, doubted)
-    own = block.manner()
+    own = block.manner(without)
     return block if own is None else DriveBlock(data, robot, doubted, own)
 
 
@@ -124,9 +128,10 @@ class DriveBlock:
             self._fits[wanted] = self._fit(wanted)
         return self._fits[wanted]
 
-    def manner(self) -> Manner | None:
-        """The manner in which a drive that does as it is told answers, if it has one."""
-        listed = self.effects - set(SETUP)
+    def manner(self, without: frozenset[str]) -> Manner | None:
+        """Return the manner in which a drive that does as it is told answers, if it has one that no
+        effect explains as well but those in *without*."""
+        listed = self.effects - set(SETUP) - without
         return manner(
             self._null,
             self._robot,

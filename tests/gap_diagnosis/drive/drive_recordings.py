@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.batch import simulate_batch
@@ -16,6 +17,14 @@ from hil_harness.scenarios.named import random as random_scenario
 WIRE = load_wire()
 ROBOT = load_robot()
 DURATION_S = 40.0
+ACTUATION = (
+    "drive_acceleration_limit",
+    "drive_deadband",
+    "drive_delay",
+    "drive_gain",
+    "drive_lag",
+    "drive_saturation",
+)
 
 
 def drive_scenario(seed: int, duration_s: float = DURATION_S) -> Scenario:
@@ -59,3 +68,13 @@ def simulated(
         for one in (runs.left_count, runs.right_count)
     ]
     return recording_of(commands, *counts)
+
+
+def block_of(recording: Recording) -> DriveBlock:
+    block = drive_block(recording, ROBOT)
+    assert block is not None
+    return block
+
+
+def evidence(block: DriveBlock, *effects: str) -> float:
+    return block.fit(frozenset(effects)).log_evidence
