@@ -25,6 +25,7 @@ from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes
 from gap_diagnosis.motion.slack import with_slack
+from gap_diagnosis.motion.standstill import Standstills
 from gap_diagnosis.motion.unknown import (
     Alternative,
     Laid,
@@ -62,6 +63,7 @@ class Analysis:
         pushes: steps of the body that no wheel makes, if they are likelier than no effect.
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
+        standstills: stretches in which counts stand while their wheels turn, likewise.
         mistake: of the reference's set-up, put right in the recording.
     """
 
@@ -77,6 +79,7 @@ class Analysis:
     late_s: float = 0.0
     pushes: Pushes | None = None
     mistake: Mistake | None = None
+    standstills: Standstills | None = None
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -144,7 +147,7 @@ def analyse(
     as_received = replace(received, reference=recording.reference)
     progress("commands against wheels", 0.55)
     doubted = COMMANDS | COUNTS if motion is None else COUNTS if gross else COMMANDS
-    drive = drive_block(unwrapped(recording, robot), robot, doubted)
+    drive = drive_block(unwrapped(recording, robot), robot, doubted, without)
     if drive is not None:
         blocks.append(drive)
     progress("bus and converter", 0.6)
@@ -170,8 +173,11 @@ def analyse(
     progress("what no effect explains", 0.7)
     burst = None if motion is None else motion.burst
     pushes = None if motion is None or gross else motion.pushes
+    stood = None if motion is None else motion.standstills
     if motion is not None:
-        others = _alternatives(motion, burst, pushes, gross=gross, smooth=others)
+        windowed = [_rough(burst)] if burst is not None else []
+        windowed += [_standing(stood)] if stood is not None else []
+        others = _alternatives(motion, windowed, pushes, gross=gross, smooth=others)
     seen = traces(blocks)
     return Analysis(
         as_received,
@@ -187,6 +193,7 @@ def analyse(
         late_s,
         pushes,
         mistake,
+        stood,
     )
 
 
@@ -252,21 +259,20 @@ _SLACKS: Final = 3
 
 def _alternatives(
     motion: MotionBlock,
-    burst: Burst | None,
+    windowed: Sequence[Alternative] = (),
     pushes: Pushes | None = None,
     *,
     gross: bool,
     smooth: Sequence[Alternative] | None = None,
 ) -> list[Alternative]:
-    """Return unlisted causes, relative to no effect: *smooth* ones, rough windows, pushes."""
+    """Return unlisted causes, relative to no effect: *smooth* ones, *windowed* ones, pushes."""
     found = list(_smooth(motion, gross=gross) if smooth is None else smooth)
     tolerated = within_tolerance(found)
     if motion.explained < max(_LITTLE, tolerated):
         # What a healthy robot is off by, no listed effect explains as well.
         found = beyond_tolerance(found)
         motion.tolerated = max(tolerated, 0.0)
-    if burst is not None:
-        found.append(_dispersed(_rough(burst), motion))
+    found += [_dispersed(one, motion) for one in windowed]
     if pushes is not None:
         told = _at(motion, pushes.levels, [_stepping(pushes)])
         found += [_dispersed(one, motion) for one in told]
@@ -345,6 +351,13 @@ def _rough(burst: Burst) -> Alternative:
     """Return rough windows of the contact as an unlisted cause."""
     return Alternative(
         "wheel", "time", burst.log_evidence, burst.log_likelihood, burst.share, burst.windows
+    )
+
+
+def _standing(stood: Standstills) -> Alternative:
+    """Return counts that stand as an unlisted cause."""
+    return Alternative(
+        "encoder", "time", stood.log_evidence, stood.log_likelihood, stood.share, stood.windows
     )
 
 

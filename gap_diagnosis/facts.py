@@ -136,7 +136,8 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_the_reference(analysis)
-        notes += [*_on_burst(analysis), *_on_pushes(analysis)] if is_unknown else []
+        if is_unknown:
+            notes += [*_on_burst(analysis), *_on_standstills(analysis), *_on_pushes(analysis)]
     return (*notes, *more, *_missing(recordings))
 
 
@@ -213,6 +214,19 @@ def _on_burst(analysis: Analysis) -> list[str]:
     times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"
     also = f" Beside it: {', '.join(burst.beside)}." if burst.beside else ""
     return [f"{analysis.recording.name}: {wheel} hold {times}.{also}"]
+
+
+def _on_standstills(analysis: Analysis) -> list[str]:
+    """Say whose counts stand, and when."""
+    stood = analysis.standstills
+    if stood is None or analysis.alternatives[0].windows != stood.windows:
+        return []
+    from_s = float(analysis.recording.t_s[0])
+    told = [
+        f"on the {side} from {start_s - from_s:.2f} s to {stop_s - from_s:.2f} s"
+        for side, (start_s, stop_s) in zip(stood.sides, stood.windows, strict=True)
+    ]
+    return [f"{analysis.recording.name}: counts stand while the wheel turns, {', '.join(told)}."]
 
 
 def _on_pushes(analysis: Analysis) -> list[str]:

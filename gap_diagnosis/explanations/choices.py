@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import Final
 
@@ -208,15 +208,9 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
 
 
 _FROZEN_TICKS: Final = 20
-_DEAD_S: Final = 1.0
-_DEAD_TICKS: Final = 50
-_DEAD_SHARE: Final = 0.2
-_SURELY_SD: Final = 4.0
-_REVIVED: Final = 0.1
-"""One dead encoder in ten counts again."""
 
 
-def _runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+def runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
     """Return [first, last] of runs of at least *least* true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
     return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2) if b - a >= least]
@@ -252,7 +246,7 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
     turning = motion.right_rate_rad_s - motion.left_rate_rad_s
     return [
         (first, last)
-        for first, last in _runs(same, _FROZEN_TICKS)
+        for first, last in runs(same, _FROZEN_TICKS)
         if motion.gyro_code[first] not in ends
         and (
             min(motion.gyro_noise_lsb, noise_lsb) > _NOISY_LSB
@@ -265,132 +259,6 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
 _FROZEN_RATE: Final = 0.02
 _NOISY_LSB: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
-
-
-_USUAL_ROWS: Final = 5
-_ROUNDED: Final = 1.5
-"""Counts that a row may have more or less than its wheel turned: a half at each end, and noise."""
-_GUESSED_RAD: Final = 1.0
-"""Standard deviation of a wheel's turn in a tick of which nothing is known."""
-
-
-def _dead_windows(motion: Motion) -> list[tuple[str, int, int, float, int]]:
-    """Return the stretches in which an encoder may count nothing: side, first and last row, how far
-    its wheel turned meanwhile, as the gyro tells it [rad], and the row by which it had surely died.
-
-    Only while the other side's counts, and where the gyro says that its wheel turned meanwhile, by
-    a fifth of what the other one did: a robot that turns about a wheel was not dead. Where only the
-    counts tell, one that stands to the log's end will do.
-    """
-    steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
-    tick_s = motion.tick_s
-    least = max(3, round(_DEAD_S / tick_s))
-    noise_rad_s = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
-    noise_rad = noise_rad_s * tick_s * motion.wheelbase_m / motion.radius_m
-    turned_rad = encoder.turn_by_gyro_rad(motion)
-    found = []
-    for side, step in steps.items():
-        other, sign = (steps["right"], -1.0) if side == "left" else (steps["left"], 1.0)
-        for first, last in _runs(step == 0, least):
-            inside = slice(first, last + 1)
-            rolled_rad = np.abs(other[inside]).sum()
-            unseen_rad = np.cumsum(other[inside] + sign * turned_rad[inside])
-            missed_rad = float(np.ptp(unseen_rad))
-            told = missed_rad > _DEAD_SHARE * rolled_rad
-            if motion.gyro_turn_rad is None:
-                told = last == len(step) - 1
-            if rolled_rad > _DEAD_TICKS * motion.rad_per_count and told:
-                # Two counts are rounded off, and the gyro's angle is a random walk.
-                walk_rad = noise_rad * np.sqrt(np.arange(1, len(unseen_rad) + 1))
-                least_rad = 2.0 * motion.rad_per_count + _SURELY_SD * walk_rad
-                if motion.gyro_turn_rad is None:
-                    least_rad = np.full(len(walk_rad), _DEAD_TICKS * motion.rad_per_count)
-                gone = np.abs(unseen_rad) > least_rad
-                if not gone.any():
-                    continue
-                found.append((side, first, last, missed_rad, first + int(np.argmax(gone))))
-    return found
-
-
-def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
-    """Return, bool[n], the ticks in which only one wheel counts for long."""
-    dead = np.zeros(len(motion.t_s), dtype=np.bool_)
-    for _, first, last, *_ in _dead_windows(motion):
-        dead[first : last + 1] = True
-    return dead
-
-
-def _died_s(motion: Motion, side: str, first: int, by: int) -> tuple[float, float]:
-    """Return from when to when an encoder may have died that counts nothing from row *first* on.
-
-    The row before tells by what it lacks of the usual: counts are rounded, at both of its ends. If
-    it lacks nothing and the wheel stood just then, it may be at any time until that went on.
-    """
-    step = motion.left_step_rad if side == "left" else motion.right_step_rad
-    latest_s = float(motion.t_s[by])
-    usual, unsure = 0.0, _ROUNDED
-    if first > _USUAL_ROWS:
-        around = np.abs(step[first - 1 - _USUAL_ROWS : first - 1]) / motion.rad_per_count
-        usual = float(np.median(around))
-        # A wheel that speeds up or slows down goes on to.
-        unsure += abs(float(around[-2:].mean() - around[:2].mean()))
-    if usual < _ROUNDED:
-        return float(motion.t_s[max(first - 2, 0)]), latest_s
-    lacks = usual - abs(float(step[first - 1])) / motion.rad_per_count
-    row_s, ended_s = float(motion.dt_s[first - 1]), float(motion.t_s[first - 1])
-    most = min(max((lacks + unsure) / usual, 0.0), 1.0)
-    if lacks > unsure:
-        return ended_s - row_s * most, ended_s - row_s * (lacks - unsure) / usual
-    # That it died so long before the row's end is ever less likely: even over half of it.
-    return ended_s - row_s * 0.5 * most, latest_s
-
-
-def encoder_dead(motion: Motion) -> Iterable[Variant]:
-    """Return the sides that stand while the robot moves, from where they do.
-
-    Each to the log's end if it does, else the one stretch in which it misses most.
-    """
-    acts = {"left": encoder.encoder_dead_left, "right": encoder.encoder_dead_right}
-    worst: dict[str, tuple[bool, float, int, int, int]] = {}
-    for side, first, last, missed_rad, by in _dead_windows(motion):
-        one = (last == len(motion.t_s) - 1, missed_rad, first, last, by)
-        worst[side] = max(worst.get(side, one), one)
-    for side, (to_the_end, _, first, last, by) in worst.items():
-        window = {
-            "start_s": float(motion.t_s[max(first - 1, 0)]) - 1e-6,
-            # It may have come back within the row in which it counts again.
-            "stop_s": float(motion.t_s[min(last + 1, len(motion.t_s) - 1)]) + 1e-6,
-        }
-        report: dict[str, Value] = {"side": side, "start_s": window["start_s"]}
-        # It may have died at any time of the log, and looks alike wherever it stands anyway.
-        share = math.log((last - first + 1) / len(motion.t_s))
-        if not to_the_end:
-            # It may have come back at any time, too, and seldom does.
-            share = 2.0 * share + math.log(_REVIVED)
-        told = {"start_s": _died_s(motion, side, first, by)}
-        yield Variant(
-            "encoder_dead",
-            acts[side],
-            (),
-            window,
-            report,
-            told,
-            is_held=True,
-            log_share=share,
-            unsure=_unsure_of_dead(side, first, last),
-        )
-
-
-def _unsure_of_dead(side: str, first: int, last: int) -> Callable[[Motion], tuple[Floats, Floats]]:
-    """What a dead encoder's wheel did is taken from the gyro and the other wheel: it says nothing
-    of either."""
-
-    def unsure(motion: Motion) -> tuple[Floats, Floats]:
-        variance = np.zeros(len(motion.t_s))
-        variance[first : last + 1] = (_GUESSED_RAD / motion.rad_per_count) ** 2
-        return of_side(side, variance)
-
-    return unsure
 
 
 def encoder_wrap(motion: Motion) -> Iterable[Variant]:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from gap_diagnosis.explanations import actuation, choices, encoder, gyro, reference, wheel
+from gap_diagnosis.explanations import (
+    actuation,
+    choices,
+    encoder,
+    gyro,
+    reference,
+    standstill,
+    wheel,
+)
 from gap_diagnosis.explanations.variant import Action, Explanation, Setting, Variant
 from gap_diagnosis.prediction import Motion, Prediction
 from hil_harness.effects.model import Effect
@@ -81,7 +89,7 @@ _ALL: Final = (
     ),
     Explanation("missed_ticks", 0, choices.missed_ticks),
     Explanation("extra_ticks", 0, choices.extra_ticks),
-    Explanation("encoder_dead", 0, choices.encoder_dead),
+    Explanation("encoder_dead", 0, standstill.encoder_dead),
     Explanation("backlash", _RANK["actuation"], actuation.variants_of_backlash),
     _plain("radius_scale", "wheel", wheel.radius_scale, "scale"),
     _plain("radius_mismatch", "wheel", wheel.radius_mismatch, "mismatch"),

@@ -21,6 +21,7 @@ from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
@@ -158,6 +159,11 @@ class MotionBlock:
     def pushes(self) -> Pushes | None:
         """Steps of the body that no wheel makes."""
         return find_pushes(self.model, self.scan.best_steady, self._nothing)
+
+    @cached_property
+    def standstills(self) -> Standstills | None:
+        """Stretches in which counts stand while their wheels turn."""
+        return find_standstills(self.model, self._nothing)
 
     def dispersed(self, log_evidence: float, log_likelihood: float) -> tuple[float, float]:
         """Return both as they are worth where the log's surprises scatter too much."""

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from gap_diagnosis.explanations.choices import dead_ticks
 from gap_diagnosis.explanations.reference import USUAL_S, counting_slope
+from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats

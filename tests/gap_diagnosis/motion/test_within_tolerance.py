@@ -161,10 +161,10 @@ def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
         log_evidence_of_levels=lambda _: 0.0,
         dispersed=lambda *as_they_are: as_they_are,
     )
-    assert _alternatives(motion, None, gross=False)[0].log_evidence < 3
+    assert _alternatives(motion, gross=False)[0].log_evidence < 3
     assert motion.tolerated > 10
     motion.explained, motion.tolerated = motion.tolerated + 10, 0.0
-    assert _alternatives(motion, None, gross=False)[0].log_evidence > 10
+    assert _alternatives(motion, gross=False)[0].log_evidence > 10
     assert motion.tolerated == 0.0
 
 
@@ -192,7 +192,7 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
             log_evidence_of_levels=lambda one: height(one) - height(suiting),
             dispersed=lambda *as_they_are: as_they_are,
         )
-        return _alternatives(motion, None, gross=False)[0].log_evidence
+        return _alternatives(motion, gross=False)[0].log_evidence
 
     assert best_from(wandering) > best_from(suiting) - 1.0
 
@@ -219,7 +219,7 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
         log_evidence_of_levels=lambda _: 0.0,
         dispersed=lambda *as_they_are: as_they_are,
     )
-    _alternatives(motion, None, gross=False)
+    _alternatives(motion, gross=False)
     assert once == 1 + columns
     assert len(calls) == 2 * once
 
@@ -249,7 +249,7 @@ def test_levels_are_sought_anew_only_where_some_noise_is_louder_than_described(
         log_evidence_of_levels=lambda _: 0.0,
         dispersed=lambda *as_they_are: as_they_are,
     )
-    _alternatives(motion, None, gross=False)
+    _alternatives(motion, gross=False)
     assert len(sought) == searches
 
 

@@ -1,0 +1,66 @@
+"""Counts that stand now and then are a cause of their own, whether or not a list has it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.analysis import Analysis, analyse
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.scenarios import scenario
+
+WHOLE = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 5)
+LASTS_S = float(WHOLE.t_s[-1] - WHOLE.t_s[0])
+TICK_S = WHOLE.tick_period_s
+
+
+def standing(*windows: tuple[float, float]) -> Recording:
+    """Return the log with a left count that stands in these shares of its time."""
+    step = np.diff(WHOLE.left_ticks, prepend=WHOLE.left_ticks[0])
+    for start, stop in windows:
+        step[(WHOLE.t_s > start * LASTS_S) & (WHOLE.t_s <= stop * LASTS_S)] = 0.0
+    return replace(WHOLE, left_ticks=WHOLE.left_ticks[0] + np.cumsum(step))
+
+
+def analysed(recording: Recording, without: frozenset[str] = frozenset()) -> Analysis:
+    return analyse(recording, ROBOT, WIRE, default_prior(), without=without)
+
+
+def explained(analysis: Analysis) -> float:
+    """Return the log evidence of the best listed effects."""
+    assert analysis.motion is not None
+    return analysis.motion.explained
+
+
+def test_a_plug_that_is_loose_is_an_unlisted_cause_in_the_encoder_with_its_times() -> None:
+    shares = ((0.2, 0.25), (0.4, 0.48), (0.7, 0.72))
+    analysis = analysed(standing(*shares))
+    best = analysis.alternatives[0]
+    assert best.stage == "encoder"
+    assert best.log_evidence > explained(analysis) + 100
+    for window, share in zip(best.windows, shares, strict=True):
+        assert window == pytest.approx([LASTS_S * one for one in share], abs=2 * TICK_S)
+
+
+def test_an_encoder_that_died_is_the_listed_one_and_nothing_unlisted_competes() -> None:
+    analysis = analysed(standing((0.4, 1.0)))
+    assert analysis.standstills is None
+    assert max(analysis.unknown.values()) < explained(analysis) - 100
+
+
+def test_an_encoder_that_died_is_an_unlisted_cause_where_no_list_has_it() -> None:
+    """A track five times as wide passed for it: of 2 sealed cases both were told that, > .99."""
+    analysis = analysed(standing((0.4, 1.0)), frozenset({"encoder_dead"}))
+    (window,) = analysis.alternatives[0].windows
+    assert analysis.alternatives[0].stage == "encoder"
+    assert window == pytest.approx((0.4 * LASTS_S, LASTS_S), abs=2 * TICK_S)
+    assert analysis.unknown["encoder"] > explained(analysis) + 100
+
+
+def test_wheels_that_stand_as_told_have_no_counts_that_stand() -> None:
+    assert analysed(WHOLE).standstills is None
