@@ -50,6 +50,8 @@ from hil_harness.scenarios.scenario import Scenario
 _STEPS: Final = (2, 4, 5)
 _STAMP_S: Final = 946_684_800
 """Every file is of the first second of the year 2000: when it was made would say how."""
+_ROUNDS: Final = 5
+"""So often the size of an effect is sought that varies by chance: each halves what is missing."""
 _TRIES: Final = 20
 _SAME_DRIVE: Final = 3
 """After so many draws without a trace another drive is tried: a play needs a reversal."""
@@ -243,6 +245,11 @@ class _Maker:
             if unit is not None:
                 effects[name] = scaled(name, dict(values), factor / max(unit, 1e-3))
                 factors[name] = factor
+            for _ in range(_ROUNDS if oracle.is_by_chance(name) else 0):
+                own = replace(quiet, effects={name: effects[name]})
+                here = Oracle(self._read(), self.robot, own).over_limit(name, effects[name])
+                if here is not None:
+                    effects[name] = scaled(name, effects[name], factor / max(here, 1e-3))
         return replace(case, effects=effects, over_limit=factors)
 
     def _read(self) -> Recording:

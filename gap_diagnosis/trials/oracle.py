@@ -3,8 +3,10 @@
 A first version. Separations follow from the linear and Gaussian model of the motion at the true
 parameters and the true noise levels (`MotionModel`'s inner products), tolerances and start being
 free in every hypothesis: they are expectations, so no noise is drawn. A window or a threshold is
-that of the nearest variant. What commands, frames, codes and odometry show is not modelled here:
-effects told by them alone are taken to be told apart as soon as they exceed their tolerance.
+that of the nearest variant. What an effect leaves to chance, a count lost now and then, is noise in
+every hypothesis: each may take it for a rougher contact. What commands, frames, codes and odometry
+show is not modelled here: effects told by them alone are taken to be told apart as soon as they
+exceed their tolerance.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.motion.evidence import score
+from gap_diagnosis.motion.blocks import Course
+from gap_diagnosis.motion.columns import Term
+from gap_diagnosis.motion.evidence import make_gram, score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
@@ -55,7 +59,10 @@ class Oracle:
         """Prepare; costs about a second."""
         model = MotionModel(recording, robot, default_prior())
         self._robot, self._recording = robot, recording
-        self._gram, self._prior = model.gram(_levels(model, case)), model.prior
+        course = _by_chance(model, case, robot)
+        levels = _levels(model, case)
+        self._gram = make_gram(model.columns, course, levels, model.nodes.ticks)
+        self._prior = model.prior
         self.log_nothing = self._gram.log_nothing
         self._sight: Sight = sight_of(model.columns, self._gram, model.prior)
         self._place = {key: row for row, key in enumerate(self._sight.keys)}
@@ -77,6 +84,10 @@ class Oracle:
         separation = self._nothing([(effect, values)], [part])
         seen = math.sqrt(separation / THRESHOLD)
         return seen if over is None else min(over, seen)
+
+    def is_by_chance(self, effect: str) -> bool:
+        """Tell whether an effect varies by chance, the more the larger it is."""
+        return any(term.variant.scatter is not None for term in self._sight.terms.get(effect, ()))
 
     def _over_elsewhere(self, effect: str, values: Values) -> float | None:
         """Return a magnitude over its tolerance; rare events must be expected to happen at all."""
@@ -182,17 +193,9 @@ class Oracle:
         terms = self._sight.terms.get(name, ())
         if not terms or not terms[0].variant.coefficients:
             return None
-        sides = [
-            i for i, t in enumerate(terms) if t.variant.report.get("side") in (None, side_of(named))
-        ]
-        if not sides:
+        chosen = _nearest(terms, named)
+        if chosen is None:
             return None
-
-        def away(index: int) -> float:
-            fixed = terms[index].variant.fixed
-            return sum(abs(fixed[key] - float(named[key])) for key in fixed if key in named)
-
-        chosen = min(sides, key=away)
         variant = terms[chosen].variant
         if variant.polar is not None:
             size, angle = (float(named[one]) for one in variant.polar)
@@ -226,12 +229,42 @@ def _twins_here(news: Mapping[str, Values]) -> list[frozenset[str]]:
                 others = (frozenset({"reference_scale"}),)
             case "fixed_tick_period":
                 others = (frozenset({"firmware_constant"}),)
+            case "reference_scale":
+                others = (frozenset({"radius_scale", "wheelbase_scale"}),)
             case "firmware_constant" if values["constant"] in ("tick_period", "gyro_sensitivity"):
                 others = (frozenset({"fixed_tick_period"}),)
             case "euler_integration" if values["heading"] == "before":
                 others = (frozenset({"stale_heading"}),)
         found += [(names - {effect}) | other for other in others]
     return found
+
+
+def _nearest(terms: Sequence[Term], named: Values) -> int | None:
+    """Return which of an effect's variants acts as these values say; None: on no such side."""
+    sides = [
+        i for i, t in enumerate(terms) if t.variant.report.get("side") in (None, side_of(named))
+    ]
+
+    def away(index: int) -> float:
+        fixed = terms[index].variant.fixed
+        return sum(abs(fixed[key] - float(named[key])) for key in fixed if key in named)
+
+    return min(sides, key=away, default=None)
+
+
+def _by_chance(model: MotionModel, case: Case, robot: Robot) -> Course:
+    """Return the course whose counts vary as much as the true effects make them vary."""
+    course, columns = model.course, model.columns
+    for effect, values in case.effects.items():
+        name, named = _told_as(effect, values, robot)
+        terms = [term for term in columns.terms if term.variant.effect == name]
+        chosen = _nearest(terms, named)
+        variant = None if chosen is None else terms[chosen].variant
+        if variant is not None and variant.scatter is not None:
+            size = float(named[variant.coefficients[0]])
+            variances = variant.scatter(model.nodes.motion, size, **variant.fixed)
+            course = course.scattered(model.nodes, *variances)
+    return course
 
 
 def side_of(values: Values) -> Value | None:

@@ -1,5 +1,7 @@
 """What anyone could know of a case: how far an effect is over the limit of what can be seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,28 @@ def test_positions_in_another_unit_are_a_reference_whose_scale_is_off_by_as_much
     assert frozenset({"reference_scale"}) in oracle.group({"setup_unit": unit})
     turned: Values = {"signal": "reference_heading", "factor": 0.25}
     assert frozenset({"reference_scale"}) not in oracle.group({"setup_unit": turned})
+
+
+def test_a_room_out_of_scale_is_wheels_and_a_track_out_of_scale_by_as_much(oracle: Oracle) -> None:
+    """The catalogue calls them twins; where the scale was withheld, they were a wrong name."""
+    group = oracle.group({"reference_scale": {"scale": 0.02}})
+    assert frozenset({"radius_scale", "wheelbase_scale"}) in group
+
+
+def test_spurious_counts_are_no_clearer_than_their_number_is_certain() -> None:
+    """Of n counts expected, n - sqrt(n) or n + sqrt(n) come: what is certain of them is n, however
+    smooth the floor. By the mean alone they were five times as far over their limit as they are."""
+    rate = 1.0
+    values: Values = {"side": "left", "rate": rate}
+    log = log_of(EffectSetting("extra_ticks", tuple(values.items())))
+    smooth = {"micro_slip": {"left": 1e-5, "right": 1e-5}}
+    sure = replace(CASE, surroundings=smooth)
+    drawn = replace(sure, effects={"extra_ticks": values})
+    certain, by_chance = (
+        Oracle(log, ROBOT, one).over_limit("extra_ticks", values) for one in (sure, drawn)
+    )
+    assert certain is not None
+    assert by_chance is not None
+    expected = rate * float(log.t_s[-1] - log.t_s[0])
+    assert by_chance < np.sqrt(expected / 29.0)
+    assert certain > 2 * by_chance

@@ -127,10 +127,14 @@ def test_of_an_effect_without_a_name_it_is_measured_how_clear_it_is(
     assert ("gyro_scale" in made.like[effect]) != is_clear
 
 
-@pytest.mark.parametrize("effect", ["gyro_temperature_scale", "supply_ratio", "wheelbase_scale"])
+@pytest.mark.parametrize(
+    "effect",
+    ["extra_ticks", "gyro_temperature_scale", "missed_ticks", "supply_ratio", "wheelbase_scale"],
+)
 def test_a_size_is_so_often_its_limit_as_it_is_said_to_be(effect: str, tmp_path: Path) -> None:
     """Beside a gyro that never warms up nothing shows what warmth does: eight times the tolerance
-    was called eight limits, and was one and a half."""
+    was called eight limits, and was one and a half. Counts that come by chance are the less certain
+    the more they are."""
     one = Planned("limit", "single", (effect,), drive="calibration")
     made = make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
     robot = load_robot(tmp_path / ROBOT)
