@@ -36,8 +36,10 @@ _LEFT: Final = 0.04
 amplitude."""
 _ROUGHEST: Final = 5.0
 """Contact this many spreads of its prior above the described one is of no floor: 45 mm after a
-metre."""
-_CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
+metre. Nor does any gyro's bias wander twelve times as fast as described."""
+_WANDERS: Final = [
+    LEVELS.index(one) for one in ("contact_m_per_sqrt_m", "gyro_bias_walk_rad_s_per_sqrt_s")
+]
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -257,18 +259,16 @@ class MotionBlock:
         """Tell whether a set leaves a gross log as gross as it was.
 
         A wrong mistake of the set-up, put right, leaves signs or factors between sources; a wrong
-        effect leaves a contact that no floor has. Each may win thousands of nats all the same where
-        the right one is not listed.
+        effect leaves a contact that no floor has, or a bias that no gyro has. Each may win
+        thousands of nats all the same where the right one is not listed.
         """
         if not found.effects or not self.is_gross:
             return False
         if found.effects & GROSS:
             return bool(found.effects & self._mend_nothing)
         prior = self.model.level_prior
-        return bool(
-            np.log(found.levels[_CONTACT] / prior.median[_CONTACT])
-            > _ROUGHEST * prior.spread[_CONTACT]
-        )
+        loud = np.log(found.levels / prior.median) / prior.spread
+        return bool(loud[_WANDERS].max() > _ROUGHEST)
 
     @cached_property
     def _mend_nothing(self) -> frozenset[str]:
