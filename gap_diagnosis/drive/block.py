@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.grid import Weighted
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
 from gap_diagnosis.drive.likelihood import (
     Setting,
@@ -172,17 +173,14 @@ class DriveBlock:
             rest = self.fit(effects - idle)
             return replace(rest, effects=tuple(sorted(effects)), log_silent=alone)
         settings = [setting_of(one, self._robot, effects) for one in self._variants(effects)]
-        # The variant is chosen at the noise levels of no effect, then they are estimated anew.
-        unmoved = [self._levels_before(setting) for setting in settings]
         best, others, point = 0, 0.0, np.zeros(0)
         weights = np.ones(1)
         if len(settings) == 1:
-            point = likeliest(settings[0], unmoved[0], self._alone(effects))
+            (exactly, *_) = self._levels_before(settings[0])
+            point = likeliest(settings[0], exactly, self._alone(effects))
         else:
-            quick = [
-                evidence(setting, levels, rough=True)
-                for setting, levels in zip(settings, unmoved, strict=True)
-            ]
+            # The variant is chosen at the noise levels of no effect, then they are estimated anew.
+            quick = [self._quick(setting) for setting in settings]
             logs = np.array([one[0] for one in quick])
             if effects & set(SETUP) and logs.max() > self._null.evidence - _HOPELESS:
                 logs = self._anew(settings, logs)
@@ -295,19 +293,30 @@ class DriveBlock:
             found[place] = evidence(settings[place], levels, rough=True)[0]
         return found
 
-    def _levels_before(self, setting: Setting) -> Floats:
-        """Return the noise levels at which variants are chosen: those of no effect, and where
-        counts have been put right that read too little, their rounding has grown with them."""
-        levels = exact(self._null.levels)
+    def _quick(self, setting: Setting) -> tuple[float, Weighted, Floats]:
+        """Return the evidence at those noise levels of no effect that suit a variant better."""
+        found = [evidence(setting, levels, rough=True) for levels in self._levels_before(setting)]
+        return max(found, key=lambda one: one[0])
+
+    def _levels_before(self, setting: Setting) -> list[Floats]:
+        """Return the noise levels at which variants are chosen: those of no effect, whether what
+        goes astray by it is the variant's or not, and where counts have been put right that read
+        too little, their rounding has grown with them."""
+        found = self._undisturbed_levels
         if setting.variant.log_constant > 0 and "factor" in setting.variant.values:
-            levels[0] -= math.log(float(setting.variant.values["factor"]))
-        return levels
+            for levels in found:
+                levels[0] -= math.log(float(setting.variant.values["factor"]))
+        return found
+
+    @property
+    def _undisturbed_levels(self) -> list[Floats]:
+        own = self._null.levels
+        return [exact(own), *([own.copy()] if is_inexact(own) else ())]
 
     def _levels_of(self, setting: Setting, values: Mapping[str, float]) -> tuple[Floats, float]:
         """Return noise levels, sought from those of no effect and, for other data, elsewhere."""
         starts = [
-            exact(self._null.levels),
-            *([self._null.levels] if is_inexact(self._null.levels) else ()),
+            *self._undisturbed_levels,
             *(STARTS if setting.variant.log_constant or setting.variant.values else ()),
         ]
         found = [fitted_levels(setting, values, start) for start in starts]
