@@ -33,6 +33,8 @@ _ALIKE: Final = 0.5
 _CLOSEST: Final = 5e-4
 """of a nat, or as close as this share of the fastest rate."""
 
+_NONE: Final = 0.5
+"""Half of those that lose counts lose them at any speed: the lowest threshold is none."""
 _ONE_BY_ONE: Final = 2.0
 """Counts are lost one by one, each for all to see; their law is told as a normal one, of a few
 hundredths of a count on each ramp. That is so many times too sure of where they begin: measured
@@ -65,22 +67,33 @@ class Thresholds:
     @property
     def log_width(self) -> float:
         """Logarithm of what some threshold is worth beside the likeliest one, at most 0: the mean
-        over all rates up to the fastest, which are alike beforehand."""
-        low, high = cells_of(self.rates_rad_s)
+        over all that there may be."""
         logs = self.log_evidence
-        mean = np.average(np.exp(logs - logs.max()), weights=high - low)
-        return math.log(float(mean))
+        lowest, cells = self._shares
+        worth = np.exp(logs - logs.max())
+        return math.log(lowest * float(worth[0]) + float(cells @ worth))
+
+    @property
+    def _shares(self) -> tuple[float, Floats]:
+        """What is believed beforehand of no threshold, and of the cell about each rate, float64[t]:
+        where there is one, all rates up to the fastest are alike."""
+        low, high = cells_of(self.rates_rad_s)
+        return _NONE, (1.0 - _NONE) * (high - low) / (high[-1] - low[0])
 
     def draw(
         self, count: int, dispersion: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], Floats]:
         """Return draws of which threshold it is, int64[count], and of its rate [rad/s], where the
-        log's likelihood is *dispersion* times too sure: before, all rates are alike."""
+        log's likelihood is *dispersion* times too sure."""
         low, high = cells_of(self.rates_rad_s)
         logs = self.log_evidence
-        share = np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion)) * (high - low)
-        picked = rng.choice(len(share), size=count, p=share / share.sum())
-        return picked, low[picked] + (high - low)[picked] * rng.uniform(size=count)
+        worth = np.exp((logs - logs.max()) / (_ONE_BY_ONE * dispersion))
+        lowest, cells = self._shares
+        share = np.append(lowest * worth[0], cells * worth)
+        drawn = rng.choice(len(share), size=count, p=share / share.sum())
+        picked = np.maximum(drawn - 1, 0)
+        rates = low[picked] + (high - low)[picked] * rng.uniform(size=count)
+        return picked, np.where(drawn == 0, low[0], rates)
 
 
 def has_threshold(term: Term) -> bool:
@@ -123,7 +136,7 @@ def coarse_thresholds(
     found = _Compared(model, terms, place, coefficients, levels, steps=2)
     grid = found.coarse
     now = int(np.searchsorted(grid, float(terms[place].variant.fixed["threshold"])))
-    found.add(grid[now % 2 :: 2])
+    found.add(np.union1d(grid[0], grid[now % 2 :: 2]))
     best = float(found.thresholds.best[place].variant.fixed["threshold"])
     at = int(np.searchsorted(grid, best))
     found.add(np.setdiff1d(grid[max(at - 1, 0) : at + 2], best))
