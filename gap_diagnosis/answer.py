@@ -77,10 +77,11 @@ def _candidate(
     ambiguous += [twin for twin in twins if twin not in ambiguous]
     detailed = analyses if place < _DETAILED else []
     closely = place == 0 or one.probability >= _CLOSELY
-    fits = [fit for each in detailed for fit in _details(one.effects, each, closely=closely)]
+    by_log = [_details(one.effects, each, closely=closely) for each in detailed]
+    fits = [fit for each in by_log for fit in each]
     parameters = {
         key: _converted(key, said, known, is_split=key in split)
-        for key, said in _by_parameter(fits).items()
+        for key, said in _independent(by_log, known).items()
     }
     windows = tuple(window for fit in fits for window in fit.windows)
     return Candidate(
@@ -113,6 +114,22 @@ def _details(effects: Effects, analysis: Analysis, *, closely: bool = True) -> l
         motion = analysis.motion if whole is analysis.motion else None
         fits.append(block.fit(own) if motion is None else motion.detail(own, closely=closely))
     return fits
+
+
+def _independent(
+    by_log: Sequence[Sequence[Fit]], known: Mapping[str, Effect]
+) -> dict[str, list[Estimate]]:
+    """Return what logs and their blocks say of each parameter, each reading of it once: all that
+    blocks say of a gyro they read from the same codes."""
+    found: dict[str, list[Estimate]] = {}
+    for fits in by_log:
+        for key, said in _by_parameter(fits).items():
+            effect = known.get(key.partition(".")[0])
+            is_number = all(one.samples is not None for one in said)
+            of_one_reading = is_number and effect is not None and effect.stage == "gyro"
+            surest = [min(said, key=lambda one: one.sd)] if of_one_reading else said
+            found.setdefault(key, []).extend(surest)
+    return found
 
 
 def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:

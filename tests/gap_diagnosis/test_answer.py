@@ -88,6 +88,17 @@ def test_the_surer_of_two_blocks_has_more_say() -> None:
     assert scale.estimate == pytest.approx(0.09, abs=0.001)  # weights 1 to 9
 
 
+def test_what_two_blocks_read_of_the_same_codes_is_known_no_better_for_that() -> None:
+    """When a gyro froze was told within a row by both, and so within 0.7 of one: of 16 intervals of
+    50 % 9 left out the truth."""
+    said = {"gyro_bias.bias": Estimate(0.005, 0.0029, np.linspace(0.0, 0.01, 4001))}
+    motion = FakeBlock({"gyro_bias": 50.0}, parameters=said)
+    codes = FakeBlock({"gyro_bias": 50.0}, name="codes", parameters=said)
+    known = entry(entries(ranked(motion), motion, codes), "gyro_bias").parameters["gyro_bias.bias"]
+    assert isinstance(known, NumberEstimate)
+    assert known.ci50 == pytest.approx((0.0025, 0.0075))
+
+
 def test_what_one_block_knows_to_the_last_digit_is_told_so() -> None:
     """A flat top's limit that stands in the codes: weights of 1/0² ended in a traceback."""
     motion = FakeBlock({"radius_scale": 50.0}, parameters={"radius_scale.scale": normal(0.0, 0.03)})
