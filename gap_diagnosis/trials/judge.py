@@ -227,9 +227,13 @@ def _parameters(
     if frozenset(best["effects"]) != case.true_effects:
         return ()
     found = []
-    for key, estimate in best.get("parameters", {}).items():
+    told = best.get("parameters", {})
+    for key, estimate in told.items():
         effect, _, name = key.partition(".")
         true = case.effects[effect].get(name)
+        # The size of a constant that counts up is none of one that counts down.
+        if not _is_chosen_right(effect, case.effects[effect], told):
+            continue
         if "sd" not in estimate or isinstance(true, str) or true is None or estimate["sd"] <= 0:
             continue
         value = _nearest_turn(float(true), estimate["estimate"], name)
@@ -245,6 +249,12 @@ def _parameters(
             )
         )
     return tuple(found)
+
+
+def _is_chosen_right(effect: str, true: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
+    """Tell whether the side, the constant and whatever else an effect chooses is the true one."""
+    keys = {name: f"{effect}.{name}" for name, value in true.items() if isinstance(value, str)}
+    return all(told[key]["estimate"] == true[name] for name, key in keys.items() if key in told)
 
 
 def _nearest_turn(value: float, near: float, name: str) -> float:

@@ -171,6 +171,19 @@ def test_parameters_are_scored_where_the_effect_was_named() -> None:
     assert seen(case(BIAS), other).parameters == ()
 
 
+def test_sizes_of_another_constant_than_the_true_one_are_not_compared() -> None:
+    """A turn of so many counts more is a wheel as much smaller: told of the wheel, with the same
+    probability, a size of the counts had the wrong sign."""
+    made = case({"firmware_constant": {"constant": "ticks_per_rev", "scale": 0.01}})
+    for constant, compared in (("ticks_per_rev", 1), ("wheel_radius", 0)):
+        found = answer({"firmware_constant": 1.0}, stage="firmware")
+        found["which"][0]["parameters"] = {
+            "firmware_constant.constant": {"estimate": constant},
+            "firmware_constant.scale": {"estimate": 0.0105, "sd": 0.0005, **WIDE},
+        }
+        assert len(seen(made, found).parameters) == compared
+
+
 def test_a_phase_is_compared_within_its_turn() -> None:
     made = case({"wheel_eccentricity": {"side": "left", "amplitude": 0.01, "phase": -3.1}})
     found = answer({"wheel_eccentricity": 1.0})
