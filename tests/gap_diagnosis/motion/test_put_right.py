@@ -12,6 +12,7 @@ from gap_diagnosis.analysis import analyse
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.gross import looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.setup_mistakes import FACTORS, LEAST_GAIN
@@ -116,3 +117,16 @@ def test_a_reference_that_is_noisy_is_no_mistake_of_the_set_up(noise_m: float) -
     assert not looks_gross(log, ROBOT)
     assert log.gyro_rate_rad_s is not None
     assert looks_gross(replace(log, gyro_rate_rad_s=-log.gyro_rate_rad_s), ROBOT)
+
+
+@pytest.mark.parametrize("level", ["contact_m_per_sqrt_m", "gyro_bias_walk_rad_s_per_sqrt_s"])
+def test_beside_a_factor_what_leaves_noise_that_nothing_has_is_no_account(level: str) -> None:
+    """A camera whose headings were four times too large: a bias that wandered by 3.4 degrees a
+    second in a second stood in for it, beside a bent gyro and a track (> .99 of a sealed case)."""
+    block = MotionBlock(MotionModel(wrong("gyro", 4.0), ROBOT, default_prior(), gross=True))
+    named = block.scan.account(frozenset({"gyro_bias"}))
+    quiet = block.model.level_prior.median
+    loud = quiet.copy()
+    loud[LEVELS.index(level)] *= 200.0
+    assert not block._accounts_for_nothing(replace(named, levels=quiet))
+    assert block._accounts_for_nothing(replace(named, levels=loud))
