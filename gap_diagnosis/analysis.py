@@ -171,9 +171,10 @@ def analyse(
     if not received.frames and all(one is bus for one in blocks):
         blocks = []  # a table's clock by itself says nothing of the robot
     progress("what no effect explains", 0.7)
-    burst = None if motion is None else motion.burst
-    pushes = None if motion is None or gross else motion.pushes
     stood = None if motion is None else motion.standstills
+    # A wheel that slides is counted: where counts stand, no contact is rough.
+    burst = None if motion is None or stood is not None else motion.burst
+    pushes = None if motion is None or gross else motion.pushes
     if motion is not None:
         windowed = [_rough(burst)] if burst is not None else []
         windowed += [_standing(stood)] if stood is not None else []

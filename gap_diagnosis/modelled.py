@@ -96,7 +96,7 @@ def modelled_on(
         return None, f"nothing stands in for an unlisted cause in stage {stage}"
     own = [one for one in analysis.alternatives if one.stage == stage]
     if own and own[0].windows:
-        return None, "it comes and goes by chance"
+        return None, "it acts in windows of its own, and nothing says when it will"
     chosen = _likeliest(own)
     variable = None if chosen is None else known_variable(chosen.variable)
     if analysis.motion is None or chosen is None or variable is None:

@@ -136,7 +136,7 @@ class DriveBlock:
         return manner(
             self._null,
             self._robot,
-            lambda: max(self.fit(frozenset({one})).log_evidence for one in listed),
+            lambda: max((self.fit(frozenset({one})).log_evidence for one in listed), default=0.0),
         )
 
     def unexplained(self) -> Fit:
@@ -180,7 +180,7 @@ class DriveBlock:
             point = likeliest(settings[0], exactly, self._alone(effects))
         else:
             # The variant is chosen at the noise levels of no effect, then they are estimated anew.
-            quick = [self._quick(setting) for setting in settings]
+            quick = self._quick(settings)
             logs = np.array([one[0] for one in quick])
             if effects & set(SETUP) and logs.max() > self._null.evidence - _HOPELESS:
                 logs = self._anew(settings, logs)
@@ -293,10 +293,18 @@ class DriveBlock:
             found[place] = evidence(settings[place], levels, rough=True)[0]
         return found
 
-    def _quick(self, setting: Setting) -> tuple[float, Weighted, Floats]:
-        """Return the evidence at those noise levels of no effect that suit a variant better."""
-        found = [evidence(setting, levels, rough=True) for levels in self._levels_before(setting)]
-        return max(found, key=lambda one: one[0])
+    def _quick(self, settings: Sequence[Setting]) -> list[tuple[float, Weighted, Floats]]:
+        """Return the evidence of each variant, all at those noise levels of no effect that suit the
+        best of them better."""
+        each = zip(*(self._levels_before(setting) for setting in settings), strict=True)
+        found = [
+            [
+                evidence(setting, one, rough=True)
+                for setting, one in zip(settings, levels, strict=True)
+            ]
+            for levels in each
+        ]
+        return max(found, key=lambda some: max(one[0] for one in some))
 
     def _levels_before(self, setting: Setting) -> list[Floats]:
         """Return the noise levels at which variants are chosen: those of no effect, whether what

@@ -16,6 +16,7 @@ from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import looks_gross, put_right
+from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
@@ -36,10 +37,9 @@ _LEFT: Final = 0.04
 amplitude."""
 _ROUGHEST: Final = 5.0
 """Contact this many spreads of its prior above the described one is of no floor: 45 mm after a
-metre. Nor does any gyro's bias wander twelve times as fast as described."""
-_WANDERS: Final = [
-    LEVELS.index(one) for one in ("contact_m_per_sqrt_m", "gyro_bias_walk_rad_s_per_sqrt_s")
-]
+metre."""
+_CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
+_WALK: Final = LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -267,8 +267,9 @@ class MotionBlock:
         if found.effects & GROSS:
             return bool(found.effects & self._mend_nothing)
         prior = self.model.level_prior
-        loud = np.log(found.levels / prior.median) / prior.spread
-        return bool(loud[_WANDERS].max() > _ROUGHEST)
+        louder = np.log(found.levels / prior.median)
+        roughest = _ROUGHEST * prior.spread[_CONTACT]
+        return bool(louder[_CONTACT] > roughest or louder[_WALK] > math.log(EVEN_OVER))
 
     @cached_property
     def _mend_nothing(self) -> frozenset[str]:

@@ -34,7 +34,8 @@ _CLOSEST: Final = 5e-4
 """of a nat, or as close as this share of the fastest rate."""
 
 _NONE: Final = 0.5
-"""Half of those that lose counts lose them at any speed: the lowest threshold is none."""
+"""Half of those that lose counts lose them at any speed, as the catalogue has it where nothing is
+said: the lowest threshold is none."""
 _ONE_BY_ONE: Final = 2.0
 """Counts are lost one by one, each for all to see; their law is told as a normal one, of a few
 hundredths of a count on each ramp. That is so many times too sure of where they begin: measured

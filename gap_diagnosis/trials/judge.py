@@ -59,7 +59,7 @@ class Judged:
         brier, log_score: of the whole forecast.
         wrong_name: the most probable single answer outside the oracle group.
         wrong_probability: its probability.
-        parameters: of the effects, if which[0] names exactly those.
+        parameters: of the effects, if which[0] names exactly those, and their sides or constants.
         seconds: how long it took.
         gap: before, after and floor; None where not measured.
         error: what went wrong, if anything did.
@@ -252,7 +252,8 @@ def _parameters(
 
 
 def _is_chosen_right(effect: str, true: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
-    """Tell whether the side, the constant and whatever else an effect chooses is the true one."""
+    """Tell whether the side, the constant and whatever else an effect has by name is the true
+    one."""
     keys = {name: f"{effect}.{name}" for name, value in true.items() if isinstance(value, str)}
     return all(told[key]["estimate"] == true[name] for name, key in keys.items() if key in told)
 

@@ -237,6 +237,7 @@ class _Maker:
         low, high = self._counts.factor
         if case.kind in ("withheld", "decoy"):
             low, high = 2.0, max(high, 2.0)
+        undisturbed = self._read()
         factors, effects = {}, {}
         for name, values in case.effects.items():
             factor = float(np.exp(draw.uniform(np.log(low), np.log(high))))
@@ -247,7 +248,7 @@ class _Maker:
                 factors[name] = factor
             for _ in range(_ROUNDS if oracle.is_by_chance(name) else 0):
                 own = replace(quiet, effects={name: effects[name]})
-                here = Oracle(self._read(), self.robot, own).over_limit(name, effects[name])
+                here = Oracle(undisturbed, self.robot, own).over_limit(name, effects[name])
                 if here is not None:
                     effects[name] = scaled(name, effects[name], factor / max(here, 1e-3))
         return replace(case, effects=effects, over_limit=factors)

@@ -3,7 +3,7 @@
 A first version. Separations follow from the linear and Gaussian model of the motion at the true
 parameters and the true noise levels (`MotionModel`'s inner products), tolerances and start being
 free in every hypothesis: they are expectations, so no noise is drawn. A window or a threshold is
-that of the nearest variant. What an effect leaves to chance, a count lost now and then, is noise in
+that of the nearest variant. Counts that an effect leaves to chance, lost now and then, are noise in
 every hypothesis: each may take it for a rougher contact. What commands, frames, codes and odometry
 show is not modelled here: effects told by them alone are taken to be told apart as soon as they
 exceed their tolerance.

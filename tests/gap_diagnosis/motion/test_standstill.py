@@ -9,10 +9,14 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.analysis import Analysis, analyse
+from gap_diagnosis.explanations.standstill import standstills
+from gap_diagnosis.facts import notes_on
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
-from hil_harness.scenarios import scenario
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import Segment, SegmentProfile, scenario
 
 WHOLE = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 5)
 LASTS_S = float(WHOLE.t_s[-1] - WHOLE.t_s[0])
@@ -62,5 +66,46 @@ def test_an_encoder_that_died_is_an_unlisted_cause_where_no_list_has_it() -> Non
     assert analysis.unknown["encoder"] > explained(analysis) + 100
 
 
-def test_wheels_that_stand_as_told_have_no_counts_that_stand() -> None:
-    assert analysed(WHOLE).standstills is None
+def test_counts_may_stand_from_the_first_row_on() -> None:
+    """The row before it was the log's last."""
+    stood = analysed(standing((0.0, 0.08), (0.4, 0.48))).standstills
+    assert stood is not None
+    first, second = stood.windows
+    assert first == pytest.approx((0.0, 0.08 * LASTS_S), abs=2 * TICK_S)
+    assert second == pytest.approx((0.4 * LASTS_S, 0.48 * LASTS_S), abs=2 * TICK_S)
+
+
+def test_a_robot_that_turns_about_a_wheel_has_no_counts_that_stand() -> None:
+    """Neither as described nor on a track that is wider by half: what the gyro then says of the
+    wheel, though nothing was read of it, is no news that the gyro confirms."""
+    about_a_wheel = [
+        one
+        for turn in (0.8, -0.8, 0.6)
+        for one in (
+            Segment(0.5 * ROBOT.plant.wheels.wheelbase_m * abs(turn), turn, 6.0, 0.5),
+            Segment(0.0, 0.0, 2.0, 0.5),
+        )
+    ]
+    profile = SegmentProfile([Segment(0.0, 0.0, 3.0, 0.5), *about_a_wheel], final_ramp_s=0.5)
+    drive = replace(scenario("figure8"), profile=profile, duration_s=28.0)
+    encoder = ROBOT.plant.encoder.model_copy(update={"noise_ticks": 0.0})
+    robot = replace(ROBOT, plant=ROBOT.plant.model_copy(update={"encoder": encoder}))
+    for effects in ((), (EffectSetting("wheelbase_scale", (("scale", 0.5),)),)):
+        log = synthetic_recording(robot, WIRE, drive, effects, 1)
+        stands = np.diff(log.left_ticks)[400:800] == 0
+        assert stands.all()
+        analysis = analyse(log, robot, WIRE, default_prior())
+        stood = analysis.standstills
+        if stood is not None:
+            assert stood.log_evidence < explained(analysis) - 10
+
+
+def test_who_reads_it_is_told_whose_counts_stood_and_when() -> None:
+    right = standing((0.2, 0.25), (0.4, 0.48))
+    swapped = replace(right, left_ticks=right.right_ticks, right_ticks=right.left_ticks)
+    (note,) = [one for one in notes_on([analysed(right)], (), is_unknown=True) if "stand" in one]
+    assert note.endswith(
+        "counts stand while the wheel turns, on the left from 10.55 s to 13.19 s, "
+        "on the left from 21.11 s to 25.33 s."
+    )
+    assert {one.side for one in standstills(estimate_motion(swapped, ROBOT))} == {"right"}
