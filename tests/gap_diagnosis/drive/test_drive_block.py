@@ -228,7 +228,7 @@ def _lagging(seed: int) -> Recording:
 
 
 def test_counts_that_get_lost_at_any_speed_are_a_gain_as_likely() -> None:
-    """At levels at which nothing goes astray, all thresholds lacked 24,000 nats and the best of them
+    """Where nothing may go astray, all thresholds lacked 24,000 nats and the best of them
     was any: the counts were worth -2 nats, where the gain of that wheel was worth 36."""
     lost = EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.0464)))
     drive = trial_drive("squares", np.random.default_rng(2), 0.4)
