@@ -9,7 +9,8 @@ those of its effects that the block owns; its log evidence is the sum over block
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -62,6 +63,12 @@ class Fit:
     pareto_k: float | None = None
     log_silent: float = -math.inf
     counting: Mapping[str, float] = field(default_factory=dict)
+
+
+def generator_of(effects: Iterable[str]) -> np.random.Generator:
+    """Return the randomness of what is told of a set of effects: the same in whatever order and
+    however often they are asked for, so that a log has one diagnosis."""
+    return np.random.default_rng(zlib.crc32("+".join(sorted(effects)).encode()))
 
 
 class Block(Protocol):

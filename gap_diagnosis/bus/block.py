@@ -20,7 +20,7 @@ from gap_diagnosis.bus.events import Message, Staleness, as_sent, classify, stal
 from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
-from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
@@ -31,6 +31,7 @@ from hil_harness.signal_map import REQUIRED
 from hil_harness.signal_roles import Role
 
 Floats = NDArray[np.float64]
+Random = np.random.Generator
 Windows = tuple[tuple[float, float], ...]
 
 _SAMPLES: Final = 2000
@@ -91,7 +92,6 @@ class BusBlock:
         }
         self._messages = as_sent([one for one in found if one is not None], answers)
         self._counted = [one for one in self._messages if one.has_counter]
-        self._random = np.random.default_rng(0)
         self._options: dict[tuple[str, Windows], list[_Option]] = {}
 
     @cached_property
@@ -167,20 +167,20 @@ class BusBlock:
     def _of_frames(self, effect: str, excluded: Windows) -> list[_Option]:
         key = (effect, excluded)
         if key not in self._options:
-            make: Mapping[str, Callable[[], list[_Option]]] = {
-                "frame_loss": lambda: self._losses(excluded),
-                "frame_duplication": lambda: self._rates(
-                    self._messages, lambda one: one.repeated, effect
+            make: Mapping[str, Callable[[Random], list[_Option]]] = {
+                "frame_loss": lambda random: self._losses(excluded, random),
+                "frame_duplication": lambda random: self._rates(
+                    self._messages, lambda one: one.repeated, effect, random
                 ),
-                "frame_reordering": lambda: self._rates(
-                    self._counted, lambda one: one.swapped, effect
+                "frame_reordering": lambda random: self._rates(
+                    self._counted, lambda one: one.swapped, effect, random
                 ),
                 "stale_producer": self._stale,
                 "frame_jitter": self._jitters,
                 "reception_stamp": self._polls,
                 "frame_latency": self._latencies,
             }
-            self._options[key] = make[effect]()
+            self._options[key] = make[effect](generator_of([effect]))
         return self._options[key]
 
     def _groups(self, messages: Sequence[Message]) -> list[tuple[str, list[Message]]]:
@@ -189,15 +189,15 @@ class BusBlock:
         sensors = [one for one in messages if one.is_sensor]
         return [*groups, (SENSORS, sensors)] if len(sensors) > 1 else groups
 
-    def _losses(self, excluded: Windows) -> list[_Option]:
+    def _losses(self, excluded: Windows, random: Random) -> list[_Option]:
         made = []
         for frame, messages in self._groups(self._counted):
             runs = [one.runs(excluded) for one in messages]
             news = loss_of(runs, prior.present("frame_loss"), prior.BURST)
             usual = [loss_of([one], prior.usual("frame_loss"), prior.BURST) for one in runs]
             draws = {
-                "probability": news.draw(self._random, _SAMPLES),
-                "burst": news.draw_burst(self._random, _SAMPLES),
+                "probability": news.draw(random, _SAMPLES),
+                "burst": news.draw_burst(random, _SAMPLES),
             }
             is_silent = not any(one.lost for one in runs)
             made.append(_against(frame, news, usual, draws, is_silent=is_silent))
@@ -208,6 +208,7 @@ class BusBlock:
         of: Sequence[Message],
         happened: Callable[[Message], NDArray[np.bool_]],
         effect: str,
+        random: Random,
     ) -> list[_Option]:
         made = []
         span = prior.present(effect)
@@ -215,12 +216,12 @@ class BusBlock:
             counts = [(int(np.count_nonzero(happened(one))), one.frames) for one in messages]
             news = rate_of(sum(a for a, _ in counts), sum(b for _, b in counts), span)
             usual = [rate_of(*one, prior.usual(effect)) for one in counts]
-            draws = {"probability": news.draw(self._random, _SAMPLES)}
+            draws = {"probability": news.draw(random, _SAMPLES)}
             is_silent = not any(events for events, _ in counts)
             made.append(_against(frame, news, usual, draws, is_silent=is_silent))
         return made
 
-    def _stale(self) -> list[_Option]:
+    def _stale(self, random: Random) -> list[_Option]:
         sensors = [one for one in self._messages if one.is_sensor]
         found = self._staleness
         made = []
@@ -236,7 +237,7 @@ class BusBlock:
             ]
             cycles = float(np.median(lengths)) if events else 1.0
             draws = {
-                "probability": news.draw(self._random, _SAMPLES),
+                "probability": news.draw(random, _SAMPLES),
                 "cycles": np.full(_SAMPLES, round(cycles), dtype=np.float64),
             }
             windows = tuple(window for one in several for window in one.windows)
@@ -289,47 +290,57 @@ class BusBlock:
             gyro_rate_rad_s=_but(recording.gyro_rate_rad_s, gyro),
         )
 
-    def _jitters(self) -> list[_Option]:
+    def _jitters(self, random: Random) -> list[_Option]:
         return [
-            self._chosen(frame, "sigma", jitter(messages))
+            self._chosen(frame, "sigma", jitter(messages), random)
             for frame, messages in self._groups(self._counted)
         ]
 
-    def _polls(self) -> list[_Option]:
+    def _polls(self, random: Random) -> list[_Option]:
         return [
-            self._chosen(frame, "period", polling(messages), is_late=True)
+            self._chosen(frame, "period", polling(messages), random, is_late=True)
             for frame, messages in self._groups(self._counted)
         ]
 
-    def _latencies(self) -> list[_Option]:
+    def _latencies(self, random: Random) -> list[_Option]:
         sensors = [one for one in self._counted if one.is_sensor]
-        made = [self._chosen(name, "delay", choice) for name, choice in latencies(sensors).items()]
+        made = [
+            self._chosen(name, "delay", choice, random)
+            for name, choice in latencies(sensors).items()
+        ]
         # A delay common to all sensors leaves no trace in the stamps: it is as likely as before.
         scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, 6)
-        drawn = np.abs(self._random.standard_normal(_SAMPLES))
-        delay = drawn * self._random.choice(scales, _SAMPLES)
+        drawn = np.abs(random.standard_normal(_SAMPLES))
+        delay = drawn * random.choice(scales, _SAMPLES)
         return [*made, _Option(SENSORS, 0.0, 0.0, {"delay": delay})]
 
     def _chosen(
-        self, frame: str, parameter: str, choice: Choice, *, is_late: bool = False
+        self,
+        frame: str,
+        parameter: str,
+        choice: Choice,
+        random: Random,
+        *,
+        is_late: bool = False,
     ) -> _Option:
         """Return an option of one parameter; *is_late*: the earliest frames may be late as well."""
         besides = 0.0
         if is_late and choice.log_evidence > 0:
             options = self._of_frames("frame_latency", ())
             besides = max([0.0, *(one.log_evidence for one in options if one.frame == frame)])
-        value = self._random.choice(choice.value, size=_SAMPLES, p=choice.weight)
+        value = random.choice(choice.value, size=_SAMPLES, p=choice.weight)
         if parameter == "sigma":
             step = math.log(choice.value[1] / choice.value[0])
-            value = value * np.exp(self._random.uniform(-0.5, 0.5, _SAMPLES) * step)
+            value = value * np.exp(random.uniform(-0.5, 0.5, _SAMPLES) * step)
         evidence, ratio = choice.log_evidence + besides, choice.log_ratio + besides
         return _Option(frame, evidence, ratio, {parameter: value})
 
     def _skew(self) -> _Option:
         recording = self._recording
         evidence, ratio, rows, _ = skew(recording.clock_skew, recording.clock_skew_sd)
-        chosen = self._random.choice(len(rows), size=_SAMPLES, p=rows[:, 2])
-        draws = rows[chosen, 0] + rows[chosen, 1] * self._random.standard_normal(_SAMPLES)
+        random = generator_of(["clock_skew"])
+        chosen = random.choice(len(rows), size=_SAMPLES, p=rows[:, 2])
+        draws = rows[chosen, 0] + rows[chosen, 1] * random.standard_normal(_SAMPLES)
         return _Option(None, evidence, ratio, {"skew": draws})
 
     def _gap(self) -> _Option:
@@ -338,7 +349,7 @@ class BusBlock:
         if not chosen:
             return _Option(None, -math.log(2.0), 0.0, {}, is_silent=True)
         start, stop = chosen[0]
-        even = self._random.uniform(0, self._recording.tick_period_s, (2, _SAMPLES))
+        even = generator_of(["bus_gap"]).uniform(0, self._recording.tick_period_s, (2, _SAMPLES))
         draws = {"start_s": start + even[0], "stop_s": stop - even[1]}
         return _Option(None, total, ratio, draws, chosen)
 

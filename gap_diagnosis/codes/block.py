@@ -15,7 +15,7 @@ from gap_diagnosis.codes.bits import missing_codes, stuck_bits
 from gap_diagnosis.codes.data import CodeData, code_data
 from gap_diagnosis.codes.frozen import frozen_prior, frozen_run
 from gap_diagnosis.codes.saturation import flat_top
-from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
@@ -46,7 +46,6 @@ class CodesBlock:
 
     def __init__(self, data: CodeData) -> None:
         self._data = data
-        self._random = np.random.default_rng(0)
         self._fits: dict[str, Fit] = {}
 
     @cached_property
@@ -137,7 +136,7 @@ class CodesBlock:
         if found is None:
             return Fit(("gyro_frozen",), 2 * _NOTHING_SEEN, 0.0)
         period = float(np.median(np.diff(self._data.t_s)))
-        even = self._random.uniform(0, period, (2, _SAMPLES))
+        even = generator_of(["gyro_frozen"]).uniform(0, period, (2, _SAMPLES))
         evidence = max(found.log_ratio + frozen_prior(self._data), 2 * _NOTHING_SEEN)
         parameters = _estimates(
             {
@@ -163,7 +162,8 @@ class CodesBlock:
         if found is None or found.log_ratio <= 0:
             return Fit(("gyro_saturation",), unseen, 0.0)
         evidence = float(np.logaddexp(found.log_ratio - 2 * math.log(_LIMITS), unseen))
-        draws = found.limit_rad_s + found.sd_rad_s * self._random.standard_normal(_SAMPLES)
+        random = generator_of(["gyro_saturation"])
+        draws = found.limit_rad_s + found.sd_rad_s * random.standard_normal(_SAMPLES)
         parameters = _estimates({"gyro_saturation.limit": draws})
         return Fit(("gyro_saturation",), evidence, found.log_ratio, parameters)
 

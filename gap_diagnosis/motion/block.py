@@ -78,6 +78,7 @@ class MotionBlock:
         self.model = model
         self.scan = Scan(model, progress)
         self._nothing = self.scan.found[frozenset()]
+        self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
         self.tolerated = 0.0
         self._mending: dict[str, list[Found]] = {}
@@ -194,12 +195,16 @@ class MotionBlock:
             return self._noisy(effects)
         if (right := self._put_right.get(effects)) is not None:
             return right
-        counting = {
-            alias: 1 / (1 + self._size(found, name)) - 1
-            for alias, name in ALIASES.items()
-            if alias in effects
-        }
-        return Fit(tuple(sorted(effects)), *self.scan.gained(found), counting=counting)
+        known = self._told.get(effects)
+        if known is None or known[0] is not found:
+            counting = {
+                alias: 1 / (1 + self._size(found, name)) - 1
+                for alias, name in ALIASES.items()
+                if alias in effects
+            }
+            told = Fit(tuple(sorted(effects)), *self.scan.gained(found), counting=counting)
+            known = self._told[effects] = found, told
+        return known[1]
 
     @cached_property
     def _put_right(self) -> dict[frozenset[str], Fit]:

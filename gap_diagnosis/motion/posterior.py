@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.hypothesis import Estimate, generator_of
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS, draw
@@ -53,7 +52,7 @@ class Posterior:
     ) -> tuple[dict[str, Estimate], list[tuple[float, float]], float | None]:
         """Return the parameters of a set under their full names, its windows [s], and how heavy the
         tail of the weights is that correct its draws; None where none were needed."""
-        rng = np.random.default_rng(zlib.crc32("+".join(sorted(found.effects)).encode()))
+        rng = generator_of(found.effects)
         draws, ends, pareto_k = self._drawn(found, again, rng)
         ends |= self._windows(found, again, draws, rng)
         parameters: dict[str, Estimate] = {}

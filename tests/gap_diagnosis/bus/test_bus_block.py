@@ -46,6 +46,21 @@ def test_an_even_bus_speaks_for_no_effect(seed: int) -> None:
     assert max(evidence(block, one) for one in block.effects) <= 0.0
 
 
+def test_what_is_told_of_an_effect_goes_by_no_order_in_which_effects_are_asked_for() -> None:
+    """Sets of names are asked in an order that differs from process to process: the same log had
+    other digits each time."""
+    made = recording(frame_loss={"probability": 0.01}, frame_reordering={"probability": 0.01})
+    names = ("bus_gap", "clock_skew", "frame_loss", "frame_reordering")
+    there, back = (
+        {name: block.fit(frozenset({name})).parameters for name in order}
+        for block, order in ((block_of(made), names), (block_of(made), names[::-1]))
+    )
+    for name in names:
+        for key, told in there[name].items():
+            if told.samples is not None:
+                assert np.array_equal(told.samples, back[name][key].samples), key
+
+
 STRIKING = (
     "bus_gap", "frame_duplication", "frame_loss", "frame_reordering", "stale_producer",
 )  # fmt: skip
