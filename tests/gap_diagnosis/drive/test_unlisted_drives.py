@@ -21,6 +21,7 @@ from foreign_drives import (
 
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.recording import Recording
+from hil_harness.effects import catalogue
 
 
 def test_a_foreign_motor_is_better_left_unexplained_than_named() -> None:
@@ -179,3 +180,10 @@ def test_a_delay_that_no_list_has_is_a_manner_where_the_wheels_go_as_described()
     assert listed.data.manner is None
     assert evidence(listed, "drive_delay") > 10
     assert withheld.data.manner is not None
+
+
+def test_a_drive_of_which_nothing_may_be_named_has_a_manner_all_the_same() -> None:
+    late = simulated({"drive_delay": {"delay": 0.0123}}, seed=1)
+    block = drive_block(late, ROBOT, without=frozenset(catalogue()))
+    assert block is not None
+    assert block.data.manner is not None
