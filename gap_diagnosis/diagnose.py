@@ -203,7 +203,7 @@ def diagnose_recordings(
                     *no_news.notes(blocks, prior, ranking.best.effects, ranking.small),
                     *without_advice,
                 ),
-                is_unknown=verdict == UNKNOWN and stage == "wheel",
+                unlisted_in=stage if verdict == UNKNOWN else "",
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),
         ),

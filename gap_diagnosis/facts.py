@@ -113,10 +113,10 @@ def notes_on(
     analyses: Sequence[Analysis],
     more: Sequence[str],
     *,
-    is_unknown: bool = False,
+    unlisted_in: str = "",
     beside: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Return what these logs cannot tell; where the cause *is_unknown*, what was seen of it;
+    """Return what these logs cannot tell; of a cause that is *unlisted_in* a stage, what was seen;
     in which stages something is left *beside* the verdict."""
     notes = [
         f"Beside the verdict, in stage {stage}: {_BESIDE[stage]}, and no listed effect explains it."
@@ -136,8 +136,10 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_the_reference(analysis)
-        if is_unknown:
-            notes += [*_on_burst(analysis), *_on_standstills(analysis), *_on_pushes(analysis)]
+        if unlisted_in == "wheel":
+            notes += [*_on_burst(analysis), *_on_pushes(analysis)]
+        if unlisted_in == "encoder":
+            notes += _on_standstills(analysis)
     return (*notes, *more, *_missing(recordings))
 
 

@@ -20,6 +20,7 @@ DEAD: Final = "encoder_dead"
 _DEAD_S: Final = 1.0
 _DEAD_TICKS: Final = 50
 _DEAD_SHARE: Final = 0.2
+_LOOSE_SHARE: Final = 0.03
 _SURELY_SD: Final = 4.0
 _REVIVED: Final = 0.1
 """One dead encoder in ten counts again."""
@@ -81,12 +82,13 @@ class Standstill:
         )
 
 
-def standstills(motion: Motion) -> list[Standstill]:
+def standstills(motion: Motion, *, is_loose: bool = False) -> list[Standstill]:
     """Return the stretches in which an encoder may count nothing.
 
     Only while the other side's counts, and where the gyro says that its wheel turned meanwhile, by
-    a fifth of what the other one did: a robot that turns about a wheel was not dead. Where only the
-    counts tell, one that stands to the log's end will do.
+    a fifth of what the other one did: a robot that turns about a wheel was not dead, unless its
+    plug *is_loose*, for then less will do. Where only the counts tell, one that stands to the log's
+    end will do.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
     tick_s = motion.tick_s
@@ -94,6 +96,7 @@ def standstills(motion: Motion) -> list[Standstill]:
     noise_rad_s = motion.gyro_noise_lsb / motion.gyro_sensitivity_lsb_per_rad_s
     noise_rad = noise_rad_s * tick_s * motion.wheelbase_m / motion.radius_m
     turned_rad = encoder.turn_by_gyro_rad(motion)
+    share = _LOOSE_SHARE if is_loose else _DEAD_SHARE
     found = []
     for side, step in steps.items():
         other, sign = (steps["right"], -1.0) if side == "left" else (steps["left"], 1.0)
@@ -102,7 +105,7 @@ def standstills(motion: Motion) -> list[Standstill]:
             rolled_rad = np.abs(other[inside]).sum()
             unseen_rad = np.cumsum(other[inside] + sign * turned_rad[inside])
             missed_rad = float(np.ptp(unseen_rad))
-            told = missed_rad > _DEAD_SHARE * rolled_rad
+            told = missed_rad > share * rolled_rad
             if motion.gyro_turn_rad is None:
                 told = last == len(step) - 1
             if rolled_rad > _DEAD_TICKS * motion.rad_per_count and told:

@@ -50,11 +50,22 @@ class Standstills:
 def find_standstills(model: MotionModel, nothing: Found) -> Standstills | None:
     """Return what a log shows if counts stand; None where they do not, where a listed encoder died
     so, or where that is no likelier than *nothing*, the account of no effect."""
+    motion = model.nodes.motion
+    sure = standstills(motion)
+    is_listed = len(sure) == 1 and DEAD not in model.without
+    choices = [] if is_listed or not sure else [sure]
+    if sure:
+        # What was loose once may have been loose while its wheel hardly turned.
+        more = standstills(motion, is_loose=True)
+        choices += [more] if len(more) > len(sure) else []
+    found = [_stood(model, nothing, sorted(one, key=lambda one: one.first)) for one in choices]
+    best = max(found, key=lambda one: one.log_evidence, default=None)
+    return None if best is None or best.log_evidence <= 0 else best
+
+
+def _stood(model: MotionModel, nothing: Found, known: Sequence[Standstill]) -> Standstills:
+    """Return what a log shows if counts stand in these stretches."""
     nodes, motion = model.nodes, model.nodes.motion
-    known = sorted(standstills(motion), key=lambda one: one.first)
-    is_listed = len(known) == 1 and DEAD not in model.without
-    if not known or is_listed:
-        return None
     counted, turned = (
         residuals(nodes, predict(nodes.sharp, [(one, ()) for one in some]))
         for some in ((), [one.variant(motion) for one in known])
@@ -79,9 +90,6 @@ def find_standstills(model: MotionModel, nothing: Found) -> Standstills | None:
     start = max((model.level_prior.median, nothing.levels), key=height)
     levels = best_levels(weigh, model.level_prior, start)
     gained = height(levels) - nothing.log_evidence - _LEANS * _guessed(nodes, known)
-    log_share = math.fsum(one.log_share(motion) for one in known)
-    if gained + log_share <= 0:
-        return None
     left, whole = (
         gram_of(*white(values, levels), nuisances, levels).left_over
         for values in (put_right, described)
@@ -92,7 +100,7 @@ def find_standstills(model: MotionModel, nothing: Found) -> Standstills | None:
         windows=tuple(
             (float(motion.t_s[max(one.first - 1, 0)]), float(motion.t_s[one.last])) for one in known
         ),
-        log_evidence=gained + log_share,
+        log_evidence=gained + math.fsum(one.log_share(motion) for one in known),
         log_likelihood=gained,
         share=min(max(whole - left, 0.0) / above_noise, 1.0),
     )
