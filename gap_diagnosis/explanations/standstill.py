@@ -18,10 +18,15 @@ from gap_diagnosis.recording import Floats
 
 DEAD: Final = "encoder_dead"
 _DEAD_S: Final = 1.0
+"""A count that stands for less has been at rest, or crept."""
 _DEAD_TICKS: Final = 50
+"""The other wheel must have turned by more counts meanwhile,"""
 _DEAD_SHARE: Final = 0.2
+"""and the gyro say that this one did by such a share of that,"""
 _LOOSE_SHARE: Final = 0.03
+"""or by such a share where a plug is known to be loose,"""
 _SURELY_SD: Final = 4.0
+"""and by so many standard deviations of the gyro's angle before it is sure to have died."""
 _REVIVED: Final = 0.1
 """One dead encoder in ten counts again."""
 _USUAL_ROWS: Final = 5
