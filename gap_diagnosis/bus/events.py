@@ -291,10 +291,11 @@ def _beyond_chance(lengths: list[int], chances: int) -> int:
 
 
 def _in_steps(counts: Floats) -> Floats:
-    """Return counts in the steps in which they come: read ten times too large, a slow wheel's would
-    leap by ten."""
-    changes = np.abs(np.diff(counts[np.isfinite(counts)])).astype(np.int64)
-    return np.asarray(counts / max(int(np.gcd.reduce(changes)), 1))
+    """Return counts in the least step in which they come: read ten times too large, a slow wheel's
+    would leap by ten; rounded, degrees have steps of 57 and 58."""
+    changes = np.abs(np.diff(counts[np.isfinite(counts)]))
+    steps = changes[changes >= 1.0]
+    return np.asarray(counts / (steps.min() if len(steps) else 1.0))
 
 
 def _speed(wheels: Sequence[Floats]) -> Floats:

@@ -1,5 +1,6 @@
 """The bus's block tells what happened to frames from their stamps, counters and payloads."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -227,11 +228,15 @@ def test_what_is_said_again_while_wheels_begin_to_turn_is_stale_as_well() -> Non
     assert all(empty[at : at + 12].all() for at in starts)
 
 
+@pytest.mark.parametrize("factor", [10.0, math.degrees(1.0)])
 @pytest.mark.parametrize("seed", range(1, 4))
-def test_a_slow_wheel_says_nothing_again_though_it_is_read_ten_times_too_large(seed: int) -> None:
-    """Its count stands for a tick and then leaps by ten: 17 nats beside a wrong unit."""
+def test_a_slow_wheel_says_nothing_again_though_it_is_read_too_large(
+    seed: int, factor: float
+) -> None:
+    """Its count stands for a tick and then leaps by ten: 17 nats beside a wrong unit, 18 of degrees
+    that are rounded."""
     made = synthetic_recording(ROBOT, WIRE, calibration(), (), seed, duration_s=60.0)
-    large = replace(made, left_ticks=10.0 * made.left_ticks)
+    large = replace(made, left_ticks=np.rint(factor * made.left_ticks))
     plain = evidence(block_of(made), "stale_producer")
     assert evidence(block_of(large), "stale_producer") == pytest.approx(plain, abs=0.1)
 
