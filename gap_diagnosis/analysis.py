@@ -25,6 +25,7 @@ from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes
 from gap_diagnosis.motion.slack import with_slack
+from gap_diagnosis.motion.spells import lay_out_ways, levels_of_spell, spells
 from gap_diagnosis.motion.standstill import Standstills
 from gap_diagnosis.motion.unknown import (
     Alternative,
@@ -266,8 +267,10 @@ def _alternatives(
     gross: bool,
     smooth: Sequence[Alternative] | None = None,
 ) -> list[Alternative]:
-    """Return unlisted causes, relative to no effect: *smooth* ones, *windowed* ones, pushes."""
+    """Return unlisted causes, relative to no effect: *smooth* ones, those of a while, *windowed*
+    ones, pushes."""
     found = list(_smooth(motion, gross=gross) if smooth is None else smooth)
+    found += [] if gross else _for_a_while(motion)
     tolerated = within_tolerance(found)
     if motion.explained < max(_LITTLE, tolerated):
         # What a healthy robot is off by, no listed effect explains as well.
@@ -297,6 +300,21 @@ def _smooth(motion: MotionBlock, *, gross: bool) -> list[Alternative]:
         # unlisted cause explains; listed effects are sought from the described levels too. Noise
         # that is no louder than described takes nothing that those would show.
         found = _better(found, _sought_from(motion, described, laid))
+    return [_dispersed(one, motion) for one in found]
+
+
+def _for_a_while(motion: MotionBlock) -> list[Alternative]:
+    """Return what begins and ends, at the noise levels of the best account or at those that suit
+    the likeliest of these causes; relative to no effect."""
+    laid = lay_out_ways(motion.model)
+    at_first = spells(motion.model, motion.levels, laid)
+    if not at_first:
+        return []
+    found = _at(motion, motion.levels, [one.cause for one in at_first.values()])
+    levels = levels_of_spell(motion.model, at_first, motion.levels, laid)
+    if levels is not None:
+        again = [one.cause for one in spells(motion.model, levels, laid).values()]
+        found = _better(found, _at(motion, levels, again))
     return [_dispersed(one, motion) for one in found]
 
 

@@ -48,6 +48,7 @@ class Basis:
         functions: float64[n] each, or float64[2, n] of both wheels, or both directions of a room.
         simple: float64[functions, k] each.
         is_even: the functions add up to one everywhere.
+        listed: of `simple`, those that do as a listed effect does where it is in the library.
         within_per_s: how large each is for a second that a sensor is ahead of the wheels: a gyro
             says more of a body that turns faster and faster. A healthy one may be ahead by little.
     """
@@ -55,6 +56,7 @@ class Basis:
     functions: list[Floats]
     simple: list[Floats] = field(default_factory=list)
     is_even: bool = False
+    listed: Mapping[int, str] = field(default_factory=dict)
     within_per_s: list[float] = field(default_factory=list)
 
 
@@ -252,6 +254,28 @@ def _by_each_wheels_reversal(motion: Motion) -> Basis:
     return Basis(functions, [whole[:, [one]] for one in range(len(functions))])
 
 
+def _by_each_wheels_speed(motion: Motion) -> Basis:
+    """Return functions of how fast each wheel turns, float64[2, n] each: an encoder that is too
+    slow, or read too seldom. The plainest are of one wheel: evenly, or the more the faster."""
+    functions: list[Floats] = []
+    simple: list[Floats] = []
+    for wheel, rate in enumerate((motion.left_rate_rad_s, motion.right_rate_rad_s)):
+        base = _hats(motion.radius_m * np.abs(rate))
+        if not base.functions:
+            return Basis([])
+        for hat in base.functions:
+            both = np.zeros((2, len(hat)))
+            both[wheel] = hat
+            functions.append(both)
+        own = np.zeros((2 * len(base.functions), len(base.functions)))
+        own[wheel * len(base.functions) : (wheel + 1) * len(base.functions)] = np.eye(
+            len(base.functions)
+        )
+        simple += [own.sum(axis=1, keepdims=True), own @ base.simple[0], own]
+    evenly = dict.fromkeys((0, 3), "missed_ticks")
+    return Basis(functions, simple, listed=evenly)
+
+
 def _last_sign(value: Floats, least: float) -> Floats:
     """Return the sign of a value, float64[n], where it is smaller the last before; 0 at first."""
     known = np.where(np.abs(value) > least, np.arange(len(value)), -1)
@@ -310,6 +334,7 @@ _OWN_BASIS: Final[Mapping[tuple[str, str], Callable[[Motion], Basis]]] = {
     ("wheel", "acceleration"): _by_each_wheels_acceleration,
     ("wheel", "turn_rate"): _by_turning,
     ("wheel", "reversal"): _by_reversal,
+    ("encoder", "speed"): _by_each_wheels_speed,
     ("encoder", "reversal"): _by_each_wheels_reversal,
     ("reference", "heading"): _by_heading,
     ("reference", "place"): _by_place,

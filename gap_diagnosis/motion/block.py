@@ -15,7 +15,7 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.gross import looks_gross, put_right
+from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
 from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
@@ -104,10 +104,10 @@ class MotionBlock:
             } | {alone: best}
 
     def _mends(self, term: Term) -> bool:
-        """Tell whether a mistake of the set-up, put right, leaves nothing gross."""
+        """Tell whether a mistake of the set-up, put right, leaves a log in order."""
         variant = term.variant
         right, _ = put_right(self.model.recording, variant.effect, variant.report)
-        return not looks_gross(right, self.model.robot)
+        return is_in_order(right, self.model.robot)
 
     @cached_property
     def effects(self) -> frozenset[str]:

@@ -19,22 +19,50 @@ from hil_harness.robot import Robot
 _LOW: Final = 0.7
 _HIGH: Final = 1.4
 _BLOCK_S: Final = 0.5
+_STILL: Final = 1e-4
+_MOVES: Final = 1e-2
+"""Squares of ways [m] or turns [rad] in blocks, added up: less is rest, more is none."""
+_TOGETHER: Final = 0.3
+"""Correlation over blocks: three times what chance makes in a minute, and what is left of one where
+noise has ten times the energy."""
 
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
     """Tell whether turns or ways of two sources differ by more than any effect makes likely."""
+    ratios = (_slope(*both) for both in _sources(recording, robot))
+    return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+
+
+def is_in_order(recording: Recording, robot: Robot) -> bool:
+    """Tell whether turns and ways of all sources go together, in size and in time.
+
+    What is divided by a wrong factor may be as large as another source by chance, or so small that
+    it has no slope.
+    """
+    for cause, effect in _sources(recording, robot):
+        ratio = _slope(cause, effect)
+        if ratio is None:
+            if _power(effect) > _MOVES:
+                return False
+        elif not _LOW < ratio < _HIGH or np.corrcoef(cause, effect)[0, 1] < _TOGETHER:
+            return False
+    return True
+
+
+def _sources(recording: Recording, robot: Robot) -> list[tuple[Floats, Floats]]:
+    """Return what pairs of sources say of the same turns and ways, by blocks."""
     # Each source is looked at by itself: nothing is bent onto the reference.
     motion = estimate_motion(replace(recording, reference=None), robot)
     t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
     if len(t_s) < 8:
-        return False
+        return []
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
-    ratios = [_slope(turn, one) for one in gyro]
+    pairs = [(turn, one) for one in gyro]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
         if reference.heading_rad is not None:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
-            ratios += [_slope(one, heading) for one in (turn, *gyro)]
+            pairs += [(one, heading) for one in (turn, *gyro)]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
         # A reference's noise goes nowhere, but adds to every length.
@@ -42,8 +70,8 @@ def looks_gross(recording: Recording, robot: Robot) -> bool:
             np.diff(_averaged(t_s, reference.t_s, reference.x_m)),
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
-        ratios.append(_slope(np.abs(forward), moved))
-    return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+        pairs.append((np.abs(forward), moved))
+    return pairs
 
 
 def _averaged(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
@@ -82,8 +110,12 @@ def put_right(
 
 def _slope(cause: Floats, effect: Floats) -> float | None:
     """Return the slope of a regression through deviations; None where the cause hardly varies."""
-    cause = cause - np.median(cause)
-    power = float(cause @ cause)
-    if power < 1e-4:
+    power = _power(cause)
+    if power < _STILL:
         return None
-    return float(cause @ (effect - np.median(effect))) / power
+    return float((cause - np.median(cause)) @ (effect - np.median(effect))) / power
+
+
+def _power(values: Floats) -> float:
+    away = values - np.median(values)
+    return float(away @ away)

@@ -29,7 +29,8 @@ from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
 
-_SCALES: Final = 4
+SCALES: Final = 4
+"""Orders of magnitude of a usual size, weighed with equal odds."""
 _WORTH_LEVELS: Final = 6.0
 """What gains so much more [nat] than its many columns gain from noise gets levels of its own."""
 _LIKELY: Final = 1.0
@@ -73,7 +74,7 @@ _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {
         "distance",
         "time",
     ),
-    "encoder": ("wheel_angle_left", "wheel_angle_right", "reversal", "time"),
+    "encoder": ("wheel_angle_left", "wheel_angle_right", "speed", "reversal", "time"),
     "gyro": (
         "turn_rate",
         "speed",
@@ -93,7 +94,7 @@ class Shape(NamedTuple):
 
     Attributes:
         mix: float64[k, s], what to multiply the columns by.
-        sizes: float64[_SCALES + 1, s], usual sizes from small to large, last those that are no gap.
+        sizes: float64[SCALES + 1, s], usual sizes from small to large, last those that are no gap.
     """
 
     mix: Floats
@@ -229,7 +230,7 @@ def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:
     gram = gram_of(white, log_variance, laid.nuisances, levels)
     best = max(
         plan.shapes,
-        key=lambda one: gains(*seen_by(gram, plan, one.mix), one.sizes)[0][:_SCALES].max(),
+        key=lambda one: gains(*seen_by(gram, plan, one.mix), one.sizes)[0][:SCALES].max(),
     )
     first = 1 + len(laid.nuisances)
     columns = laid.values[..., 1 + plan.columns] @ best.mix
@@ -258,17 +259,17 @@ def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
             if only is not None and (stage, variable) != only:
                 continue
             base = basis(smooth, stage, variable)
-            usable = _usable(nodes, OWN_WAYS.get((stage, variable), ways))
-            if not usable or not base.functions:
+            own = usable(nodes, OWN_WAYS.get((stage, variable), ways))
+            if not own or not base.functions:
                 continue
             first = len(columns) - 1
-            for way in usable:
+            for way in own:
                 step = math.sqrt(way.low * way.high)
                 for function in base.functions:
                     prediction = predict(smooth)
                     way.act(prediction, step * function)
                     columns.append((nominal - residuals(nodes, prediction)) / step)
-            plans.append(_planned(stage, variable, first, usable, base, lead_s, model.without))
+            plans.append(_planned(stage, variable, first, own, base, lead_s, model.without))
     return Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
 
 
@@ -291,7 +292,9 @@ def _planned(
         own = whole[:, place * count : (place + 1) * count]
         mixes += [own] if len(ways) > 1 else []
         is_listed = way.evenly not in {"", *without}
-        mixes += [own @ one for one in base.simple if not (is_listed and one[even].any())]
+        listed = {place for place, effect in base.listed.items() if effect not in without}
+        simple = [one for place, one in enumerate(base.simple) if place not in listed]
+        mixes += [own @ one for one in simple if not (is_listed and one[even].any())]
     scales = np.repeat([(way.low, way.high, way.within) for way in ways], count, axis=0)
     if base.within_per_s:
         within = lead_s * np.tile(base.within_per_s, len(ways))
@@ -299,7 +302,7 @@ def _planned(
     shapes = []
     for mix in mixes:
         low, high, least = scales[np.argmax(mix != 0, axis=0)].T
-        usual = [low * (high / low) ** (step / (_SCALES - 1)) for step in range(_SCALES)]
+        usual = [low * (high / low) ** (step / (SCALES - 1)) for step in range(SCALES)]
         shapes.append(Shape(mix, np.array([*usual, least])))
     columns = np.arange(first, first + len(whole))
     return Plan(stage, variable, columns, shapes, ways, base.functions)
@@ -310,10 +313,10 @@ def _gain(gram: Gram, plan: Plan) -> tuple[float, float, float]:
     of it that it is no gap, less those of none."""
     found = [gains(*seen_by(gram, plan, mix), sizes) for mix, sizes in plan.shapes]
     evidences = np.array([one for one, _ in found])
-    likelihood = max(0.0, *(float(one[:_SCALES].max()) for _, one in found))
+    likelihood = max(0.0, *(float(one[:SCALES].max()) for _, one in found))
     count = math.log(len(found))
-    evidence = float(np.logaddexp.reduce(evidences[:, :_SCALES].ravel())) - math.log(_SCALES)
-    return evidence - count, likelihood, float(np.logaddexp.reduce(evidences[:, _SCALES])) - count
+    evidence = float(np.logaddexp.reduce(evidences[:, :SCALES].ravel())) - math.log(SCALES)
+    return evidence - count, likelihood, float(np.logaddexp.reduce(evidences[:, SCALES])) - count
 
 
 def fit_of(gram: Gram, plan: Plan) -> Fitted:
@@ -321,7 +324,7 @@ def fit_of(gram: Gram, plan: Plan) -> Fitted:
     best: Fitted | None = None
     for mix, sizes in plan.shapes:
         inner, data = seen_by(gram, plan, mix)
-        usual = sizes[:_SCALES]
+        usual = sizes[:SCALES]
         for scale, evidence in zip(usual, gains(inner, data, usual)[0], strict=True):
             if best is None or evidence > best.log_evidence:
                 spread = np.linalg.inv(inner + np.diag(scale**-2.0))
@@ -337,7 +340,8 @@ def seen_by(gram: Gram, plan: Plan, mix: Floats) -> tuple[Floats, Floats]:
     return mix.T @ gram.inner[place] @ mix, mix.T @ gram.data[plan.columns]
 
 
-def _usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
+def usable(nodes: Nodes, ways: Sequence[Way]) -> list[Way]:
+    """Return those ways of a stage that this log can show."""
     return [
         way
         for way in ways

@@ -19,7 +19,7 @@ class Way:
     """One way in which a stage can err: what a unit function adds, and usual sizes.
 
     Up to about *within*, half of what a description may be off by, it is no gap. *evenly*: the
-    effect that it is where it is the same everywhere.
+    effect that it is where it is the same everywhere; *for_a_while*: where it is so in a window.
     """
 
     stage: str
@@ -30,6 +30,7 @@ class Way:
     needs_reference: bool = False
     needs_gyro: bool = False
     evenly: str = ""
+    for_a_while: str = ""
 
 
 def _steadied(p: Prediction) -> tuple[Floats, Floats]:
@@ -132,14 +133,14 @@ def _of_reference(act: Callable[[Prediction, Floats], None], high: float, evenly
 
 WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
-        Way("wheel", _forward, 1e-3, 0.1, 1e-3),
-        Way("wheel", _turn, 1e-3, 0.1, 2.5e-4),
-        Way("wheel", _turn_gain, 1e-3, 0.1, 1.5e-3),
+        Way("wheel", _forward, 1e-3, 0.1, 1e-3, for_a_while="radius_scale"),
+        Way("wheel", _turn, 1e-3, 0.1, 2.5e-4, for_a_while="radius_mismatch"),
+        Way("wheel", _turn_gain, 1e-3, 0.1, 1.5e-3, for_a_while="wheelbase_scale"),
         Way("wheel", _lateral, 1e-3, 0.1, 5e-4, needs_reference=True),
     ),
     "encoder": (
-        Way("encoder", _left, 1e-3, 0.1, 2.5e-4),
-        Way("encoder", _right, 1e-3, 0.1, 2.5e-4),
+        Way("encoder", _left, 1e-3, 0.1, 2.5e-4, for_a_while="one_sided_slip"),
+        Way("encoder", _right, 1e-3, 0.1, 2.5e-4, for_a_while="one_sided_slip"),
     ),
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,
@@ -174,6 +175,7 @@ OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
     ("encoder", "reversal"): (
         Way("encoder", _each_wheel, 1e-3 / PLAY_RAD, 0.1 / PLAY_RAD, 1e-3 / PLAY_RAD),
     ),
+    ("encoder", "speed"): (Way("encoder", _each_wheel, 1e-3, 0.1, 2.5e-4),),
     # Counts that come whether or not a wheel turns.
     ("encoder", "time"): (
         Way("encoder", _left_as_time_goes, 1e-4, 0.05, 2e-5),

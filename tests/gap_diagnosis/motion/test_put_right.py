@@ -10,7 +10,7 @@ from motion_cases import EXACT, ROBOT, WIRE
 
 from gap_diagnosis.analysis import analyse
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.gross import looks_gross, put_right
+from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
@@ -130,3 +130,27 @@ def test_beside_a_factor_what_leaves_noise_that_nothing_has_is_no_account(level:
     loud[LEVELS.index(level)] *= 200.0
     assert not block._accounts_for_nothing(replace(named, levels=quiet))
     assert block._accounts_for_nothing(replace(named, levels=loud))
+
+
+@pytest.mark.parametrize("name", ["calibration", "random"])
+@pytest.mark.parametrize("side", ["left_ticks", "right_ticks"])
+def test_no_factor_puts_a_log_in_order_in_which_a_wheel_counts_backwards(
+    side: str, name: str
+) -> None:
+    """Degrees of both wheels once made turns as large as the gyro's by chance, and ways that had no
+    slope: a sign without its name was a unit, 0.998."""
+    log = synthetic_recording(ROBOT, WIRE, scenario(name), (), 2, reference=ReferenceNoise())
+    wrong_way = replace(log, **{side: -getattr(log, side)})
+    assert looks_gross(wrong_way, ROBOT)
+    for signal in ("left_ticks", "right_ticks", "ticks", "gyro"):
+        for factor in (one for known in FACTORS for one in (known, 1 / known)):
+            values = {"signal": signal, "factor": factor}
+            assert not is_in_order(put_right(wrong_way, "setup_unit", values)[0], ROBOT)
+    assert is_in_order(put_right(wrong_way, "setup_sign", {"signal": side})[0], ROBOT)
+
+
+@pytest.mark.parametrize("noise_m", [0.001, 0.02, 0.1])
+def test_a_healthy_log_is_in_order_however_its_reference_trembles(noise_m: float) -> None:
+    noise = ReferenceNoise(position_m=noise_m, heading_rad=noise_m)
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 2, reference=noise)
+    assert is_in_order(log, ROBOT)

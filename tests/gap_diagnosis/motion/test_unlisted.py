@@ -105,6 +105,33 @@ def test_tyres_that_wear_by_a_tolerance_are() -> None:
     assert best.log_evidence < NO_GAP_OVER_STAGE - math.log(4.0)
 
 
+@pytest.mark.parametrize("threshold_rad_s", [0.0, 4.0])
+def test_counts_that_are_lost_without_a_name_depend_on_how_fast_their_own_wheel_turns(
+    threshold_rad_s: float,
+) -> None:
+    """A wheel that lost 0.7 % above 4 rad/s was a smaller one and a wrong scale, 0.99."""
+    lost = (("side", "right"), ("probability", 0.007), ("threshold", threshold_rad_s))
+    log = drive(EffectSetting("missed_ticks", lost))
+    model = MotionModel(log, ROBOT, default_prior(), without=frozenset({"missed_ticks"}))
+    best, second = alternatives(model, model.no_effect_levels)[:2]
+    assert (best.stage, best.variable) == ("encoder", "speed")
+    assert best.log_evidence > second.log_evidence + 3
+
+
+def test_one_wheel_that_counts_too_little_everywhere_is_listed() -> None:
+    """With its name in the library the same shape is not weighed again."""
+    log = drive(EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.01))))
+
+    def evidence(without: frozenset[str]) -> float:
+        model = MotionModel(log, ROBOT, default_prior(), without=without)
+        found = alternatives(model, model.no_effect_levels)
+        return next(
+            one.log_evidence for one in found if (one.stage, one.variable) == ("encoder", "speed")
+        )
+
+    assert evidence(frozenset()) < evidence(frozenset({"missed_ticks"})) - 3
+
+
 def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
     return synthetic_recording(ROBOT, WIRE, scenario(name), effects, 3, reference=ReferenceNoise())
 

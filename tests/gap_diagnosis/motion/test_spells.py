@@ -1,0 +1,99 @@
+"""What begins and ends without a name is found with its stage and its window."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.analysis import analyse
+from gap_diagnosis.motion.components import gains
+from gap_diagnosis.motion.evidence import gram_of
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.spells import lay_out_ways, spells
+from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+SLIP = frozenset({"one_sided_slip"})
+
+
+def drive(*effects: EffectSetting, seed: int = 3) -> Recording:
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+    )
+
+
+def slip(start_s: float, stop_s: float, ratio: float = 0.02) -> EffectSetting:
+    window = (("start_s", start_s), ("stop_s", stop_s))
+    return EffectSetting("one_sided_slip", (("side", "right"), ("ratio", ratio), *window))
+
+
+def model_of(log: Recording, without: frozenset[str] = SLIP) -> MotionModel:
+    return MotionModel(log, ROBOT, default_prior(), without=without)
+
+
+def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
+    """A slip of 20 s was missed ticks, a load and a wider track, > 0.999."""
+    log = drive(slip(21.0, 38.0))
+    model = model_of(log)
+    found = spells(model, model.no_effect_levels, lay_out_ways(model))
+    ((start_s, stop_s),) = found["encoder"].cause.windows
+    part_s = (log.t_s[-1] - log.t_s[0]) / 24
+    assert (start_s, stop_s) == pytest.approx((21.0, 38.0), abs=part_s)
+    assert found["encoder"].cause.log_evidence > 50
+    evidence = {stage: one.cause.log_evidence for stage, one in found.items()}
+    assert max(evidence, key=lambda stage: evidence[stage]) == "encoder"
+
+
+def test_it_is_likelier_than_listed_effects_together() -> None:
+    analysis = analyse(drive(slip(21.0, 38.0)), ROBOT, WIRE, default_prior(), without=SLIP)
+    assert analysis.motion is not None
+    assert analysis.unknown["encoder"] > analysis.motion.explained + 20
+    best = analysis.alternatives[0]
+    assert (best.stage, best.variable) == ("encoder", "time")
+    assert len(best.windows) == 1
+
+
+def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
+    model = model_of(drive(slip(21.0, 38.0)), frozenset())
+    laid = lay_out_ways(model)
+    assert "encoder" not in spells(model, model.no_effect_levels, laid)
+    for way, admitted in zip(laid.ways, laid.admitted, strict=True):
+        lasting = admitted[0].any() or admitted[:, -1].any()
+        assert lasting == (not way.for_a_while)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_told_of_a_healthy_robot(seed: int) -> None:
+    model = model_of(drive(seed=seed))
+    found = spells(model, model.no_effect_levels, lay_out_ways(model))
+    assert set(found) == {"wheel", "encoder", "gyro"}
+    assert max(one.cause.log_evidence for one in found.values()) < 1.0
+
+
+def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it() -> None:
+    """Equal to the digits, though no window has a column of its own."""
+    model = model_of(drive(slip(21.0, 38.0)))
+    levels, laid = model.no_effect_levels, lay_out_ways(model)
+    first, last = 5, 13
+    for place, way in enumerate(laid.ways):
+        only = np.zeros_like(laid.admitted)
+        only[place, first, last] = True
+        told = spells(model, levels, replace(laid, admitted=only))[way.stage].cause
+        begin = 1 + len(laid.nuisances)
+        own = laid.values[..., begin + 24 * place + np.arange(first, last)].sum(axis=-1)
+        values = np.concatenate([laid.values[..., :begin], own[..., np.newaxis]], axis=-1)
+        white = whiten(np.ascontiguousarray(values), model.course, levels, model.nodes.ticks)
+        gram = gram_of(*white, laid.nuisances, levels)
+        usual = np.geomspace(way.low, way.high, 4)[:, np.newaxis]
+        parts = gains(gram.inner[-1:, -1:], gram.data[-1:], usual)[0]
+        expected = float(np.logaddexp.reduce(parts)) - math.log(4)
+        assert told.log_evidence == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert told.windows == ((float(laid.ends_s[first]), float(laid.ends_s[last])),)
