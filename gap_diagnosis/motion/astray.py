@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting, Variant
-from gap_diagnosis.motion.nodes import Nodes
+from gap_diagnosis.motion.nodes import Nodes, without_jumps
 from gap_diagnosis.motion.whitening import CONTACT, INEXACT
 from gap_diagnosis.recording import Floats
 
@@ -47,9 +47,11 @@ def astray(nodes: Nodes, settings: Sequence[Setting], seen_m: float) -> tuple[Fl
     """Return how much farther each wheel goes in each block with effects [m], float64[m] each.
 
     It is no more in all than the log shows, *seen_m*: effects that cancel each other, as the scales
-    of wheels and of a room may, would buy as much noise as they are large.
+    of wheels and of a room may, would buy as much noise as they are large. What a counter jumps is
+    no way.
     """
-    with_them, without = (predict(nodes.smooth, one) for one in (settings, ()))
+    motion = without_jumps(nodes.smooth)
+    with_them, without = (predict(motion, one) for one in (settings, ()))
     ahead = with_them.forward_m - without.forward_m
     aside = 0.5 * nodes.motion.wheelbase_m * (with_them.turn_rad - without.turn_rad)
     left, right = (nodes.mean(np.cumsum(one)) for one in (ahead - aside, ahead + aside))

@@ -9,6 +9,7 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.explanations.registry import predict
+from gap_diagnosis.motion.astray import astray
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -41,6 +42,18 @@ def test_no_effect_scales_what_a_counter_jumps(effect: str) -> None:
         (((index, _), *_),) = term.weights
         columns.append(model.columns.values[..., index + 1])
     np.testing.assert_allclose(columns[1], columns[0], atol=1e-9 * np.nanmax(np.abs(columns[0])))
+
+
+def test_no_effect_varies_by_what_a_counter_jumps() -> None:
+    """A track 0.3 % too wide, within tolerance, bought as much noise as 8,192 counts are large: it
+    was named beside the wrap, 0.999."""
+    made = []
+    for model in (model_of(), model_of(NARROW)):
+        wider = next(
+            t.variant for t in model.columns.terms if t.variant.effect == "wheelbase_scale"
+        )
+        made.append(astray(model.nodes, [(wider, (0.003,))], np.inf))
+    np.testing.assert_allclose(made[1], made[0], atol=1e-9)
 
 
 def test_counts_are_lost_before_the_counter_wraps() -> None:
