@@ -240,9 +240,14 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
 
 def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> None:
     """Hold one bit of the code: what that adds on average over what the wheels do not tell of it,
-    the noise of a sample and the rate that their contact leaves to chance."""
+    the noise of a sample and the rate that their contact leaves to chance.
+
+    A smooth rate would have other codes while the robot begins to turn, and one as sharp as the
+    counters are while it turns evenly, where they tremble by their own rounding.
+    """
     m = p.motion
-    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * p.gyro_rad_s
+    rate_rad_s = _changing_rate(m, p.gyro_rad_s)
+    code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * rate_rad_s
     chance = _chance_held(m, code, bit, contact_m_per_sqrt_m)
     added = (1 << bit) * ((1.0 - chance) if value else -chance)
     p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
@@ -254,7 +259,8 @@ def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m:
     Whether it is held set or clear, it is there or not, and goes with the noise that makes it so:
     of a normal value x, cov(f(x), x) is var(x) times the slope of f's mean (Stein 1981).
     """
-    mean = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * m.turn_rate_rad_s
+    rate_rad_s = _changing_rate(m, m.turn_rate_rad_s)
+    mean = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * rate_rad_s
     code, noise_lsb = np.clip(mean, 0, m.adc_max_code), _noise_lsb(m, contact_m_per_sqrt_m)
     chance = chance_of_bit(code, noise_lsb, bit)
     height = float(1 << bit)
@@ -263,15 +269,28 @@ def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m:
     return np.asarray(more_lsb2 * (m.tick_s / m.gyro_sensitivity_lsb_per_rad_s) ** 2)
 
 
+def _changing_rate(m: Motion, smooth_rad_s: Floats) -> Floats:
+    """Return a smooth rate with what smoothing rounded off of it, as far as it changes by more from
+    tick to tick than counters tremble (Wiener's weight)."""
+    more_rad_s = rounded_off(m)
+    usual_rad_s = 1.4826 * float(np.median(np.abs(more_rad_s)))
+    changed2 = gaussian_filter1d(np.gradient(m.turn_rate_rad_s) ** 2, m.turning_s / m.tick_s)
+    share = changed2 / np.maximum(changed2 + usual_rad_s**2, 1e-18)
+    return np.asarray(smooth_rad_s + share * more_rad_s, dtype=np.float64)
+
+
 def _chance_held(m: Motion, code: Floats, bit: int, contact_m_per_sqrt_m: float) -> Floats:
     noise_lsb = _noise_lsb(m, contact_m_per_sqrt_m)
     return chance_of_bit(np.clip(code, 0, m.adc_max_code), noise_lsb, bit)
 
 
 def _noise_lsb(m: Motion, contact_m_per_sqrt_m: float) -> Floats:
-    """Return how far a sample is off what the wheels say of it, float64[n]."""
-    rolled_lsb = m.gyro_sensitivity_lsb_per_rad_s * contact_m_per_sqrt_m * _per_contact_rad_s(m)
-    return np.hypot(m.gyro_noise_lsb, rolled_lsb)
+    """Return how far a sample is off what the wheels say of it, float64[n]: it is taken at some
+    time of its tick, in which the rate may change."""
+    rolled_rad_s = contact_m_per_sqrt_m * _per_contact_rad_s(m)
+    changed_rad_s = np.gradient(m.turn_rate_rad_s) / np.sqrt(12.0)
+    off_lsb = m.gyro_sensitivity_lsb_per_rad_s * np.hypot(rolled_rad_s, changed_rad_s)
+    return np.asarray(np.hypot(m.gyro_noise_lsb, off_lsb), dtype=np.float64)
 
 
 def chance_of_bit(code: Floats, noise_lsb: Floats, bit: int) -> Floats:

@@ -272,8 +272,8 @@ def _by_each_wheels_speed(motion: Motion) -> Basis:
             len(base.functions)
         )
         simple += [own.sum(axis=1, keepdims=True), own @ base.simple[0], own]
-    evenly = dict.fromkeys((0, 3), "missed_ticks")
-    return Basis(functions, simple, listed=evenly)
+    plainest = dict.fromkeys((0, 1, 3, 4), "missed_ticks")
+    return Basis(functions, simple, listed=plainest)
 
 
 def _last_sign(value: Floats, least: float) -> Floats:

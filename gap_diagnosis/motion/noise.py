@@ -33,6 +33,9 @@ _LARGER: Final = 2.0
 _LABS: Final = _LARGER * EVEN_OVER
 """over the factor that its prior has. A reference noisier than that beside a lab's usual one
 is none of a lab, but a GPS: how well it measures is known, and no gap."""
+_ROUGHLY: Final = frozenset({"adc_stuck_bit"})
+"""Causes whose own jumps are known in the mean only: beside them a gyro's noise is not told, as it
+would stand for what is left of them."""
 _SUSPECT: Final = 1.4
 """A level that the prior has not kept below this many described ones is looked at again."""
 
@@ -90,6 +93,7 @@ def fit_noise(
         levels = model.levels_for(quiet.terms, levels, free=places, course=course)
     larger = (levels / described)[places]
     is_noise = larger.max() > _LARGER and not (name == _REFERENCE and larger.max() > _LABS)
+    is_noise &= not (NOISES[name].stage == "gyro" and bool(quiet.effects & _ROUGHLY))
     if not is_noise or _is_bursty(model, quiet.terms, levels, course, NOISES[name].channels):
         alone = quiet.log_evidence - nothing.log_evidence
         likelihood = quiet.log_likelihood - nothing.log_likelihood
