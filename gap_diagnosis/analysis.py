@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -389,7 +390,7 @@ def _stepping(pushes: Pushes) -> Alternative:
 
 def _unknown(
     others: list[Alternative],
-    seen: Mapping[str, Fit],
+    seen: Mapping[str, Trace],
     drive: DriveBlock | None,
     firmware: FirmwareBlock | None,
 ) -> dict[str, float]:
@@ -401,7 +402,7 @@ def _unknown(
         for stage, values in stages.items()
     }
     for stage, trace in seen.items():
-        found[stage] = max(found.get(stage, trace.log_evidence), trace.log_evidence)
+        found[stage] = trace.beside(found.get(stage, -math.inf))
     if drive is not None:
         found["actuation"] = drive.unexplained().log_evidence
     if firmware is not None:

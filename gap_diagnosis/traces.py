@@ -27,10 +27,19 @@ class Trace(Fit):
     Attributes:
         frame: in which frames; None where it is in none.
         goes_with_time: share of it that is in `windows` beyond what is elsewhere.
+        is_apart: shown by other data than the motion, whose evidence it adds to.
     """
 
     frame: str | None = None
     goes_with_time: float = 0.0
+    is_apart: bool = False
+
+    def beside(self, moves: float) -> float:
+        """Return the log evidence of a cause that leaves this trace, moves the robot or what says
+        so by as much as *moves* tells, or does both."""
+        if self.is_apart and min(moves, self.log_evidence) > 0.0:
+            return moves + self.log_evidence
+        return max(moves, self.log_evidence)
 
 
 def traces(blocks: Sequence[Block]) -> dict[str, Trace]:
@@ -44,7 +53,13 @@ def traces(blocks: Sequence[Block]) -> dict[str, Trace]:
             fit = block.fit(frozenset({effect}))
             evidence = fit.log_evidence - _PRICE
             if stage not in found or evidence > found[stage].log_evidence:
-                made = Trace((), evidence, fit.log_likelihood, windows=fit.windows)
+                made = Trace(
+                    (),
+                    evidence,
+                    fit.log_likelihood,
+                    windows=fit.windows,
+                    is_apart=block.name != "motion",
+                )
                 found[stage] = _of_frames(made, block, effect)
     return found
 

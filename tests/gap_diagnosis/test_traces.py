@@ -46,6 +46,22 @@ def test_codes_that_never_come_are_a_trace_of_the_gyro_and_the_motion_is_none() 
     assert evidence(FakeBlock({"gyro_bias": 90.0}), codes).keys() == {"gyro"}
 
 
+def test_what_codes_show_adds_to_what_the_motion_does_of_the_same_gyro() -> None:
+    """A held bit without its name was a bent converter, 0.94: that explained the motion as well,
+    and what codes showed stood for all of an unlisted cause, not beside it."""
+    codes = traces([FakeBlock({"adc_stuck_bit": 140.0}, name="codes")])["gyro"]
+    assert codes.beside(760.0) == 760.0 + 134.0
+    assert codes.beside(-3.0) == 134.0
+    weak = traces([FakeBlock({"adc_stuck_bit": -2.0}, name="codes")])["gyro"]
+    assert weak.beside(760.0) == 760.0
+
+
+def test_noise_is_told_by_the_motion_and_adds_nothing_to_it() -> None:
+    noise = traces([FakeBlock({"gyro_noise": 30.0})])["gyro"]
+    assert noise.beside(50.0) == 50.0
+    assert noise.beside(10.0) == 24.0
+
+
 def test_more_noise_than_described_is_a_trace_of_its_stage() -> None:
     noisy = FakeBlock({"gyro_noise": 30.0, "reference_noise": 20.0, "gyro_bias": 50.0})
     assert evidence(noisy) == {"gyro": 24.0, "reference": 14.0}
