@@ -97,10 +97,16 @@ def _of_the_body(motion: Motion, variable: str) -> Basis:
         reverses = min(back_m, forth_m) > _REVERSES * (back_m + forth_m)
         return Basis([np.tanh(motion.speed_m_s / 0.02)] if reverses else [])
     value = _variable(motion, variable)
-    least = _LEAST_RANGE.get(variable, 0.0)
-    if value is None or np.subtract(*np.percentile(value, [95, 5])) < least:
+    if value is None or not _varies(value, _LEAST_RANGE.get(variable, 0.0)):
         return Basis([])
     return _hats(value)
+
+
+def _varies(value: Floats, least: float) -> bool:
+    """Tell whether a variable varies by more than its noise: usually, or three times as much for a
+    hundredth of the time, as a robot does that speeds up once and brakes once."""
+    usual, seldom = (np.subtract(*np.percentile(value, [100 - end, end])) for end in (5.0, 0.5))
+    return bool(usual >= least or seldom >= 3.0 * least > 0.0)
 
 
 def _joined(first: Basis, second: Basis) -> Basis:
@@ -115,8 +121,7 @@ def _joined(first: Basis, second: Basis) -> Basis:
 def _by_speeding_up(motion: Motion) -> Basis:
     """Return functions of the robot's speeding up, and of its turning faster."""
     turning = np.gradient(motion.turn_rate_rad_s, motion.elapsed_s)
-    varies = np.subtract(*np.percentile(turning, [95, 5])) > _LEAST_RANGE["acceleration"]
-    if not varies:
+    if not _varies(turning, _LEAST_RANGE["acceleration"]):
         return _joined(_of_the_body(motion, "acceleration"), Basis([]))
     of_the_body, of_turns = _of_the_body(motion, "acceleration"), _hats(turning)
     largest = float(np.abs(np.percentile(turning, [1, 99])).max())
@@ -288,7 +293,7 @@ def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
     changes = np.array([motion.left_acceleration_rad_s2, motion.right_acceleration_rad_s2])
     value = motion.radius_m * changes * np.sign(rates)
-    if np.subtract(*np.percentile(value, [95, 5])) < _LEAST_RANGE["acceleration"]:
+    if not _varies(value, _LEAST_RANGE["acceleration"]):
         return Basis([])
     return _hats(value)
 

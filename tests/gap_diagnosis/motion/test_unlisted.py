@@ -118,6 +118,22 @@ def test_counts_that_are_lost_without_a_name_depend_on_how_fast_their_own_wheel_
     assert best.log_evidence > second.log_evidence + 3
 
 
+def test_a_robot_that_speeds_up_once_and_brakes_once_shows_what_goes_with_that() -> None:
+    """It does for 3 % of a minute: its accelerations were noise, and a gyro that feels them had
+    nothing to go with (no gap, 0.93, where its name had 67 nats)."""
+    feels = EffectSetting("gyro_g_sensitivity", (("x", 0.004), ("y", 0.006)))
+    driven = trial_drive("weave", np.random.default_rng(3), 0.6)
+    log = synthetic_recording(ROBOT, WIRE, driven, (feels,), 3, reference=ReferenceNoise())
+    without = frozenset({"gyro_g_sensitivity"})
+    model = MotionModel(log, ROBOT, default_prior(), without=without)
+    speeding_up = np.abs(model.nodes.smooth.acceleration_m_s2) > 0.05
+    assert 0.005 < speeding_up.mean() < 0.05
+    best = alternatives(model, model.no_effect_levels)[0]
+    assert best.stage == "gyro"
+    assert best.variable in {"acceleration", "lateral_acceleration"}
+    assert best.log_evidence > 20
+
+
 def test_one_wheel_that_counts_too_little_everywhere_is_listed() -> None:
     """With its name in the library the same shape is not weighed again."""
     log = drive(EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.01))))
