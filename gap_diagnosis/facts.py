@@ -136,6 +136,7 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_the_reference(analysis)
+        notes += _on_a_while(analysis, unlisted_in)
         if unlisted_in == "wheel":
             notes += [*_on_burst(analysis), *_on_pushes(analysis)]
         if unlisted_in == "encoder":
@@ -205,6 +206,19 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
             "follows was put back."
         )
     return notes
+
+
+def _on_a_while(analysis: Analysis, stage: str) -> list[str]:
+    """Say what an unlisted cause that begins and ends does meanwhile."""
+    best = next((one for one in analysis.alternatives if one.stage == stage), None)
+    if best is None or not best.acts:
+        return []
+    from_s = float(analysis.recording.t_s[0])
+    ((start_s, stop_s),) = best.windows
+    return [
+        f"{analysis.recording.name}: from about {start_s - from_s:.0f} s to {stop_s - from_s:.0f} "
+        f"s, and not before or after, {best.acts}."
+    ]
 
 
 def _on_burst(analysis: Analysis) -> list[str]:

@@ -132,6 +132,7 @@ def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spel
             min(2 * likelihood / above_noise, 1.0),
             ((float(laid.ends_s[first]), float(laid.ends_s[last])),),
             _log_mean(within),
+            laid.ways[best].told(float(weighed[best].size[first, last])),
         )
         found[stage] = Spell(cause, best, first, last)
     return found
@@ -140,11 +141,12 @@ def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spel
 @dataclass(frozen=True)
 class _Windows:
     """Of one way in each window, float64[e, e]: log evidence, minus infinity where it is not
-    admitted, that of so little that it is no gap, and log likelihood."""
+    admitted, that of so little that it is no gap, log likelihood, and size."""
 
     log_evidence: Floats
     log_within: Floats
     log_likelihood: Floats
+    size: Floats
 
 
 def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
@@ -164,6 +166,7 @@ def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
         np.where(admitted, logs, -np.inf),
         np.where(admitted, within, -np.inf),
         0.5 * pull**2 / power,
+        pull / power,
     )
 
 

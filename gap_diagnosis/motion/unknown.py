@@ -51,6 +51,7 @@ class Alternative:
         share: of the whitened residual's energy above noise that it takes.
         windows: [start_s, stop_s] where it does not act at all times.
         within: log evidence, likewise, of so little of it that it is no gap.
+        acts: what it does in its windows, in words; nothing where only its variable tells.
     """
 
     stage: str
@@ -60,6 +61,7 @@ class Alternative:
     share: float
     windows: tuple[tuple[float, float], ...] = ()
     within: float = 0.0
+    acts: str = ""
 
 
 _VARIABLES: Final[Mapping[str, tuple[str, ...]]] = {

@@ -20,6 +20,8 @@ class Way:
 
     Up to about *within*, half of what a description may be off by, it is no gap. *evenly*: the
     effect that it is where it is the same everywhere; *for_a_while*: where it is so in a window.
+    *words*: what it does, with a place for its `size` and one for its `sense`, of which there are
+    two.
     """
 
     stage: str
@@ -31,6 +33,12 @@ class Way:
     needs_gyro: bool = False
     evenly: str = ""
     for_a_while: str = ""
+    words: str = ""
+    senses: tuple[str, str] = ("farther", "less far")
+
+    def told(self, size: float) -> str:
+        """Return what so much of it does."""
+        return self.words.format(size=abs(size), sense=self.senses[size < 0])
 
 
 def _steadied(p: Prediction) -> tuple[Floats, Floats]:
@@ -121,7 +129,13 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
     p.reference_heading_rad = p.reference_heading_rad + f
 
 
-_GYRO: Final = (Way("gyro", _gyro, 1e-3, 0.1, 1.7e-4, needs_gyro=True),)
+_GYRO: Final = (
+    Way(
+        "gyro", _gyro, 1e-3, 0.1, 1.7e-4,
+        needs_gyro=True, words="the gyro says {size:.5f} rad/s {sense}",
+        senses=("too much", "too little"),
+    ),
+)  # fmt: skip
 # A scale may be off by more than it may drift by: of its own tolerance every explanation has some.
 _DRIFTING: Final = (*_GYRO, Way("gyro", _gyro_gain, 1e-3, 0.1, 5e-4, needs_gyro=True))
 
@@ -133,14 +147,63 @@ def _of_reference(act: Callable[[Prediction, Floats], None], high: float, evenly
 
 WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
     "wheel": (
-        Way("wheel", _forward, 1e-3, 0.1, 1e-3, for_a_while="radius_scale"),
-        Way("wheel", _turn, 1e-3, 0.1, 2.5e-4, for_a_while="radius_mismatch"),
-        Way("wheel", _turn_gain, 1e-3, 0.1, 1.5e-3, for_a_while="wheelbase_scale"),
-        Way("wheel", _lateral, 1e-3, 0.1, 5e-4, needs_reference=True),
+        Way(
+            "wheel",
+            _forward,
+            1e-3,
+            0.1,
+            1e-3,
+            for_a_while="radius_scale",
+            words="the wheels roll {size:.2%} {sense} than they count",
+        ),
+        Way(
+            "wheel",
+            _turn,
+            1e-3,
+            0.1,
+            2.5e-4,
+            for_a_while="radius_mismatch",
+            words="the right wheel rolls {size:.2%} {sense} than the left",
+        ),
+        Way(
+            "wheel",
+            _turn_gain,
+            1e-3,
+            0.1,
+            1.5e-3,
+            for_a_while="wheelbase_scale",
+            words="the body turns {size:.2%} {sense} than the wheels say",
+        ),
+        Way(
+            "wheel",
+            _lateral,
+            1e-3,
+            0.1,
+            5e-4,
+            needs_reference=True,
+            words="the body goes to the {sense} by {size:.2%} of its way",
+            senses=("left", "right"),
+        ),
     ),
     "encoder": (
-        Way("encoder", _left, 1e-3, 0.1, 2.5e-4, for_a_while="one_sided_slip"),
-        Way("encoder", _right, 1e-3, 0.1, 2.5e-4, for_a_while="one_sided_slip"),
+        Way(
+            "encoder",
+            _left,
+            1e-3,
+            0.1,
+            2.5e-4,
+            for_a_while="one_sided_slip",
+            words="the left wheel goes {size:.2%} {sense} than it counts",
+        ),
+        Way(
+            "encoder",
+            _right,
+            1e-3,
+            0.1,
+            2.5e-4,
+            for_a_while="one_sided_slip",
+            words="the right wheel goes {size:.2%} {sense} than it counts",
+        ),
     ),
     # From three tolerances of the bias on: every gyro's bias wanders by less.
     "gyro": _GYRO,

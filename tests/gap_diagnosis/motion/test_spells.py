@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.analysis import analyse
+from gap_diagnosis.facts import notes_on
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import gram_of
 from gap_diagnosis.motion.model import MotionModel
@@ -58,7 +60,14 @@ def test_it_is_likelier_than_listed_effects_together() -> None:
     assert analysis.unknown["encoder"] > analysis.motion.explained + 20
     best = analysis.alternatives[0]
     assert (best.stage, best.variable) == ("encoder", "time")
-    assert len(best.windows) == 1
+    (note,) = notes_on([analysis], (), unlisted_in="encoder")[:1]
+    told = re.search(
+        r"from about (\d+) s to (\d+) s, and not before or after, "
+        r"the right wheel goes ([\d.]+)% less far than it counts\.",
+        note,
+    )
+    assert told is not None
+    assert [float(one) for one in told.groups()] == pytest.approx([21, 38, 2.0], abs=4.0)
 
 
 def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
