@@ -208,23 +208,44 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
     return notes
 
 
+_ALIKE: Final = 3.0
+"""Accounts that lack less [nat] are told beside the best one."""
+
+
+def _is_credible(analysis: Analysis, windows: Sequence[tuple[float, float]]) -> bool:
+    """Tell whether what acts in these windows accounts for the log about as well as anything that
+    is not listed."""
+    best = analysis.alternatives[0].log_evidence
+    own = [one.log_evidence for one in analysis.alternatives if one.windows == windows]
+    return bool(own) and max(own) > max(best - _ALIKE, 0.0)
+
+
 def _on_a_while(analysis: Analysis, stage: str) -> list[str]:
     """Say what an unlisted cause that begins and ends does meanwhile."""
     best = next((one for one in analysis.alternatives if one.stage == stage), None)
-    if best is None or not best.acts:
+    if best is None or not best.acts or not _is_credible(analysis, best.windows):
         return []
-    from_s = float(analysis.recording.t_s[0])
     ((start_s, stop_s),) = best.windows
+    from_s, until_s = (float(one) for one in analysis.recording.t_s[[0, -1]])
+    part_s = 0.01 * (until_s - from_s)
+    apart = [
+        word
+        for word, is_so in (
+            ("before", start_s > from_s + part_s),
+            ("after", stop_s < until_s - part_s),
+        )
+        if is_so
+    ]
     return [
         f"{analysis.recording.name}: from about {start_s - from_s:.0f} s to {stop_s - from_s:.0f} "
-        f"s, and not before or after, {best.acts}."
+        f"s, and not {' or '.join(apart)}, {best.acts}."
     ]
 
 
 def _on_burst(analysis: Analysis) -> list[str]:
     """Say which wheel loses its hold, how often, and what else there is."""
     burst = analysis.burst
-    if burst is None or analysis.alternatives[0].windows != burst.windows:
+    if burst is None or not _is_credible(analysis, burst.windows):
         return []
     wheel = "Both wheels lose" if burst.side == "both" else f"The {burst.side} wheel loses"
     times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"
@@ -235,7 +256,7 @@ def _on_burst(analysis: Analysis) -> list[str]:
 def _on_standstills(analysis: Analysis) -> list[str]:
     """Say whose counts stand, and when."""
     stood = analysis.standstills
-    if stood is None or analysis.alternatives[0].windows != stood.windows:
+    if stood is None or not _is_credible(analysis, stood.windows):
         return []
     from_s = float(analysis.recording.t_s[0])
     told = [
@@ -248,7 +269,7 @@ def _on_standstills(analysis: Analysis) -> list[str]:
 def _on_pushes(analysis: Analysis) -> list[str]:
     """Say when the body stepped, and how far."""
     pushes = analysis.pushes
-    if pushes is None or analysis.alternatives[0].windows != pushes.windows:
+    if pushes is None or not _is_credible(analysis, pushes.windows):
         return []
     from_s = float(analysis.recording.t_s[0])
     told = [

@@ -95,7 +95,7 @@ def modelled_on(
     if stage not in _MODELLED:
         return None, f"nothing stands in for an unlisted cause in stage {stage}"
     own = [one for one in analysis.alternatives if one.stage == stage]
-    if own and own[0].windows:
+    if own and own[0].windows and own[0].log_evidence > 0:
         return None, "it acts in windows of its own, and nothing says when it will"
     chosen = _likeliest(own)
     variable = None if chosen is None else known_variable(chosen.variable)

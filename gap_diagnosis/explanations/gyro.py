@@ -238,12 +238,14 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + bend / m.gyro_sensitivity_lsb_per_rad_s
 
 
+_TURNS_RAD_S: Final = 0.05
+
+
 def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> None:
     """Hold one bit of the code: what that adds on average over what the wheels do not tell of it,
     the noise of a sample and the rate that their contact leaves to chance.
 
-    A smooth rate would have other codes while the robot begins to turn, and one as sharp as the
-    counters are while it turns evenly, where they tremble by their own rounding.
+    The rate is as sharp as the counters where it changes, and smooth where it does not.
     """
     m = p.motion
     rate_rad_s = _changing_rate(m, p.gyro_rad_s)
@@ -271,9 +273,10 @@ def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m:
 
 def _changing_rate(m: Motion, smooth_rad_s: Floats) -> Floats:
     """Return a smooth rate with what smoothing rounded off of it, as far as it changes by more from
-    tick to tick than counters tremble (Wiener's weight)."""
+    tick to tick than counters tremble while it turns (Wiener's weight)."""
     more_rad_s = rounded_off(m)
-    usual_rad_s = 1.4826 * float(np.median(np.abs(more_rad_s)))
+    turns = np.abs(m.turn_rate_rad_s) > _TURNS_RAD_S
+    usual_rad_s = 1.4826 * float(np.median(np.abs(more_rad_s[turns]))) if turns.any() else 0.0
     changed2 = gaussian_filter1d(np.gradient(m.turn_rate_rad_s) ** 2, m.turning_s / m.tick_s)
     share = changed2 / np.maximum(changed2 + usual_rad_s**2, 1e-18)
     return np.asarray(smooth_rad_s + share * more_rad_s, dtype=np.float64)

@@ -97,16 +97,17 @@ def _of_the_body(motion: Motion, variable: str) -> Basis:
         reverses = min(back_m, forth_m) > _REVERSES * (back_m + forth_m)
         return Basis([np.tanh(motion.speed_m_s / 0.02)] if reverses else [])
     value = _variable(motion, variable)
-    if value is None or not _varies(value, _LEAST_RANGE.get(variable, 0.0)):
-        return Basis([])
-    return _hats(value)
+    return Basis([]) if value is None else _of_varying(value, _LEAST_RANGE.get(variable, 0.0))
 
 
-def _varies(value: Floats, least: float) -> bool:
-    """Tell whether a variable varies by more than its noise: usually, or three times as much for a
-    hundredth of the time, as a robot does that speeds up once and brakes once."""
-    usual, seldom = (np.subtract(*np.percentile(value, [100 - end, end])) for end in (5.0, 0.5))
-    return bool(usual >= least or seldom >= 3.0 * least > 0.0)
+def _of_varying(value: Floats, least: float) -> Basis:
+    """Return functions of a variable that varies by more than its noise: usually, or three times as
+    much for a hundredth of the time, as a robot does that speeds up once and brakes once."""
+    if np.subtract(*np.percentile(value, [95, 5])) >= least:
+        return _hats(value)
+    if np.subtract(*np.percentile(value, [99.5, 0.5])) >= 3.0 * least:
+        return _hats(value, _SELDOM)
+    return Basis([])
 
 
 def _joined(first: Basis, second: Basis) -> Basis:
@@ -121,9 +122,8 @@ def _joined(first: Basis, second: Basis) -> Basis:
 def _by_speeding_up(motion: Motion) -> Basis:
     """Return functions of the robot's speeding up, and of its turning faster."""
     turning = np.gradient(motion.turn_rate_rad_s, motion.elapsed_s)
-    if not _varies(turning, _LEAST_RANGE["acceleration"]):
-        return _joined(_of_the_body(motion, "acceleration"), Basis([]))
-    of_the_body, of_turns = _of_the_body(motion, "acceleration"), _hats(turning)
+    of_the_body = _of_the_body(motion, "acceleration")
+    of_turns = _of_varying(turning, _LEAST_RANGE["acceleration"])
     largest = float(np.abs(np.percentile(turning, [1, 99])).max())
     within_per_s = [0.0] * len(of_the_body.functions) + [largest] * len(of_turns.functions)
     return replace(_joined(of_the_body, of_turns), within_per_s=within_per_s)
@@ -261,24 +261,28 @@ def _by_each_wheels_reversal(motion: Motion) -> Basis:
 
 def _by_each_wheels_speed(motion: Motion) -> Basis:
     """Return functions of how fast each wheel turns, float64[2, n] each: an encoder that is too
-    slow, or read too seldom. The plainest are of one wheel: evenly, or the more the faster."""
+    slow, or read too seldom. The plainest are of one wheel: evenly, or the more the faster.
+
+    Averaged over all of a cruise, as the body's speed is: the counts' noise is none of it.
+    """
+    speeds = [motion.radius_m * np.abs(one.own_rad_s) for one in motion.wheel_speeds.both]
+    bases = [_of_varying(one, _LEAST_RANGE["speed"]) for one in speeds]
+    count = sum(len(base.functions) for base in bases)
     functions: list[Floats] = []
     simple: list[Floats] = []
-    for wheel, rate in enumerate((motion.left_rate_rad_s, motion.right_rate_rad_s)):
-        base = _hats(motion.radius_m * np.abs(rate))
+    listed: dict[int, str] = {}
+    for wheel, base in enumerate(bases):
         if not base.functions:
-            return Basis([])
+            continue
+        own = np.eye(count)[:, len(functions) : len(functions) + len(base.functions)]
+        plainest = [own.sum(axis=1, keepdims=True), own @ base.simple[0]]
+        listed |= {len(simple) + place: "missed_ticks" for place in range(len(plainest))}
+        simple += [*plainest, own]
         for hat in base.functions:
             both = np.zeros((2, len(hat)))
             both[wheel] = hat
             functions.append(both)
-        own = np.zeros((2 * len(base.functions), len(base.functions)))
-        own[wheel * len(base.functions) : (wheel + 1) * len(base.functions)] = np.eye(
-            len(base.functions)
-        )
-        simple += [own.sum(axis=1, keepdims=True), own @ base.simple[0], own]
-    plainest = dict.fromkeys((0, 1, 3, 4), "missed_ticks")
-    return Basis(functions, simple, listed=plainest)
+    return Basis(functions, simple, listed=listed)
 
 
 def _last_sign(value: Floats, least: float) -> Floats:
@@ -293,9 +297,7 @@ def _by_each_wheels_acceleration(motion: Motion) -> Basis:
     rates = np.array([motion.left_rate_rad_s, motion.right_rate_rad_s])
     changes = np.array([motion.left_acceleration_rad_s2, motion.right_acceleration_rad_s2])
     value = motion.radius_m * changes * np.sign(rates)
-    if not _varies(value, _LEAST_RANGE["acceleration"]):
-        return Basis([])
-    return _hats(value)
+    return _of_varying(value, _LEAST_RANGE["acceleration"])
 
 
 def _steady_speed_m_s(motion: Motion) -> Floats:
@@ -320,10 +322,14 @@ def _variable(motion: Motion, name: str) -> Floats | None:
     return known[name]
 
 
-def _hats(value: Floats) -> Basis:
-    """Return hats over the range between the 1st and 99th percentile, and what of them is
-    proportional to the value."""
-    low, high = np.percentile(value, [1, 99])
+_USUAL: Final = (1.0, 99.0)
+_SELDOM: Final = (0.5, 99.5)
+
+
+def _hats(value: Floats, ends: tuple[float, float] = _USUAL) -> Basis:
+    """Return hats over the range between two percentiles, and what of them is proportional to the
+    value."""
+    low, high = np.percentile(value, ends)
     if not high - low > 1e-9 * max(abs(low), abs(high), 1.0):
         return Basis([])
     place = np.clip((value - low) / (high - low), 0, 1) * (_HATS - 1)

@@ -23,8 +23,9 @@ _STILL: Final = 1e-4
 _MOVES: Final = 1e-2
 """Squares of ways [m] or turns [rad] in blocks, added up: less is rest, more is none."""
 _TOGETHER: Final = 0.3
-"""Correlation over blocks: three times what chance makes in a minute, and what is left of one where
-noise has ten times the energy."""
+_LOUD: Final = 3.0
+"""Correlation over blocks: three times what chance makes in a minute. Where noise has three times
+the energy, half is left of it, and beyond that it is not asked for."""
 
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
@@ -40,11 +41,13 @@ def is_in_order(recording: Recording, robot: Robot) -> bool:
     it has no slope.
     """
     for cause, effect in _sources(recording, robot):
-        ratio = _slope(cause, effect)
+        ratio, (moved, noise) = _slope(cause, effect), _moved(effect)
         if ratio is None:
-            if _power(effect) > _MOVES:
+            if moved > max(_MOVES, noise):
                 return False
-        elif not _LOW < ratio < _HIGH or np.corrcoef(cause, effect)[0, 1] < _TOGETHER:
+        elif not _LOW < ratio < _HIGH or (
+            noise < _LOUD * _power(cause) and np.corrcoef(cause, effect)[0, 1] < _TOGETHER
+        ):
             return False
     return True
 
@@ -114,6 +117,15 @@ def _slope(cause: Floats, effect: Floats) -> float | None:
     if power < _STILL:
         return None
     return float((cause - np.median(cause)) @ (effect - np.median(effect))) / power
+
+
+def _moved(steps: Floats) -> tuple[float, float]:
+    """Return the squares of a source's steps, added up, without those of the noise of its samples,
+    and the latter: what is off at one time is taken back by the next step (Roll 1984, J. Finance
+    39:4)."""
+    away = steps - np.median(steps)
+    noise = max(-2.0 * float(away[1:] @ away[:-1]), 0.0)
+    return max(_power(steps) - noise, 0.0), noise
 
 
 def _power(values: Floats) -> float:

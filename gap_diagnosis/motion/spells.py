@@ -10,7 +10,7 @@ part of the log gives all of them. What a listed effect does in a window is not 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -118,20 +118,21 @@ def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spel
     found = {}
     for stage, places in by_stage.items():
         weighed = {place: _weighed(gram, laid, place) for place in places}
-        logs = np.concatenate([one.log_evidence.ravel() for one in weighed.values()])
-        within = np.concatenate([one.log_within.ravel() for one in weighed.values()])
-        best = max(places, key=lambda place: float(weighed[place].log_evidence.max()))
+        weighed = {place: one for place, one in weighed.items() if one.is_seen}
+        if not weighed:
+            continue
+        best = max(weighed, key=lambda place: float(weighed[place].log_evidence.max()))
         own = weighed[best].log_evidence
         first, last = (int(end) for end in np.unravel_index(np.argmax(own), own.shape))
         likelihood = float(weighed[best].log_likelihood[first, last])
         cause = Alternative(
             stage,
             "time",
-            _log_mean(logs),
+            _log_mean([_log_mean(one.log_evidence) for one in weighed.values()]),
             likelihood,
             min(2 * likelihood / above_noise, 1.0),
             ((float(laid.ends_s[first]), float(laid.ends_s[last])),),
-            _log_mean(within),
+            _log_mean([_log_mean(one.log_within) for one in weighed.values()]),
             laid.ways[best].told(float(weighed[best].size[first, last])),
         )
         found[stage] = Spell(cause, best, first, last)
@@ -141,12 +142,17 @@ def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spel
 @dataclass(frozen=True)
 class _Windows:
     """Of one way in each window, float64[e, e]: log evidence, minus infinity where it is not
-    admitted, that of so little that it is no gap, log likelihood, and size."""
+    admitted or leaves no trace, that of so little that it is no gap, log likelihood, and size."""
 
     log_evidence: Floats
     log_within: Floats
     log_likelihood: Floats
     size: Floats
+
+    @property
+    def is_seen(self) -> bool:
+        """Tell whether it leaves a trace in any window."""
+        return bool(np.isfinite(self.log_evidence).any())
 
 
 def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
@@ -156,17 +162,20 @@ def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
     inner[1:, 1:] = np.cumsum(np.cumsum(gram.inner[np.ix_(own, own)], axis=0), axis=1)
     pull = np.subtract.outer(data, data).T
     power = np.diag(inner)[:, None] + np.diag(inner)[None, :] - inner - inner.T
-    power = np.maximum(power, 1e-300)
-    way, admitted = laid.ways[place], laid.admitted[place]
-    usual = [way.low * (way.high / way.low) ** (step / (SCALES - 1)) for step in range(SCALES)]
+    way = laid.ways[place]
+    # What leaves no trace at its largest is not asked for.
+    seen = laid.admitted[place] & (way.high**2 * power > 1.0)
+    power = np.where(seen, power, 1.0)
+    usual = np.geomspace(way.low, way.high, SCALES)
     parts = np.stack([_gain(power, pull, size) for size in usual])
-    logs = np.logaddexp.reduce(parts, axis=0) - math.log(SCALES)
-    within = _gain(power, pull, way.within)
+    logs = np.logaddexp.reduce(parts, axis=0)
+    shares = np.exp(parts - logs)
+    shrunk = np.stack([size**2 * pull / (1.0 + size**2 * power) for size in usual])
     return _Windows(
-        np.where(admitted, logs, -np.inf),
-        np.where(admitted, within, -np.inf),
-        0.5 * pull**2 / power,
-        pull / power,
+        np.where(seen, logs - math.log(SCALES), -np.inf),
+        np.where(seen, _gain(power, pull, way.within), -np.inf),
+        np.where(seen, 0.5 * pull**2 / power, 0.0),
+        np.sum(shares * shrunk, axis=0),
     )
 
 
@@ -176,8 +185,10 @@ def _gain(power: Floats, pull: Floats, size: float | Floats) -> Floats:
     return np.asarray(0.5 * (size**2 * pull**2 / more - np.log(more)))
 
 
-def _log_mean(logs: Floats) -> float:
-    known = logs[np.isfinite(logs)]
+def _log_mean(logs: Floats | Sequence[float]) -> float:
+    """Return the logarithm of the mean over all that there may be: each way is as likely
+    beforehand, and so is each of its windows."""
+    known = np.asarray(logs)[np.isfinite(logs)]
     return float(np.logaddexp.reduce(known)) - math.log(len(known))
 
 
@@ -193,8 +204,7 @@ def levels_of_spell(
     parts = first + best.way * _PARTS + np.arange(best.first, best.last)
     column = laid.values[..., parts].sum(axis=-1, keepdims=True)
     values = np.ascontiguousarray(np.concatenate([laid.values[..., :first], column], axis=-1))
-    way = laid.ways[best.way]
-    usual = np.geomspace(way.low, way.high, SCALES)
+    usual = np.geomspace(laid.ways[best.way].low, laid.ways[best.way].high, SCALES)
 
     def weigh(levels: Floats) -> Weighed:
         white, log_variance = whiten(values, model.course, levels, model.nodes.ticks)

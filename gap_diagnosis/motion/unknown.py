@@ -42,7 +42,7 @@ would explain their noise with itself."""
 
 @dataclass(frozen=True)
 class Alternative:
-    """A stage whose residual depends smoothly on a variable.
+    """A stage whose residual depends smoothly on a variable, or that errs evenly in windows.
 
     Attributes:
         stage, variable: which.

@@ -132,7 +132,7 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
 _GYRO: Final = (
     Way(
         "gyro", _gyro, 1e-3, 0.1, 1.7e-4,
-        needs_gyro=True, words="the gyro says {size:.5f} rad/s {sense}",
+        needs_gyro=True, words="the gyro says about {size:.2g} rad/s {sense}",
         senses=("too much", "too little"),
     ),
 )  # fmt: skip
@@ -154,7 +154,7 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             1e-3,
             for_a_while="radius_scale",
-            words="the wheels roll {size:.2%} {sense} than they count",
+            words="the wheels roll about {size:.1%} {sense} than they count",
         ),
         Way(
             "wheel",
@@ -163,7 +163,8 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             2.5e-4,
             for_a_while="radius_mismatch",
-            words="the right wheel rolls {size:.2%} {sense} than the left",
+            words="the body turns to the {sense} by about {size:.1%} of its way over its track",
+            senses=("left", "right"),
         ),
         Way(
             "wheel",
@@ -172,7 +173,7 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             1.5e-3,
             for_a_while="wheelbase_scale",
-            words="the body turns {size:.2%} {sense} than the wheels say",
+            words="the body turns about {size:.1%} {sense} than the wheels say",
         ),
         Way(
             "wheel",
@@ -181,7 +182,7 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             5e-4,
             needs_reference=True,
-            words="the body goes to the {sense} by {size:.2%} of its way",
+            words="the body goes to the {sense} by about {size:.1%} of its way",
             senses=("left", "right"),
         ),
     ),
@@ -193,7 +194,7 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             2.5e-4,
             for_a_while="one_sided_slip",
-            words="the left wheel goes {size:.2%} {sense} than it counts",
+            words="the left wheel goes about {size:.1%} {sense} than it counts",
         ),
         Way(
             "encoder",
@@ -202,7 +203,7 @@ WAYS: Final[Mapping[str, tuple[Way, ...]]] = {
             0.1,
             2.5e-4,
             for_a_while="one_sided_slip",
-            words="the right wheel goes {size:.2%} {sense} than it counts",
+            words="the right wheel goes about {size:.1%} {sense} than it counts",
         ),
     ),
     # From three tolerances of the bias on: every gyro's bias wanders by less.

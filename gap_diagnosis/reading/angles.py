@@ -14,10 +14,14 @@ Floats = NDArray[np.float64]
 _SAFE: Final = 45.0
 """Student's noise of three degrees of freedom makes a step of so many standard deviations about
 once in 10^5 samples."""
-_SAMPLES: Final = ((5.0, 7), (0.0, 15))
-"""How many standard deviations a step of half a turn has at least, and how many samples are then
-averaged before turns are counted: fewer blur a turning robot less."""
-_LEAST: Final = 15
+_AVERAGED: Final = ((5.0, 7, 7), (0.0, 15, 45))
+"""Of how many standard deviations a step of half a turn is at least; how many samples are then
+averaged before turns are counted, as fewer blur a turning robot less; and over how many it is told
+how fast that turns."""
+_FEW_SAMPLES: Final = 15
+"""Fewer do not tell their noise."""
+_FASTEST: Final = 95.0
+"""Percentile of the turns in a window: whole turns counted too many are fewer."""
 _SD_PER_MEDIAN: Final = 1.4826
 
 
@@ -26,7 +30,7 @@ def unwrapped(angle_rad: Floats) -> Floats:
 
     From sample to sample, as long as noise alone, with heavy tails too, cannot make a step of half
     a turn; noisier ones about the direction of their neighbours' mean (Mardia and Jupp, Directional
-    Statistics, 2.2).
+    Statistics, 2.2), where they do not turn by half a turn themselves.
     """
     result = angle_rad.copy()
     known = np.isfinite(result)
@@ -35,7 +39,10 @@ def unwrapped(angle_rad: Floats) -> Floats:
     if half_turn_sd > _SAFE:
         result[known] = np.unwrap(values)
         return result
-    samples = next(count for least, count in _SAMPLES if half_turn_sd > least)
+    samples, over = next(one for least, *one in _AVERAGED if half_turn_sd > least)
+    if samples * _fastest_step_rad(values, over) > math.pi:
+        result[known] = np.unwrap(values)
+        return result
     cosine, sine = (uniform_filter1d(one, samples) for one in (np.cos(values), np.sin(values)))
     middle = np.unwrap(np.arctan2(sine, cosine))
     result[known] = middle + _within_half_a_turn(values - middle)
@@ -45,10 +52,17 @@ def unwrapped(angle_rad: Floats) -> Floats:
 def _noise_rad(angle_rad: Floats) -> float:
     """Return the standard deviation of angles about a smooth course, by their second differences;
     nearly half a turn for angles that have none."""
-    if len(angle_rad) < _LEAST:
+    if len(angle_rad) < _FEW_SAMPLES:
         return 0.0
     bends = np.abs(_within_half_a_turn(np.diff(angle_rad, 2)))
     return _SD_PER_MEDIAN * float(np.median(bends)) / math.sqrt(6.0)
+
+
+def _fastest_step_rad(angle_rad: Floats, over: int) -> float:
+    """Return by how much angles turn from sample to sample, over so many, where they turn
+    fastest."""
+    steps = _within_half_a_turn(np.diff(angle_rad))
+    return float(np.percentile(np.abs(uniform_filter1d(steps, over)), _FASTEST))
 
 
 def _within_half_a_turn(angle_rad: Floats) -> Floats:

@@ -241,6 +241,27 @@ def test_a_slow_wheel_says_nothing_again_though_it_is_read_too_large(
     assert evidence(block_of(large), "stale_producer") == pytest.approx(plain, abs=0.1)
 
 
+def test_a_wheel_that_never_stands_says_the_same_again_all_the_same() -> None:
+    """Its least step is its speed, and no unit: by that a stale encoder had 105 nats less."""
+    stale = EffectSetting(
+        "stale_producer", (("frame", "ENCODER"), ("cycles", 2), ("probability", 0.01))
+    )
+    made = synthetic_recording(ROBOT, WIRE, scenario("lesson"), (stale,), 3, duration_s=40.0)
+    steps = np.abs(np.diff(made.left_ticks, prepend=made.left_ticks[0]))
+    first, last = np.flatnonzero(steps > 0.5 * steps.max())[[0, -1]]
+    kept = slice(first, last)
+    cut = replace(
+        made,
+        t_s=made.t_s[kept],
+        tick=made.tick[kept],
+        left_ticks=made.left_ticks[kept],
+        right_ticks=made.right_ticks[kept],
+        gyro_code=None,
+        gyro_rate_rad_s=None,
+    )
+    assert evidence(block_of(cut), "stale_producer") > 30
+
+
 def test_stale_rows_are_left_out_of_what_is_believed() -> None:
     stale = {"frame": "IMU", "cycles": 6, "probability": 0.004}
     made = recording(3, stale_producer=stale)

@@ -152,7 +152,19 @@ def test_no_factor_puts_a_log_in_order_in_which_a_wheel_counts_backwards(
 
 
 @pytest.mark.parametrize("noise_m", [0.001, 0.02, 0.1])
-def test_a_healthy_log_is_in_order_however_its_reference_trembles(noise_m: float) -> None:
-    noise = ReferenceNoise(position_m=noise_m, heading_rad=noise_m)
-    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 2, reference=noise)
+@pytest.mark.parametrize("name", ["calibration", "straight", "stop_and_go", "square", "random"])
+def test_a_healthy_log_is_in_order_however_its_reference_trembles(
+    name: str, noise_m: float
+) -> None:
+    """On a straight nothing turns, and headings tremble by more than the wheels say."""
+    noise = ReferenceNoise(position_m=noise_m, heading_rad=min(noise_m, 0.02))
+    log = synthetic_recording(ROBOT, WIRE, scenario(name), (), 2, reference=noise)
     assert is_in_order(log, ROBOT)
+
+
+def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:
+    noise = ReferenceNoise(heading_rad=0.02)
+    log = synthetic_recording(ROBOT, WIRE, scenario("straight"), (), 2, reference=noise)
+    large = replace(log, left_ticks=10.0 * log.left_ticks, right_ticks=10.0 * log.right_ticks)
+    block = MotionBlock(MotionModel(large, ROBOT, default_prior(), gross=True))
+    assert block.fit(frozenset({"setup_unit"})).log_evidence > LEAST_GAIN

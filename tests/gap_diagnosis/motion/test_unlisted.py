@@ -134,6 +134,17 @@ def test_a_robot_that_speeds_up_once_and_brakes_once_shows_what_goes_with_that()
     assert best.log_evidence > 20
 
 
+@pytest.mark.parametrize("name", ["straight", "square", "stop_and_go"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_counts_own_noise_is_no_function_of_the_speed_that_they_say(name: str, seed: int) -> None:
+    """Without a reference a healthy robot's encoder had an unlisted cause, by 10 to 293 nats."""
+    log = synthetic_recording(ROBOT, WIRE, scenario(name), (), seed, reference=None)
+    model = MotionModel(log, ROBOT, default_prior())
+    found = alternatives(model, model.no_effect_levels)
+    by_speed = [one for one in found if (one.stage, one.variable) == ("encoder", "speed")]
+    assert all(one.log_evidence < 2.0 for one in by_speed)
+
+
 def test_one_wheel_that_counts_too_little_everywhere_is_listed() -> None:
     """With its name in the library the same shape is not weighed again."""
     log = drive(EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.01))))
