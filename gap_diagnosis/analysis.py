@@ -181,7 +181,7 @@ def analyse(
         windowed = [_rough(burst)] if burst is not None else []
         windowed += [_standing(stood)] if stood is not None else []
         others = _alternatives(motion, windowed, pushes, gross=gross, smooth=others)
-    seen = traces(blocks)
+    seen = traces(blocks, without)
     return Analysis(
         as_received,
         motion,

@@ -6,7 +6,7 @@ described: that something does not do as described is seen without knowing what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -27,7 +27,9 @@ class Trace(Fit):
     Attributes:
         frame: in which frames; None where it is in none.
         goes_with_time: share of it that is in `windows` beyond what is elsewhere.
-        is_apart: shown by other data than the motion, whose evidence it adds to.
+        is_apart: shown by other data than the motion, whose evidence it adds to, and left by nothing
+            that has a name: a name would be believed first, however roughly it says what it does to
+            the motion.
     """
 
     frame: str | None = None
@@ -42,8 +44,9 @@ class Trace(Fit):
         return max(moves, self.log_evidence)
 
 
-def traces(blocks: Sequence[Block]) -> dict[str, Trace]:
-    """Return, by stage, the clearest trace in whole blocks, its evidence less the price."""
+def traces(blocks: Sequence[Block], without: Set[str] = frozenset()) -> dict[str, Trace]:
+    """Return, by stage, the clearest trace in whole blocks, its evidence less the price; effects
+    *without* a name leave theirs all the same."""
     found: dict[str, Trace] = {}
     for block in blocks:
         for effect in sorted(block.effects):
@@ -58,7 +61,7 @@ def traces(blocks: Sequence[Block]) -> dict[str, Trace]:
                     evidence,
                     fit.log_likelihood,
                     windows=fit.windows,
-                    is_apart=block.name != "motion",
+                    is_apart=block.name != "motion" and effect in without,
                 )
                 found[stage] = _of_frames(made, block, effect)
     return found

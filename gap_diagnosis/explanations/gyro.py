@@ -238,9 +238,6 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + bend / m.gyro_sensitivity_lsb_per_rad_s
 
 
-_TURNS_RAD_S: Final = 0.05
-
-
 def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> None:
     """Hold one bit of the code: what that adds on average over what the wheels do not tell of it,
     the noise of a sample and the rate that their contact leaves to chance.
@@ -273,10 +270,9 @@ def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m:
 
 def _changing_rate(m: Motion, smooth_rad_s: Floats) -> Floats:
     """Return a smooth rate with what smoothing rounded off of it, as far as it changes by more from
-    tick to tick than counters tremble while it turns (Wiener's weight)."""
+    tick to tick than counters usually tremble, at rest and on a straight too (Wiener's weight)."""
     more_rad_s = rounded_off(m)
-    turns = np.abs(m.turn_rate_rad_s) > _TURNS_RAD_S
-    usual_rad_s = 1.4826 * float(np.median(np.abs(more_rad_s[turns]))) if turns.any() else 0.0
+    usual_rad_s = 1.4826 * float(np.median(np.abs(more_rad_s)))
     changed2 = gaussian_filter1d(np.gradient(m.turn_rate_rad_s) ** 2, m.turning_s / m.tick_s)
     share = changed2 / np.maximum(changed2 + usual_rad_s**2, 1e-18)
     return np.asarray(smooth_rad_s + share * more_rad_s, dtype=np.float64)

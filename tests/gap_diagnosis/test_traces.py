@@ -49,11 +49,13 @@ def test_codes_that_never_come_are_a_trace_of_the_gyro_and_the_motion_is_none() 
 def test_what_codes_show_adds_to_what_the_motion_does_of_the_same_gyro() -> None:
     """A held bit without its name was a bent converter, 0.94: that explained the motion as well,
     and what codes showed stood for all of an unlisted cause, not beside it."""
-    codes = traces([FakeBlock({"adc_stuck_bit": 140.0}, name="codes")])["gyro"]
+    block = FakeBlock({"adc_stuck_bit": 140.0}, name="codes")
+    codes = traces([block], {"adc_stuck_bit"})["gyro"]
     assert codes.beside(760.0) == 760.0 + 134.0
     assert codes.beside(-3.0) == 134.0
-    weak = traces([FakeBlock({"adc_stuck_bit": -2.0}, name="codes")])["gyro"]
+    weak = traces([FakeBlock({"adc_stuck_bit": -2.0}, name="codes")], {"adc_stuck_bit"})["gyro"]
     assert weak.beside(760.0) == 760.0
+    assert traces([block])["gyro"].beside(760.0) == 760.0
 
 
 def test_noise_is_told_by_the_motion_and_adds_nothing_to_it() -> None:
