@@ -27,9 +27,9 @@ class Trace(Fit):
     Attributes:
         frame: in which frames; None where it is in none.
         goes_with_time: share of it that is in `windows` beyond what is elsewhere.
-        is_apart: shown by other data than the motion, whose evidence it adds to, and left by nothing
-            that has a name: a name would be believed first, however roughly it says what it does to
-            the motion.
+        is_apart: shown by other data than the motion, whose evidence it adds to, and left by
+            nothing that has a name: a name would be believed first, however roughly it says what it
+            does to the motion.
     """
 
     frame: str | None = None
