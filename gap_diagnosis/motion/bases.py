@@ -36,6 +36,7 @@ _TURNING_RAD_S: Final = 0.1
 """A wheel that is slower turns neither way."""
 PLAY_RAD: Final = 0.05
 """A wheel's way after its reversal on which counts may be lost; it may be less, or some more."""
+_PLAYS_RAD: Final = (0.0, 0.005, 0.015, PLAY_RAD)
 _AFTER_M: Final = (0.0, 0.05, 0.1, 0.2)
 """Ways after a reversal on which a caster turns over."""
 
@@ -241,9 +242,11 @@ def _by_reversal(motion: Motion) -> Basis:
 
 
 def _by_each_wheels_reversal(motion: Motion) -> Basis:
-    """Return the way after each of a wheel's own reversals, float64[2, n] for each wheel: behind a
-    play it is counted before the wheel follows. The plainest is the play of one wheel."""
-    functions = []
+    """Return stretches of the way after each of a wheel's own reversals, float64[2, n] for each
+    wheel: behind a play it is counted before the wheel follows. The plainest is the play of one
+    wheel, of any of these ways."""
+    functions: list[Floats] = []
+    simple: list[tuple[int, int]] = []
     for wheel, rate in enumerate((motion.left_rate_rad_s, motion.right_rate_rad_s)):
         goes = _last_sign(rate, _TURNING_RAD_S)
         turned = np.flatnonzero((goes[1:] != goes[:-1]) & (goes[:-1] != 0)) + 1
@@ -252,11 +255,16 @@ def _by_each_wheels_reversal(motion: Motion) -> Basis:
         last = np.searchsorted(turned, np.arange(len(goes)), side="right") - 1
         way_rad = np.cumsum(np.abs(rate) * motion.dt_s)
         since_rad = np.where(last >= 0, way_rad - way_rad[turned[last]], math.inf)
-        after = np.zeros((2, len(goes)))
-        after[wheel] = since_rad < PLAY_RAD
-        functions.append(after)
+        first = len(functions)
+        for start_rad, stop_rad in pairwise(_PLAYS_RAD):
+            after = np.zeros((2, len(goes)))
+            after[wheel] = (since_rad >= start_rad) & (since_rad < stop_rad)
+            functions.append(after)
+            simple.append((first, len(functions)))
     whole = np.eye(len(functions))
-    return Basis(functions, [whole[:, [one]] for one in range(len(functions))])
+    return Basis(
+        functions, [whole[:, first:end].sum(axis=1, keepdims=True) for first, end in simple]
+    )
 
 
 def _by_each_wheels_speed(motion: Motion) -> Basis:

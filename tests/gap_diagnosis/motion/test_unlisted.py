@@ -47,10 +47,15 @@ def test_a_caster_that_turns_over_is_a_function_of_the_way_after_a_reversal() ->
     assert best.log_evidence > 50
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_play_without_its_name_is_a_function_of_the_way_after_a_wheels_reversal(side: str) -> None:
-    """Two steps of a degree passed for counts that came in half a second (extra_ticks, 0.97)."""
-    play = EffectSetting("backlash", (("side", side), ("width", 0.014)))
+@pytest.mark.parametrize(
+    ("side", "width_rad"), [("left", 0.014), ("right", 0.014), ("left", 0.005)]
+)
+def test_play_without_its_name_is_a_function_of_the_way_after_a_wheels_reversal(
+    side: str, width_rad: float
+) -> None:
+    """Two steps of a degree passed for counts that came in half a second (extra_ticks, 0.97); a
+    third of a degree, laid over ten times its way, for nothing (no gap, 0.93)."""
+    play = EffectSetting("backlash", (("side", side), ("width", width_rad)))
     model = MotionModel(drive(play), ROBOT, default_prior(), without=frozenset({"backlash"}))
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("encoder", "reversal")
