@@ -22,13 +22,11 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.drive.shapes import FEWEST_POLES, WAVE, Shapes
-from gap_diagnosis.drive.told import is_as_described, off
+from gap_diagnosis.drive.told import GIVES_WAY, is_as_described, off
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
 
-_GIVES_WAY: Final = 0.006
-"""Of its rate a wheel is off under load: what is unlisted must show beyond that."""
 AS_TOLD: Final = 0.3 * prior.GAIN.tolerance
 """A drive that is off by less of its rates does as it is told: on a slope every loop gives way."""
 _WAVES_TOLD: Final = 0.5 * prior.GAIN.tolerance
@@ -202,4 +200,4 @@ def _explained(null: Null, ways: Sequence[Floats]) -> list[float]:
 
 def _giving_way(logs: Floats) -> Floats:
     """Return log levels with a rate error of at least what any velocity loop has under load."""
-    return np.asarray(np.maximum(logs, np.log([1e-9, 1e-9, _GIVES_WAY, 1e-9, 1e-9])))
+    return np.asarray(np.maximum(logs, np.log([1e-9, 1e-9, GIVES_WAY, 1e-9, 1e-9])))
