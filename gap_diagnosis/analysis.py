@@ -315,8 +315,12 @@ def _for_a_while(motion: MotionBlock) -> list[Alternative]:
     levels = levels_of_spell(motion.model, at_first, motion.levels, laid)
     if levels is not None:
         again = [one.cause for one in spells(motion.model, levels, laid).values()]
-        found = _better(found, _at(motion, levels, again))
-    return [_dispersed(one, motion) for one in found]
+        found += _at(motion, levels, again)
+    # At other levels another stage may leave no trace in any window.
+    best: dict[str, Alternative] = {}
+    for one in sorted(found, key=lambda one: one.log_evidence):
+        best[one.stage] = one
+    return [_dispersed(one, motion) for one in best.values()]
 
 
 _LITTLE: Final = 3.0
