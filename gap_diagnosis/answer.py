@@ -237,11 +237,10 @@ def unknown_part(
             own = [one for one in analysis.alternatives if one.stage == stage][:3]
             found = [(one.variable, one.share, one.log_evidence) for one in own]
             seen = analysis.traces.get(stage)
-            telling = [one for one in own if one.log_evidence > 0]
-            windows += (
-                telling[0].windows if telling else () if seen is None or own else seen.windows
-            )
+            if own and own[0].log_evidence > 0:
+                windows += own[0].windows
             if seen is not None and not own:
+                windows += seen.windows
                 found = [("time", seen.goes_with_time, seen.goes_with_time)]
             windows += analysis.lost.windows if stage == "reference" else ()
         for named, share, evidence in found:

@@ -23,7 +23,14 @@ from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
-from gap_diagnosis.motion.unknown import SCALES, Alternative, usable
+from gap_diagnosis.motion.unknown import (
+    SCALES,
+    Alternative,
+    column_of,
+    free_columns,
+    usable,
+    usual_sizes,
+)
 from gap_diagnosis.motion.ways import WAYS, Way
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
@@ -72,19 +79,13 @@ def lay_out_ways(model: MotionModel) -> LaidWays:
     """Return the columns of everything that may act for a while."""
     nodes = model.nodes
     smooth = nodes.smooth
+    columns, nuisances = free_columns(model)
     nominal = residuals(nodes, predict(smooth))
-    taken = [0, *(index + 1 for index, _ in model.columns.nuisances)]
-    columns = [model.columns.values[..., place] for place in taken]
-    nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     ends_s = np.linspace(smooth.t_s[0], smooth.t_s[-1], _PARTS + 1)
     part = np.clip(np.searchsorted(ends_s, smooth.t_s, side="left") - 1, 0, _PARTS - 1)
     ways = [way for stage in ("wheel", "encoder", "gyro") for way in usable(nodes, WAYS[stage])]
-    for way in ways:
-        step = math.sqrt(way.low * way.high)
-        for place in range(_PARTS):
-            prediction = predict(smooth)
-            way.act(prediction, step * (part == place))
-            columns.append((nominal - residuals(nodes, prediction)) / step)
+    inside = [np.asarray(part == place, dtype=np.float64) for place in range(_PARTS)]
+    columns += [column_of(nodes, nominal, way, one) for way in ways for one in inside]
     steps = np.abs(smooth.left_step_rad) + np.abs(smooth.right_step_rad)
     driven = np.append(0.0, np.cumsum(np.bincount(part, steps, _PARTS)))
     passed = np.linspace(0.0, 1.0, _PARTS + 1)
@@ -166,7 +167,7 @@ def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
     # What leaves no trace at its largest is not asked for.
     seen = laid.admitted[place] & (way.high**2 * power > 1.0)
     power = np.where(seen, power, 1.0)
-    usual = np.geomspace(way.low, way.high, SCALES)
+    usual = usual_sizes(way.low, way.high)
     parts = np.stack([_gain(power, pull, size) for size in usual])
     logs = np.logaddexp.reduce(parts, axis=0)
     shares = np.exp(parts - logs)
@@ -204,7 +205,7 @@ def levels_of_spell(
     parts = first + best.way * _PARTS + np.arange(best.first, best.last)
     column = laid.values[..., parts].sum(axis=-1, keepdims=True)
     values = np.ascontiguousarray(np.concatenate([laid.values[..., :first], column], axis=-1))
-    usual = np.geomspace(laid.ways[best.way].low, laid.ways[best.way].high, SCALES)
+    usual = np.array(usual_sizes(laid.ways[best.way].low, laid.ways[best.way].high))
 
     def weigh(levels: Floats) -> Weighed:
         white, log_variance = whiten(values, model.course, levels, model.nodes.ticks)

@@ -250,10 +250,8 @@ def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
     """Return the columns of all alternatives, or of one stage and variable."""
     nodes = model.nodes
     smooth = nodes.smooth
+    columns, nuisances = free_columns(model)
     nominal = residuals(nodes, predict(smooth))
-    taken = [0, *(index + 1 for index, _ in model.columns.nuisances)]
-    columns = [model.columns.values[..., place] for place in taken]
-    nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     lead_s = 0.5 * model.robot.tolerance.time_offset_s  # half of a tolerance is no gap
     plans: list[Plan] = []
     for stage, ways in WAYS.items():
@@ -265,14 +263,34 @@ def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
             if not own or not base.functions:
                 continue
             first = len(columns) - 1
-            for way in own:
-                step = math.sqrt(way.low * way.high)
-                for function in base.functions:
-                    prediction = predict(smooth)
-                    way.act(prediction, step * function)
-                    columns.append((nominal - residuals(nodes, prediction)) / step)
+            columns += [
+                column_of(nodes, nominal, way, function)
+                for way in own
+                for function in base.functions
+            ]
             plans.append(_planned(stage, variable, first, own, base, lead_s, model.without))
     return Laid(np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, plans)
+
+
+def free_columns(model: MotionModel) -> tuple[list[Floats], list[tuple[int, float]]]:
+    """Return data and columns of what is free beside every cause, and where those stand with their
+    standard deviations."""
+    taken = [0, *(index + 1 for index, _ in model.columns.nuisances)]
+    columns = [np.asarray(model.columns.values[..., place]) for place in taken]
+    return columns, [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
+
+
+def column_of(nodes: Nodes, nominal: Floats, way: Way, function: Floats) -> Floats:
+    """Return what a unit of a function changes of *nominal* residuals in one way, float64[4, m]."""
+    step = math.sqrt(way.low * way.high)
+    prediction = predict(nodes.smooth)
+    way.act(prediction, step * function)
+    return np.asarray((nominal - residuals(nodes, prediction)) / step)
+
+
+def usual_sizes(low: Floats | float, high: Floats | float) -> list[Floats | float]:
+    """Return usual sizes, evenly over the orders of magnitude between two ends."""
+    return [low * (high / low) ** (step / (SCALES - 1)) for step in range(SCALES)]
 
 
 def _planned(
@@ -304,8 +322,7 @@ def _planned(
     shapes = []
     for mix in mixes:
         low, high, least = scales[np.argmax(mix != 0, axis=0)].T
-        usual = [low * (high / low) ** (step / (SCALES - 1)) for step in range(SCALES)]
-        shapes.append(Shape(mix, np.array([*usual, least])))
+        shapes.append(Shape(mix, np.array([*usual_sizes(low, high), least])))
     columns = np.arange(first, first + len(whole))
     return Plan(stage, variable, columns, shapes, ways, base.functions)
 

@@ -12,8 +12,8 @@ from scipy.ndimage import uniform_filter1d
 Floats = NDArray[np.float64]
 
 _SAFE: Final = 45.0
-"""Student's noise of three degrees of freedom makes a step of so many standard deviations about
-once in 10^5 samples."""
+"""Student's noise of three degrees of freedom makes a step of so many standard deviations three
+times in a million."""
 _AVERAGED: Final = ((5.0, 7, 7), (0.0, 15, 45))
 """Of how many standard deviations a step of half a turn is at least; how many samples are then
 averaged before turns are counted, as fewer blur a turning robot less; and over how many it is told

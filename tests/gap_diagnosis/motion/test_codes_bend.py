@@ -82,7 +82,7 @@ def test_wheels_that_roll_roughly_do_not_tell_which_code_a_held_bit_hides() -> N
 @pytest.mark.parametrize(("bit", "value"), [(7, 0), (8, 1)])
 def test_a_stuck_bit_makes_no_noisy_gyro(bit: int, value: int) -> None:
     """How it makes codes jump is known in the mean only: what that leaves was a noise of seven
-    times the described one, named beside the bit (9 nats, 1.0 in three of seven sealed cases)."""
+    times the described one, named beside the bit (9 nats, 1.0 in three of eleven sealed cases)."""
     stuck = EffectSetting("adc_stuck_bit", (("bit", bit), ("value", value)))
     model = MotionModel(squares(stuck), ROBOT, default_prior())
     some = tuple(one for one in model.columns.terms if one.variant.effect == "adc_stuck_bit")

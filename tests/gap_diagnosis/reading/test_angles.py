@@ -29,8 +29,8 @@ def test_a_heading_keeps_its_turns_however_it_trembles(seed: int, noise_rad: flo
 @pytest.mark.parametrize("noise_rad", [0.1, 0.3, 0.42, 0.6])
 @pytest.mark.parametrize("turn_rad_s", [0.0, 2.0])
 def test_tails_of_noise_make_no_turns(turn_rad_s: float, noise_rad: float) -> None:
-    """Student's noise of three degrees of freedom (a reference of 0.3 rad made three turns in a
-    minute: a healthy robot had an unlisted cause in its wheels, > 99.9 %)."""
+    """Student's noise of three degrees of freedom (a reference of 0.3 rad made four turns in 80
+    seconds: a healthy robot had an unlisted cause in its wheels, > 99.9 %)."""
     for seed in range(20):
         random = np.random.default_rng(seed)
         turn = np.cumsum(np.tile(np.repeat([0.0, turn_rad_s], 250), 12)) * 0.01
