@@ -13,11 +13,12 @@ from wandering import wandering_by
 from gap_diagnosis import analysis
 from gap_diagnosis.analysis import _alternatives, _at
 from gap_diagnosis.hypothesis import Fit
-from gap_diagnosis.motion import unknown
+from gap_diagnosis.motion import spells, unknown
 from gap_diagnosis.motion.block import beyond
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.spells import lay_out_ways
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, lay_out
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -209,7 +210,10 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
         return residuals(*given)
 
     monkeypatch.setattr(unknown, "residuals", counted)
-    columns = lay_out(model).values.shape[-1] - 1 - len(model.columns.nuisances)
+    monkeypatch.setattr(spells, "residuals", counted)
+    laid_out = [lay_out(model).values, lay_out_ways(model).values]
+    free = 1 + len(model.columns.nuisances)
+    columns = sum(one.shape[-1] - free for one in laid_out)
     once = len(calls)
     motion = SimpleNamespace(
         model=model,
@@ -220,7 +224,7 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
         dispersed=lambda *as_they_are: as_they_are,
     )
     _alternatives(motion, gross=False)
-    assert once == 1 + columns
+    assert once == len(laid_out) + columns
     assert len(calls) == 2 * once
 
 
