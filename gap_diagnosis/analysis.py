@@ -312,7 +312,7 @@ def _for_a_while(motion: MotionBlock) -> list[Alternative]:
     if not at_first:
         return []
     found = _at(motion, motion.levels, [one.cause for one in at_first.values()])
-    levels = levels_of_spell(motion.model, at_first, motion.levels, laid)
+    levels = levels_of_spell(motion.model, at_first, motion.levels)
     if levels is not None:
         again = [one.cause for one in spells(motion.model, levels, laid).values()]
         found += _at(motion, levels, again)

@@ -2,16 +2,22 @@
 
 A tyre that loses its air, a load that is taken up, a floor of another kind: a smooth function of
 time follows such an edge badly, and two or three listed effects together may pass for it. Each way
-in which wheels, counts or a gyro can err is weighed in every window between two ends of a grid. As
-it is what it does up to the window's end less what it does up to its start, one whitened column per
-part of the log gives all of them. What a listed effect does in a window is not weighed again.
+in which wheels or a gyro can err is weighed in every window between two ends of a grid. As it is
+what it does up to the window's end less what it does up to its start, one whitened column per part
+of the log gives all of them. What is strong is weighed again in windows of a finer grid about the
+likeliest one: of a slip of 4 %, a second too many costs more than most effects are worth. What a
+listed effect does in a window is not weighed again.
+
+A wheel that goes less far than it counts for a while slips: what puts an encoder off in proportion
+to its wheel's way does not come and go.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -36,8 +42,18 @@ from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
 
 _PARTS: Final = 24
-_WORTH_LEVELS: Final = 6.0
-"""What is likelier than no effect by so much [nat] gets noise levels of its own."""
+_FINER: Final = 6
+"""So many times finer is the grid about the likeliest window,"""
+_TIMES: Final = 3
+"""and so often it is made finer: of a log of two minutes to 0.02 s."""
+_STRONG: Final = 6.0
+"""What is likelier than no effect by so much [nat] gets finer windows and its own noise levels."""
+
+_WAYS: Final = (
+    *WAYS["wheel"],
+    *(replace(way, stage="wheel") for way in WAYS["encoder"]),
+    *WAYS["gyro"],
+)
 
 
 @dataclass(frozen=True)
@@ -46,14 +62,11 @@ class Spell:
 
     Attributes:
         cause: with its evidence, over all windows and all ways of the stage.
-        way: which, of those laid out.
-        first, last: parts of the log in which it acts; *last* is not among them.
+        way: which.
     """
 
     cause: Alternative
-    way: int
-    first: int
-    last: int
+    way: Way
 
 
 @dataclass(frozen=True)
@@ -77,89 +90,159 @@ class LaidWays:
 
 def lay_out_ways(model: MotionModel) -> LaidWays:
     """Return the columns of everything that may act for a while."""
-    nodes = model.nodes
-    smooth = nodes.smooth
+    t_s = model.nodes.smooth.t_s
+    ends_s = np.linspace(t_s[0], t_s[-1], _PARTS + 1)
+    return _laid_between(model, usable(model.nodes, _WAYS), ends_s)
+
+
+def _laid_between(model: MotionModel, ways: list[Way], ends_s: Floats) -> LaidWays:
     columns, nuisances = free_columns(model)
-    nominal = residuals(nodes, predict(smooth))
-    ends_s = np.linspace(smooth.t_s[0], smooth.t_s[-1], _PARTS + 1)
-    part = np.clip(np.searchsorted(ends_s, smooth.t_s, side="left") - 1, 0, _PARTS - 1)
-    ways = [way for stage in ("wheel", "encoder", "gyro") for way in usable(nodes, WAYS[stage])]
-    inside = [np.asarray(part == place, dtype=np.float64) for place in range(_PARTS)]
-    columns += [column_of(nodes, nominal, way, one) for way in ways for one in inside]
-    steps = np.abs(smooth.left_step_rad) + np.abs(smooth.right_step_rad)
-    driven = np.append(0.0, np.cumsum(np.bincount(part, steps, _PARTS)))
-    passed = np.linspace(0.0, 1.0, _PARTS + 1)
-    admitted = [_admitted(way, passed if way.stage == "gyro" else driven, model) for way in ways]
+    nominal = residuals(model.nodes, predict(model.nodes.smooth))
+    inside = [_inside(model, *window) for window in itertools.pairwise(ends_s)]
+    columns += [column_of(model.nodes, nominal, way, one) for way in ways for one in inside]
+    admitted = np.array([_admitted(way, ends_s, model) for way in ways])
     values = np.ascontiguousarray(np.stack(columns, axis=-1))
-    return LaidWays(values, nuisances, ways, np.array(admitted), ends_s)
+    return LaidWays(values, nuisances, ways, admitted, ends_s)
 
 
-def _admitted(way: Way, passed: Floats, model: MotionModel) -> NDArray[np.bool_]:
+def _inside(model: MotionModel, start_s: float, stop_s: float) -> Floats:
+    """Return one for each tick that ends in a window, none for the others."""
+    t_s = model.nodes.smooth.t_s
+    begun = (t_s > start_s) | (start_s <= t_s[0])
+    return np.asarray(begun & (t_s <= stop_s), dtype=np.float64)
+
+
+def _admitted(way: Way, ends_s: Floats, model: MotionModel) -> NDArray[np.bool_]:
     """Tell in which windows a way is no listed effect and leaves out enough of the log to be told
-    from what acts all the time: bool[e, e]. *passed* is what has passed up to each end."""
-    inside = np.subtract.outer(passed, passed).T
+    from what acts all the time: bool[e, e]."""
+    smooth = model.nodes.smooth
+    steps = np.abs(smooth.left_step_rad) + np.abs(smooth.right_step_rad)
+    passed = smooth.t_s - smooth.t_s[0] if way.stage == "gyro" else np.cumsum(steps)
+    by_end = np.interp(ends_s, smooth.t_s, passed)
+    inside = np.subtract.outer(by_end, by_end).T
     found = (inside > 0.0) & (passed[-1] - inside > LEFT_OUT * passed[-1])
     listed = way.for_a_while
     if listed and listed not in model.without:
         if listed not in LASTING:
             return np.zeros_like(found)
-        found[0], found[:, -1] = False, False
+        found[ends_s <= smooth.t_s[0]] = False
+        found[:, ends_s >= smooth.t_s[-1]] = False
     return np.asarray(np.triu(found, 1))
 
 
 def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spell]:
     """Return what each stage may have done for a while, at these noise levels."""
-    white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
-    gram = gram_of(white, log_variance, laid.nuisances, levels)
-    above_noise = max(gram.left_over - len(white), 1.0)
-    by_stage: dict[str, list[int]] = {}
-    for place, way in enumerate(laid.ways):
-        if laid.admitted[place].any():
-            by_stage.setdefault(way.stage, []).append(place)
+    gram, above_noise = _gram_of(model, levels, laid)
     found = {}
-    for stage, places in by_stage.items():
-        weighed = {place: _weighed(gram, laid, place) for place in places}
-        weighed = {place: one for place, one in weighed.items() if one.is_seen}
+    for stage in dict.fromkeys(way.stage for way in laid.ways):
+        weighed = {
+            way: _weighed(gram, laid, place)
+            for place, way in enumerate(laid.ways)
+            if way.stage == stage and laid.admitted[place].any()
+        }
+        weighed = {way: one for way, one in weighed.items() if one.is_seen}
         if not weighed:
             continue
-        best = max(weighed, key=lambda place: float(weighed[place].log_evidence.max()))
-        own = weighed[best].log_evidence
-        first, last = (int(end) for end in np.unravel_index(np.argmax(own), own.shape))
-        likelihood = float(weighed[best].log_likelihood[first, last])
+        best = max(weighed, key=lambda way: float(weighed[way].log_evidence.max()))
+        sharpest = weighed[best]
+        by_way = {way: _log_mean(one.log_evidence) for way, one in weighed.items()}
+        if by_way[best] > _STRONG:
+            whole = sharpest.log_integral - by_way[best]
+            integral, sharpest = _sharpened(model, levels, best, sharpest, _TIMES)
+            by_way[best] = integral - whole
+        first, last = sharpest.likeliest
+        likelihood = float(sharpest.log_likelihood[first, last])
         cause = Alternative(
             stage,
             "time",
-            _log_mean([_log_mean(one.log_evidence) for one in weighed.values()]),
+            _log_mean([*by_way.values()]),
             likelihood,
             min(2 * likelihood / above_noise, 1.0),
-            ((float(laid.ends_s[first]), float(laid.ends_s[last])),),
+            ((float(sharpest.ends_s[first]), float(sharpest.ends_s[last])),),
             _log_mean([_log_mean(one.log_within) for one in weighed.values()]),
-            laid.ways[best].told(float(weighed[best].size[first, last])),
+            best.told(float(sharpest.size[first, last])),
         )
-        found[stage] = Spell(cause, best, first, last)
+        found[stage] = Spell(cause, best)
     return found
 
 
 @dataclass(frozen=True)
 class _Windows:
     """Of one way in each window, float64[e, e]: log evidence, minus infinity where it is not
-    admitted or leaves no trace, that of so little that it is no gap, log likelihood, and size."""
+    admitted or leaves no trace, that of so little that it is no gap, log likelihood, and size.
+
+    Their ends *ends_s* lie on a grid of *step_s*.
+    """
 
     log_evidence: Floats
     log_within: Floats
     log_likelihood: Floats
     size: Floats
+    ends_s: Floats
+    step_s: float
 
     @property
     def is_seen(self) -> bool:
         """Tell whether it leaves a trace in any window."""
         return bool(np.isfinite(self.log_evidence).any())
 
+    @property
+    def likeliest(self) -> tuple[int, int]:
+        """The ends of the likeliest window, as places of *ends_s*."""
+        first, last = np.unravel_index(np.argmax(self.log_evidence), self.log_evidence.shape)
+        return int(first), int(last)
 
-def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
-    own = len(laid.nuisances) + place * _PARTS + np.arange(_PARTS)
+    @property
+    def log_integral(self) -> float:
+        """Over when it begins and when it ends [log of s^2]."""
+        return float(np.logaddexp.reduce(self.log_evidence.ravel())) + 2 * math.log(self.step_s)
+
+    def near_likeliest(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell which ends lie within a step of the likeliest window's."""
+        first, last = (np.abs(self.ends_s - self.ends_s[one]) for one in self.likeliest)
+        return first < 1.01 * self.step_s, last < 1.01 * self.step_s
+
+
+def _sharpened(
+    model: MotionModel, levels: Floats, way: Way, windows: _Windows, times: int
+) -> tuple[float, _Windows]:
+    """Return the logarithm of the integral [s^2] with the windows about the likeliest one weighed
+    on finer grids, and those of the finest."""
+    if times == 0:
+        return windows.log_integral, windows
+    step_s = windows.step_s / _FINER
+    steps_s = step_s * np.arange(-_FINER, _FINER + 1)
+    t_s = model.nodes.smooth.t_s
+    starts_s, stops_s = (
+        np.clip(windows.ends_s[place] + steps_s, t_s[0], t_s[-1]) for place in windows.likeliest
+    )
+    ends_s = np.unique(np.concatenate((starts_s, stops_s)))
+    laid = _laid_between(model, [way], ends_s)
+    laid.admitted[:] &= np.isin(ends_s, starts_s)[:, None] & np.isin(ends_s, stops_s)
+    finer = _weighed(_gram_of(model, levels, laid)[0], laid, 0, step_s)
+    if not finer.is_seen:
+        return windows.log_integral, windows
+    inside, finest = _sharpened(model, levels, way, finer, times - 1)
+    near = np.ix_(*windows.near_likeliest())
+    outside = windows.log_evidence.copy()
+    outside[near] = -np.inf
+    return float(np.logaddexp(replace(windows, log_evidence=outside).log_integral, inside)), finest
+
+
+def _gram_of(model: MotionModel, levels: Floats, laid: LaidWays) -> tuple[Gram, float]:
+    """Return inner products, and the whitened data's energy above noise."""
+    white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
+    gram = gram_of(white, log_variance, laid.nuisances, levels)
+    return gram, max(gram.left_over - len(white), 1.0)
+
+
+def _weighed(gram: Gram, laid: LaidWays, place: int, step_s: float | None = None) -> _Windows:
+    """Return what speaks for one way in each window between the ends, of a grid of *step_s* or else
+    of that which they make."""
+    parts = len(laid.ends_s) - 1
+    own = len(laid.nuisances) + place * parts + np.arange(parts)
     data = np.append(0.0, np.cumsum(gram.data[own]))
-    inner = np.zeros((_PARTS + 1, _PARTS + 1))
+    inner = np.zeros((parts + 1, parts + 1))
     inner[1:, 1:] = np.cumsum(np.cumsum(gram.inner[np.ix_(own, own)], axis=0), axis=1)
     pull = np.subtract.outer(data, data).T
     power = np.diag(inner)[:, None] + np.diag(inner)[None, :] - inner - inner.T
@@ -168,15 +251,17 @@ def _weighed(gram: Gram, laid: LaidWays, place: int) -> _Windows:
     seen = laid.admitted[place] & (way.high**2 * power > 1.0)
     power = np.where(seen, power, 1.0)
     usual = usual_sizes(way.low, way.high)
-    parts = np.stack([_gain(power, pull, size) for size in usual])
-    logs = np.logaddexp.reduce(parts, axis=0)
-    shares = np.exp(parts - logs)
+    gained = np.stack([_gain(power, pull, size) for size in usual])
+    logs = np.logaddexp.reduce(gained, axis=0)
+    shares = np.exp(gained - logs)
     shrunk = np.stack([size**2 * pull / (1.0 + size**2 * power) for size in usual])
     return _Windows(
         np.where(seen, logs - math.log(SCALES), -np.inf),
         np.where(seen, _gain(power, pull, way.within), -np.inf),
         np.where(seen, 0.5 * pull**2 / power, 0.0),
         np.sum(shares * shrunk, axis=0),
+        laid.ends_s,
+        float(laid.ends_s[1] - laid.ends_s[0]) if step_s is None else step_s,
     )
 
 
@@ -193,22 +278,18 @@ def _log_mean(logs: Floats | Sequence[float]) -> float:
     return float(np.logaddexp.reduce(known)) - math.log(len(known))
 
 
-def levels_of_spell(
-    model: MotionModel, found: Mapping[str, Spell], start: Floats, laid: LaidWays
-) -> Floats | None:
+def levels_of_spell(model: MotionModel, found: Mapping[str, Spell], start: Floats) -> Floats | None:
     """Return the noise levels that suit the likeliest of all best, sought from *start*; None where
     none is clearly likelier than no effect."""
     best = max(found.values(), key=lambda one: one.cause.log_evidence)
-    if best.cause.log_evidence < _WORTH_LEVELS:
+    if best.cause.log_evidence < _STRONG:
         return None
-    first = 1 + len(laid.nuisances)
-    parts = first + best.way * _PARTS + np.arange(best.first, best.last)
-    column = laid.values[..., parts].sum(axis=-1, keepdims=True)
-    values = np.ascontiguousarray(np.concatenate([laid.values[..., :first], column], axis=-1))
-    usual = np.array(usual_sizes(laid.ways[best.way].low, laid.ways[best.way].high))
+    (window,) = best.cause.windows
+    laid = _laid_between(model, [best.way], np.array(window))
+    usual = np.array(usual_sizes(best.way.low, best.way.high))
 
     def weigh(levels: Floats) -> Weighed:
-        white, log_variance = whiten(values, model.course, levels, model.nodes.ticks)
+        white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
         gram = gram_of(white, log_variance, laid.nuisances, levels)
         gained = _gain(gram.inner[-1:, -1:], gram.data[-1:], usual)
         gain = float(np.logaddexp.reduce(gained.ravel())) - math.log(SCALES)

@@ -14,6 +14,7 @@ from motion_cases import ROBOT, WIRE
 from gap_diagnosis.analysis import _for_a_while as for_a_while
 from gap_diagnosis.analysis import analyse
 from gap_diagnosis.facts import notes_on
+from gap_diagnosis.motion import spells as module
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import gram_of
@@ -49,21 +50,44 @@ def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
     log = drive(slip(21.0, 38.0))
     model = model_of(log)
     found = spells(model, model.no_effect_levels, lay_out_ways(model))
-    ((start_s, stop_s),) = found["encoder"].cause.windows
-    part_s = (log.t_s[-1] - log.t_s[0]) / 24
-    assert (start_s, stop_s) == pytest.approx((21.0, 38.0), abs=part_s)
-    assert found["encoder"].cause.log_evidence > 50
+    ((start_s, stop_s),) = found["wheel"].cause.windows
+    assert (start_s, stop_s) == pytest.approx((21.0, 38.0), abs=0.3)
+    assert found["wheel"].cause.log_evidence > 50
     evidence = {stage: one.cause.log_evidence for stage, one in found.items()}
-    assert max(evidence, key=lambda stage: evidence[stage]) == "encoder"
+    assert max(evidence, key=lambda stage: evidence[stage]) == "wheel"
+
+
+def test_a_strong_one_is_weighed_in_the_window_in_which_it_acts() -> None:
+    """On a grid of 24 parts, a slip of 4 % lacked 700 nats of what its window explains, and counts
+    lost at some speed for a while were .99."""
+    model = model_of(drive(slip(21.8, 28.5, 0.04)))
+    levels = model.no_effect_levels
+    found = spells(model, levels, lay_out_ways(model))["wheel"].cause
+    assert found.windows[0] == pytest.approx((21.8, 28.5), abs=0.05)
+
+
+def test_a_finer_grid_about_the_likeliest_window_is_worth_a_finer_grid_everywhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Half a nat is what a quadrature of so few windows may be off by."""
+    model = model_of(drive(slip(21.8, 28.5, 0.04)))
+    levels = model.no_effect_levels
+    monkeypatch.setattr(module, "_TIMES", 1)
+    refined = spells(model, levels, lay_out_ways(model))["wheel"].cause
+    monkeypatch.setattr(module, "_PARTS", 24 * 6)
+    monkeypatch.setattr(module, "_TIMES", 0)
+    fine = spells(model, levels, lay_out_ways(model))["wheel"].cause
+    assert refined.windows[0] == pytest.approx(fine.windows[0], abs=1e-6)
+    assert refined.log_evidence == pytest.approx(fine.log_evidence, abs=0.5)
 
 
 def test_it_is_likelier_than_listed_effects_together() -> None:
     analysis = analyse(drive(slip(21.0, 38.0)), ROBOT, WIRE, default_prior(), without=SLIP)
     assert analysis.motion is not None
-    assert analysis.unknown["encoder"] > analysis.motion.explained + 20
+    assert analysis.unknown["wheel"] > analysis.motion.explained + 20
     best = analysis.alternatives[0]
-    assert (best.stage, best.variable) == ("encoder", "time")
-    (note,) = notes_on([analysis], (), unlisted_in="encoder")[:1]
+    assert (best.stage, best.variable) == ("wheel", "time")
+    (note,) = notes_on([analysis], (), unlisted_in="wheel")[:1]
     told = re.search(
         r"from about (\d+) s to (\d+) s, and not before or after, "
         r"the right wheel goes about ([\d.]+)% less far than it counts\.",
@@ -78,10 +102,10 @@ def test_it_is_likelier_than_listed_effects_together() -> None:
 def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
     model = model_of(drive(slip(21.0, 38.0)), frozenset())
     laid = lay_out_ways(model)
-    assert "encoder" not in spells(model, model.no_effect_levels, laid)
     for way, admitted in zip(laid.ways, laid.admitted, strict=True):
         lasting = admitted[0].any() or admitted[:, -1].any()
         assert lasting == (not way.for_a_while)
+        assert admitted.any() == (way.for_a_while != "one_sided_slip")
 
 
 @pytest.mark.parametrize("reference", [None, ReferenceNoise()])
@@ -105,12 +129,12 @@ def test_a_stage_that_shows_at_some_levels_of_noise_only_is_told_of_by_those(
     def seldom(*known: Any) -> dict[str, Spell]:
         found = spells(*known)
         asked.append(len(asked))
-        return found if len(asked) == 1 else {"encoder": found["encoder"]}
+        return found if len(asked) == 1 else {"wheel": found["wheel"]}
 
     monkeypatch.setattr("gap_diagnosis.analysis.spells", seldom)
     told = [one.stage for one in for_a_while(block)]
     assert len(asked) == 2
-    assert sorted(told) == ["encoder", "gyro", "wheel"]
+    assert sorted(told) == ["gyro", "wheel"]
 
 
 def test_no_note_tells_what_is_not_believed() -> None:
@@ -118,8 +142,7 @@ def test_no_note_tells_what_is_not_believed() -> None:
     log = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=ReferenceNoise())
     blind = replace(log, gyro_code=None, gyro_rate_rad_s=None)
     analysis = analyse(blind, ROBOT, WIRE, default_prior())
-    for stage in ("wheel", "encoder"):
-        assert "and not" not in " ".join(notes_on([analysis], (), unlisted_in=stage))
+    assert "and not" not in " ".join(notes_on([analysis], (), unlisted_in="wheel"))
 
 
 def test_a_gyro_that_says_too_little_for_a_while_is_told_with_its_sense() -> None:
@@ -142,8 +165,11 @@ def rate_less(log: Recording, codes: Floats) -> Floats:
     return np.asarray(log.gyro_rate_rad_s - codes / ROBOT.plant.gyro.sensitivity_lsb_per_rad_s)
 
 
-def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it() -> None:
+def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Equal to the digits, though no window has a column of its own."""
+    monkeypatch.setattr(module, "_TIMES", 0)
     model = model_of(drive(slip(21.0, 38.0)))
     levels, laid = model.no_effect_levels, lay_out_ways(model)
     first, last = 5, 13
