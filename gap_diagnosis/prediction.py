@@ -52,6 +52,7 @@ class Motion:
         gyro_unsure_rad2: variance of a tick's turn by the gyro beyond its noise: a sample was lost,
             or may be of a moment.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
+        gyro_is_filled: bool[n], where it is interpolated.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
             description; the noise is that of one sample.
         gyro_at_its_end: bool[n], codes at an end of the described range or within a sample's noise
@@ -92,6 +93,7 @@ class Motion:
     acceleration_m_s2: Floats
     gyro_turn_rad: Floats | None
     gyro_code: Floats | None
+    gyro_is_filled: NDArray[np.bool_]
     gyro_sensitivity_lsb_per_rad_s: float
     gyro_zero_rate_code: float
     gyro_noise_lsb: float

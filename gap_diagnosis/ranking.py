@@ -11,7 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
+from gap_diagnosis.block_sums import (
+    Effects,
+    quick_of,
+    silent_of,
+    total_of,
+    with_a_held_bit,
+)
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.no_news import moved
@@ -35,6 +41,9 @@ _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
 _LARGER: Final = 6
 _APART: Final = 2
+_BESIDE: Final = 4
+_APART_FROM_WAYS: Final = frozenset({"bus", "codes"})
+"""Blocks of which no other sees what they see."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,7 @@ class Ranking:
             for one in self.sets
             if one.effects != effects
             and len(one.effects) <= len(effects)
+            and one.probability > 0.0  # else its sizes are such that no effect has them
             and 2 * (own.explained - _as_well(one, own)) < THRESHOLD
         ]
         return [one for one in near if not any(_adds_nothing(one, less) for less in self.sets)]
@@ -149,10 +159,11 @@ def rank(
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
+    several = list(dict.fromkeys([*several, *with_a_held_bit(logs, several)]))
     for effects in several:
         if effects <= log_prior.keys():
             scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
-    scored |= _with_one_apart(logs, prior, scored, singles, log_prior, several)
+    scored |= _with_others_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
     scored = _at_work(logs, scored, owned)
     guesses = {
@@ -275,7 +286,7 @@ def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> b
     )
 
 
-def _with_one_apart(
+def _with_others_apart(
     logs: Sequence[Sequence[Block]],
     prior: Prior,
     scored: Mapping[Effects, Score],
@@ -283,9 +294,10 @@ def _with_one_apart(
     log_prior: Mapping[str, float],
     several: Sequence[Effects],
 ) -> Scores:
-    """Return several effects of the motion with one that only the drive or the bus sees.
+    """Return effects of the motion with what only the drive, the bus or the codes see.
 
-    On real robots wheels and gyro differ in several ways, and a drive never does as it is told.
+    On real robots wheels and gyro differ in several ways, a drive never does as it is told, and
+    clocks and frames have ways of their own.
     """
     seen = {e for blocks in logs for b in blocks if b.name == "motion" for e in b.effects}
     apart = [
@@ -293,18 +305,23 @@ def _with_one_apart(
     ]
     apart.sort(key=lambda effect: -singles[effect][0])
     large = {one for one in several if one in scored}
-    known = {one for one in large if len(one) + 1 < len(prior.effects)}
+    small = [one for one in scored if 0 < len(one) < 3 and one <= seen]
+    small.sort(key=lambda one: -scored[one][0])
     found: Scores = {}
-    bus = {e for blocks in logs for b in blocks if b.name == "bus" for e in b.effects}
+    silent = {e for blocks in logs for b in blocks if b.name in _APART_FROM_WAYS for e in b.effects}
     # What neither motion nor commands show stands beside every set, the largest too, as it stands
     # beside none: else a clock takes the place of what the wheels do.
-    for effect in [one for one in apart if one in bus]:
-        evidence, likelihood = singles[effect]
-        for some in sorted(large, key=sorted):
-            if not _is_shared(logs, some, effect):
-                gained, likelier, _ = scored[some]
-                weight = _log_prior_of(some | {effect}, prior, log_prior)
-                found[some | {effect}] = gained + evidence, likelier + likelihood, weight
+    beside = [effect for effect in apart if effect in silent][:_BESIDE]
+    for others in (one for n in range(1, len(beside) + 1) for one in combinations(beside, n)):
+        evidence, likelihood = total_of(logs, frozenset(others))
+        for some in [*sorted(large, key=sorted), *small[:_TRIPLED], frozenset[str]()]:
+            names = some | frozenset(others)
+            if names in scored or any(_is_shared(logs, some, effect) for effect in others):
+                continue
+            gained, likelier, _ = scored[some]
+            weight = _log_prior_of(names, prior, log_prior)
+            found[names] = gained + evidence, likelier + likelihood, weight
+    known = {one for one in large if len(one) + 1 < len(prior.effects)}
     for some in sorted(known, key=lambda one: (-scored[one][0], sorted(one)))[:_LARGER]:
         for effect in apart[:_APART]:
             names = some | {effect}

@@ -61,10 +61,27 @@ def _scatter_of_missed(side: str) -> Scatter:
 
 
 def extra_ticks(motion: Motion) -> Iterable[Variant]:
-    """Return both sides."""
-    for side, act in (("left", encoder.extra_ticks_left), ("right", encoder.extra_ticks_right)):
-        scatter = _scatter_of_extra(side)
-        yield Variant("extra_ticks", act, ("rate",), report={"side": side}, scatter=scatter)
+    """Return both sides, at rates that leave a count alone for as long as it stands in this log.
+
+    Without a reference a gyro's bias turns as they do, and no wheel turns back as they come.
+    """
+    for side, act, step in (
+        ("left", encoder.extra_ticks_left, motion.left_step_rad),
+        ("right", encoder.extra_ticks_right, motion.right_step_rad),
+    ):
+        still = [motion.t_s[last] - motion.t_s[first] for first, last in runs(step == 0.0, 2)]
+        yield Variant(
+            "extra_ticks",
+            act,
+            ("rate",),
+            report={"side": side},
+            scatter=_scatter_of_extra(side),
+            most=_SELDOM / max([*still, motion.tick_s]),
+        )
+
+
+_SELDOM: Final = 8.0
+"""So many counts are expected while none comes once in 3,000 times (Poisson)."""
 
 
 def _scatter_of_extra(side: str) -> Scatter:

@@ -7,6 +7,7 @@ none.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -59,6 +60,7 @@ class Variant:
             which it acts where it does at this size: along them it is smooth in its size.
         varies: it is of tyres on a floor, which do now more and now less; the size of a wheel, or
             what is counted, is one number.
+        most: no coefficient of that size or more left the log as it is.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
     """
@@ -85,6 +87,7 @@ class Variant:
     rectifies: bool = False
     about: Callable[[float], Mapping[str, float]] | None = None
     varies: bool = False
+    most: float = math.inf
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:
         """Change *prediction* as the effect with these coefficients does."""

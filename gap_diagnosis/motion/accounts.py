@@ -253,6 +253,7 @@ class Accounts:
                 most = min(
                     _BELIEVED * of(term.variant.effect, name).high,
                     _largest(term.variant.effect, name),
+                    term.variant.most,
                 )
                 ranges.append((-small if term.variant.is_positive else -most, most))
         believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))

@@ -329,6 +329,7 @@ def _is_constant(nodes: Nodes, variant: Variant) -> bool:
     codes = nodes.motion.gyro_code
     if codes is None:
         return False
+    codes = codes[~nodes.motion.gyro_is_filled]
     whole = np.rint(codes[codes == np.rint(codes)]).astype(np.int64)
     bit, value = int(variant.fixed["bit"]), int(variant.fixed["value"])
     return len(whole) > 0 and bool(np.all((whole >> bit) & 1 == value))

@@ -136,6 +136,7 @@ def estimate_motion(
         else recording.unsure_ticks2 * rad_per_count**2,
         gyro_unsure_rad2=gyro_unsure,
         gyro_code=None if gyro_code is None else np.clip(gyro_code, 0, plant.adc.max_code),
+        gyro_is_filled=np.zeros(len(t_s), dtype=np.bool_) if code is None else ~np.isfinite(code),
         gyro_sensitivity_lsb_per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
         gyro_zero_rate_code=plant.gyro.zero_rate_code,
         gyro_noise_lsb=noise_lsb,

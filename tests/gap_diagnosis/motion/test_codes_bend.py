@@ -119,3 +119,21 @@ def test_a_held_bit_hides_codes_as_sharp_as_the_counters_tell_them(bit: int, val
 def squares(*effects: EffectSetting, robot: Robot = ROBOT) -> Recording:
     driven = trial_drive("squares", np.random.default_rng(4), 0.6)
     return synthetic_recording(robot, WIRE, driven, effects, 5, reference=ReferenceNoise())
+
+
+def test_what_stands_in_for_lost_codes_contradicts_no_held_bit() -> None:
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        replace(scenario("calibration"), seed=3),
+        [EffectSetting("adc_stuck_bit", (("bit", 6), ("value", 1)))],
+        5,
+        reference=None,
+        duration_s=20.0,
+    )
+    assert log.gyro_code is not None
+    lost = np.arange(len(log.t_s)) % 17 == 9
+    log = replace(log, gyro_code=np.where(lost, np.nan, log.gyro_code))
+    terms = MotionModel(log, ROBOT, default_prior()).columns.terms
+    held = {one.variant.fixed["bit"] for one in terms if one.variant.effect == "adc_stuck_bit"}
+    assert 6 in held

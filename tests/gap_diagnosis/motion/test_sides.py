@@ -31,3 +31,41 @@ def test_where_either_side_may_count_wrongly_both_of_their_rates_are_likely() ->
     assert min(sides.values()) > 0.1
     rates = np.asarray(found["extra_ticks.rate"].samples)
     assert np.mean(rates > 0.0) == pytest.approx(sides["left"], abs=0.1)
+
+
+def test_no_count_comes_at_a_rate_at_which_one_would_have_come_while_the_wheel_stood() -> None:
+    """Without a reference, a gyro's bias of 1 deg/s was 11 counts a second (.99), on a robot that
+    stood for nine seconds without one."""
+    bias = EffectSetting("gyro_bias", (("bias", 0.0168),))
+    drive = replace(scenario("stop_and_go"), seed=3)
+    log = synthetic_recording(ROBOT, WIRE, drive, (bias,), 4, reference=None, duration_s=30.0)
+    model = MotionModel(log, ROBOT, default_prior())
+    most = {
+        one.variant.report["side"]: one.variant.most
+        for one in model.columns.terms
+        if one.variant.effect == "extra_ticks"
+    }
+    for side, counts in (("left", log.left_ticks), ("right", log.right_ticks)):
+        turns = np.flatnonzero(np.diff(counts) != 0.0)
+        longest_s = float(np.diff(log.t_s[turns]).max())
+        assert most[side] <= 8.0 / (longest_s - 3 * log.tick_s)
+    block = MotionBlock(model)
+    assert block.fit(frozenset({"extra_ticks"})).log_evidence < 0.0
+    assert block.fit(frozenset({"gyro_bias"})).log_evidence > 50.0
+
+
+def test_the_rate_at_which_counts_come_is_never_out_of_the_question() -> None:
+    """One in 3,000 times, says Poisson."""
+    for rate in (0.5, 2.0, 20.0):
+        stray = EffectSetting("extra_ticks", (("side", "left"), ("rate", rate)))
+        for seed in range(4):
+            log = synthetic_recording(
+                ROBOT, WIRE, scenario("stop_and_go"), (stray,), seed, reference=None
+            )
+            model = MotionModel(log, ROBOT, default_prior())
+            (own,) = (
+                one.variant
+                for one in model.columns.terms
+                if one.variant.effect == "extra_ticks" and one.variant.report["side"] == "left"
+            )
+            assert own.most > rate

@@ -1,0 +1,58 @@
+"""Of robots with much that is off at once: sets over motion, bus and codes."""
+
+from __future__ import annotations
+
+import math
+
+from fake_blocks import PRIOR, STAGE, FakeBlock, ranked
+
+from gap_diagnosis.ranking import rank
+
+THREE = frozenset({"radius_scale", "wheelbase_scale", "gyro_bias"})
+STAGES = {**STAGE, "adc_stuck_bit": "gyro", "adc_inl": "gyro", "clock_skew": "bus"}
+GAINS = {"radius_scale": 60.0, "wheelbase_scale": 60.0, "gyro_bias": 60.0}
+
+
+def test_clocks_frames_and_codes_stand_together_beside_what_the_wheels_do() -> None:
+    """One of them at a time took the others' place."""
+    motion = FakeBlock(GAINS)
+    bus = FakeBlock({"clock_skew": 190.0, "frame_loss": 80.0}, name="bus")
+    codes = FakeBlock({"adc_missing_code": 50.0}, name="codes")
+    ranking = rank([[motion, bus, codes]], PRIOR, STAGES, {}, [THREE])
+    assert ranking.best.effects == THREE | {"clock_skew", "frame_loss", "adc_missing_code"}
+    assert ranking.best.probability > 0.99
+
+
+def test_three_of_the_bus_need_no_fault_of_the_motion() -> None:
+    bus = FakeBlock({"clock_skew": 190.0, "frame_loss": 80.0, "frame_jitter": 90.0}, name="bus")
+    stages = {**STAGES, "frame_jitter": "bus"}
+    ranking = rank([[FakeBlock({"gyro_bias": -2.0}), bus]], PRIOR, stages, {})
+    assert ranking.best.effects == {"clock_skew", "frame_loss", "frame_jitter"}
+
+
+def test_a_bit_that_the_codes_show_is_named_where_the_motion_takes_a_bend_for_it() -> None:
+    """On a real gyro's codes with one bit held, the codes said 160 nats and the motion, which did
+    not know how its samples tremble, 250 less with the bit than without: adc_inl, .98."""
+    bent, held = THREE | {"adc_inl"}, THREE | {"adc_stuck_bit"}
+    gains = {**GAINS, "adc_inl": 45.0, "adc_stuck_bit": -250.0}
+    codes = FakeBlock({"adc_stuck_bit": 160.0}, name="codes")
+    ranking = rank([[FakeBlock(gains), codes]], PRIOR, STAGES, {}, [THREE, bent])
+    assert ranking.best.effects == held
+    assert ranking.best.probability > 0.9
+
+
+def test_without_a_word_of_the_codes_a_bend_is_a_bend() -> None:
+    bent = THREE | {"adc_inl"}
+    gains = {**GAINS, "adc_inl": 45.0, "adc_stuck_bit": -250.0}
+    codes = FakeBlock({"adc_stuck_bit": 10.0}, name="codes")
+    ranking = rank([[FakeBlock(gains), codes]], PRIOR, STAGES, {}, [THREE, bent])
+    assert ranking.best.effects == bent
+
+
+def test_sizes_that_no_effect_has_are_not_among_equally_good_explanations() -> None:
+    """Of a gyro read with the wrong sign, wheels of minus their size were."""
+    block = FakeBlock({"radius_scale": 500.0, "gyro_scale": -1e6}, likelihood={"gyro_scale": 505.0})
+    ranking = ranked(block)
+    assert ranking.best.effects == {"radius_scale"}
+    assert not any("gyro_scale" in one.effects for one in ranking.group(ranking.best.effects))
+    assert math.isclose(ranking.of(frozenset({"gyro_scale"})).probability, 0.0)
