@@ -16,6 +16,7 @@ from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.importance import Bends
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.motion.onset import is_a_moment
 from gap_diagnosis.recording import Floats
 from hil_harness.effects import catalogue
 
@@ -241,12 +242,15 @@ class Accounts:
         return [float(one) for one in scored.means[int(np.argmax(scored.weights))]]
 
     def _beyond_belief(self, terms: Sequence[Term], sizes: Sequence[float]) -> float:
-        """Return what speaks against sizes that no effect has: nothing, or more than any evidence.
+        """Return what speaks against sizes and windows that no effect has: nothing, or more than
+        any evidence.
 
         The estimated motion leans on the reference: wheels that do not move at all in a room that
         is twice as large would explain it anywhere.
         """
         of = self.model.prior.of
+        if any(is_a_moment(term, self.model.nodes.motion) for term in terms):
+            return _NEVER
         ranges = []
         for term in terms:
             for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.choices import LASTING, SLIP_WINDOWS
 from gap_diagnosis.explanations.registry import rank_of
 from gap_diagnosis.explanations.variant import Action, Scatter, Variant
@@ -26,6 +26,9 @@ from gap_diagnosis.recording import Floats
 _GYRO_RANK: Final = 2
 LOG_SHARE: Final = math.log(0.1)
 """One effect in ten does not act on the whole log."""
+_FOR_A_WHILE: Final = frozenset({"one_sided_slip", "gyro_frozen", "encoder_dead"})
+_MOMENT: Final = 0.5 / SLIP_WINDOWS
+"""Of a log: half of a part of the grid in which windows are sought."""
 LOG_WEIGHT: Final = LOG_SHARE - math.log(SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2)
 """Log prior of one window of the grid, beside the effect on the whole log."""
 
@@ -39,6 +42,15 @@ def can_begin(term: Term) -> bool:
         and variant.effect not in GROSS
         and rank_of(variant) <= _GYRO_RANK
     )
+
+
+def is_a_moment(term: Term, motion: Motion) -> bool:
+    """Tell whether an effect that usually acts all the time would act for a moment only: what is
+    over so soon is an event of its own, a patch of ice or a push."""
+    fixed = term.variant.fixed
+    if "start_s" not in fixed or term.variant.effect not in EXPLAINED.keys() - _FOR_A_WHILE:
+        return False
+    return bool(fixed["stop_s"] - fixed["start_s"] < _MOMENT * (motion.t_s[-1] - motion.t_s[0]))
 
 
 def windowed(variant: Variant, start_s: float, stop_s: float) -> Variant:
