@@ -14,10 +14,6 @@ Effects = frozenset[str]
 
 _COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
-_BIT: Final = "adc_stuck_bit"
-_BEND: Final = "adc_inl"
-_SURELY: Final = 30.0
-"""What the codes say of a held bit where nothing else makes them so [nat]."""
 _SAME: Final = 1.5 * GAIN.tolerance
 """Counts in a turn are told alike by wheels and by commands to so much: three standard deviations
 of what any drive is off by, half a tolerance each."""
@@ -71,11 +67,9 @@ def concerned(
     logs: Sequence[Sequence[Block]], effects: Effects
 ) -> Iterator[tuple[Block, Effects, Effects]]:
     """Yield every block that speaks of some of these effects, with those, and with the errors of
-    counting that the motion shows clearly and a held bit that the codes do."""
+    counting that the motion shows clearly."""
     for blocks in logs:
         doubtful, shown = _counting(blocks, effects)
-        if _BIT in effects and _shows_a_bit(blocks):
-            shown = shown | {_BIT}
         for block in blocks:
             own = effects & block.effects
             if block.name == "drive":
@@ -95,23 +89,6 @@ def _counting(blocks: Sequence[Block], effects: Effects) -> tuple[Effects, Effec
     denied = frozenset(one for one in both & effects if _denies(motion, drive, one, effects))
     shown = frozenset(one for one in both if motion.fit(frozenset({one})).log_evidence > _CLEARLY)
     return denied, shown
-
-
-def _shows_a_bit(blocks: Sequence[Block]) -> bool:
-    """Tell whether the codes themselves show a held bit."""
-    bit = frozenset({_BIT})
-    return any(
-        block.name == "codes" and bit <= block.effects and block.fit(bit).log_evidence > _SURELY
-        for block in blocks
-    )
-
-
-def with_a_held_bit(logs: Sequence[Sequence[Block]], sets: Iterable[Effects]) -> list[Effects]:
-    """Return sets with the bit that the codes show, in the place of a bend; none where they show
-    none."""
-    if not any(_shows_a_bit(blocks) for blocks in logs):
-        return []
-    return [(one - {_BEND}) | {_BIT} for one in sets]
 
 
 def _denies(motion: Block, drive: Block, effect: str, effects: Effects) -> bool:
@@ -137,8 +114,6 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
     if block.name == "drive" and "encoder_dead" in effects:
         effects = effects - _COUNTING
     fit = block.fit(effects)
-    if block.name == "motion" and _BIT in effects & shown:
-        fit = _as_may_be(block, effects, fit)
     if block.name == "drive" and effects & _COUNTING and not effects & shown:
         fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
@@ -147,22 +122,6 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
     blind = block.fit(rest)
     evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
     return evidence, max(fit.log_likelihood, blind.log_likelihood)
-
-
-def _as_may_be(block: Block, effects: Effects, fit: Fit) -> Fit:
-    """Return the best of what the motion says with a bit that the codes show, without it, and with
-    a bend in its place.
-
-    What a held bit adds in the mean goes with where in its cell each sample lies: of a gyro that
-    trembles otherwise than described nobody knows that, and a bend would be named beside it.
-    """
-    rest = effects - {_BIT}
-    ways = [fit, *(block.fit(one & block.effects) for one in (rest, rest | {_BEND}))]
-    return replace(
-        fit,
-        log_evidence=max(one.log_evidence for one in ways) - math.log(len(ways)),
-        log_likelihood=max(one.log_likelihood for one in ways),
-    )
 
 
 def _allowance(block: Block, effects: Effects) -> float:

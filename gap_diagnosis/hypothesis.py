@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 EVERYTHING: Final = (-math.inf, math.inf)
+NEVER: Final = 1e6
+"""More than any evidence [nat]: what speaks against sizes that no effect has."""
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.block_sums import (
-    Effects,
-    quick_of,
-    silent_of,
-    total_of,
-    with_a_held_bit,
-)
+from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
-from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.hypothesis import NEVER, Block
 from gap_diagnosis.no_news import moved
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
@@ -41,9 +35,7 @@ _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
 _LARGER: Final = 6
 _APART: Final = 2
-_BESIDE: Final = 4
-_APART_FROM_WAYS: Final = frozenset({"bus", "codes"})
-"""Blocks of which no other sees what they see."""
+_BESIDE: Final = 5
 
 
 @dataclass(frozen=True)
@@ -98,7 +90,8 @@ class Ranking:
         """Return the other sets of at most as many effects that are not told apart from this.
 
         Where one effect of a set gains no more than chance gives, it names no cause: the others
-        stand for themselves, whether they are in the group or just out of it.
+        stand for themselves, whether they are in the group or just out of it. Nor do sizes that no
+        effect has.
         """
         own = self.of(effects)
         near = [
@@ -106,7 +99,7 @@ class Ranking:
             for one in self.sets
             if one.effects != effects
             and len(one.effects) <= len(effects)
-            and one.probability > 0.0  # else its sizes are such that no effect has them
+            and one.log_evidence > -0.5 * NEVER
             and 2 * (own.explained - _as_well(one, own)) < THRESHOLD
         ]
         return [one for one in near if not any(_adds_nothing(one, less) for less in self.sets)]
@@ -159,7 +152,6 @@ def rank(
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
-    several = list(dict.fromkeys([*several, *with_a_held_bit(logs, several)]))
     for effects in several:
         if effects <= log_prior.keys():
             scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
@@ -308,11 +300,13 @@ def _with_others_apart(
     small = [one for one in scored if 0 < len(one) < 3 and one <= seen]
     small.sort(key=lambda one: -scored[one][0])
     found: Scores = {}
-    silent = {e for blocks in logs for b in blocks if b.name in _APART_FROM_WAYS for e in b.effects}
-    # What neither motion nor commands show stands beside every set, the largest too, as it stands
-    # beside none: else a clock takes the place of what the wheels do.
-    beside = [effect for effect in apart if effect in silent][:_BESIDE]
+    driven = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
+    # What no effect of a set moves stands beside it, the largest too, as it stands beside none:
+    # else a clock takes the place of what the wheels do.
+    beside = apart[:_BESIDE]
     for others in (one for n in range(1, len(beside) + 1) for one in combinations(beside, n)):
+        if len(driven.intersection(others)) > 1:
+            continue
         evidence, likelihood = total_of(logs, frozenset(others))
         for some in [*sorted(large, key=sorted), *small[:_TRIPLED], frozenset[str]()]:
             names = some | frozenset(others)

@@ -69,19 +69,30 @@ def extra_ticks(motion: Motion) -> Iterable[Variant]:
         ("left", encoder.extra_ticks_left, motion.left_step_rad),
         ("right", encoder.extra_ticks_right, motion.right_step_rad),
     ):
-        still = [motion.t_s[last] - motion.t_s[first] for first, last in runs(step == 0.0, 2)]
         yield Variant(
             "extra_ticks",
             act,
             ("rate",),
             report={"side": side},
             scatter=_scatter_of_extra(side),
-            most=_SELDOM / max([*still, motion.tick_s]),
+            most=_fastest(motion, step),
         )
 
 
 _SELDOM: Final = 8.0
-"""So many counts are expected while none comes once in 3,000 times (Poisson)."""
+"""So much [nat] speaks against a rate that is out of the question."""
+
+
+def _fastest(motion: Motion, step_rad: Floats) -> float:
+    """Return the rate [1/s] of a Poisson process that leaves a count alone for as long as it stands
+    at the longest, of all the times at which that may begin."""
+    still = [motion.t_s[last] - motion.t_s[first] for first, last in runs(step_rad == 0.0, 2)]
+    longest_s = float(max([*still, motion.tick_s]))
+    begins = float(motion.t_s[-1] - motion.t_s[0])
+    rate = _SELDOM / longest_s
+    for _ in range(20):
+        rate = (_SELDOM + math.log1p(rate * begins)) / longest_s
+    return rate
 
 
 def _scatter_of_extra(side: str) -> Scatter:

@@ -60,7 +60,7 @@ class Variant:
             which it acts where it does at this size: along them it is smooth in its size.
         varies: it is of tyres on a floor, which do now more and now less; the size of a wheel, or
             what is counted, is one number.
-        most: no coefficient of that size or more left the log as it is.
+        most: the largest size, with either sign, that this log allows.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
     """

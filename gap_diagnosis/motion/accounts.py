@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.importance import Bends
@@ -29,7 +30,6 @@ NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
 _BELIEVED: Final = 8.0
 """Sizes beyond so many times the end of the prior are no effect's."""
-_NEVER: Final = 1e6
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class Accounts:
         """
         of = self.model.prior.of
         if any(is_a_moment(term, self.model.nodes.motion) for term in terms):
-            return _NEVER
+            return NEVER
         ranges = []
         for term in terms:
             for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):
@@ -261,7 +261,7 @@ class Accounts:
                 )
                 ranges.append((-small if term.variant.is_positive else -most, most))
         believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))
-        return 0.0 if believed else _NEVER
+        return 0.0 if believed else NEVER
 
     def _choices(self, effect: str) -> int:
         """Return how many variants of an effect share its prior evenly."""

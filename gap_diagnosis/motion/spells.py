@@ -8,8 +8,8 @@ of the log gives all of them. What is strong is weighed again in windows of a fi
 likeliest one: of a slip of 4 %, a second too many costs more than most effects are worth. What a
 listed effect does in a window is not weighed again.
 
-A wheel that goes less far than it counts for a while slips: what puts an encoder off in proportion
-to its wheel's way does not come and go.
+What one wheel does otherwise than it counts is told of the wheel: it slips or skids. Of an encoder
+that miscounts for a while in proportion to its wheel's way nobody could tell it.
 """
 
 from __future__ import annotations
@@ -145,21 +145,24 @@ def spells(model: MotionModel, levels: Floats, laid: LaidWays) -> dict[str, Spel
             continue
         best = max(weighed, key=lambda way: float(weighed[way].log_evidence.max()))
         sharpest = weighed[best]
-        by_way = {way: _log_mean(one.log_evidence) for way, one in weighed.items()}
-        if by_way[best] > _STRONG:
-            whole = sharpest.log_integral - by_way[best]
-            integral, sharpest = _sharpened(model, levels, best, sharpest, _TIMES)
-            by_way[best] = integral - whole
+        by_way = {
+            way: np.array([_log_mean(one.log_evidence), _log_mean(one.log_within)])
+            for way, one in weighed.items()
+        }
+        if by_way[best][0] > _STRONG:
+            coarse = sharpest.log_integrals
+            fine, sharpest = _sharpened(model, levels, best, sharpest, _TIMES)
+            by_way[best] += fine - coarse
         first, last = sharpest.likeliest
         likelihood = float(sharpest.log_likelihood[first, last])
         cause = Alternative(
             stage,
             "time",
-            _log_mean([*by_way.values()]),
+            _log_mean([one[0] for one in by_way.values()]),
             likelihood,
             min(2 * likelihood / above_noise, 1.0),
             ((float(sharpest.ends_s[first]), float(sharpest.ends_s[last])),),
-            _log_mean([_log_mean(one.log_within) for one in weighed.values()]),
+            _log_mean([one[1] for one in by_way.values()]),
             best.told(float(sharpest.size[first, last])),
         )
         found[stage] = Spell(cause, best)
@@ -193,25 +196,36 @@ class _Windows:
         return int(first), int(last)
 
     @property
-    def log_integral(self) -> float:
-        """Over when it begins and when it ends [log of s^2]."""
-        return float(np.logaddexp.reduce(self.log_evidence.ravel())) + 2 * math.log(self.step_s)
+    def log_integrals(self) -> Floats:
+        """Of evidence and of that of so little that it is no gap, over when it begins and when it
+        ends: float64[2], log of s^2."""
+        both = np.array([self.log_evidence.ravel(), self.log_within.ravel()])
+        return np.asarray(np.logaddexp.reduce(both, axis=1) + 2 * math.log(self.step_s))
 
-    def near_likeliest(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Tell which ends lie within a step of the likeliest window's."""
-        first, last = (np.abs(self.ends_s - self.ends_s[one]) for one in self.likeliest)
-        return first < 1.01 * self.step_s, last < 1.01 * self.step_s
+    def without_likeliest(self) -> _Windows:
+        """Return the same without the windows whose ends lie within a step of the likeliest's."""
+        near = [
+            np.abs(self.ends_s - self.ends_s[one]) < 1.01 * self.step_s for one in self.likeliest
+        ]
+        evidence, within = self.log_evidence.copy(), self.log_within.copy()
+        evidence[np.ix_(*near)] = -np.inf
+        within[np.ix_(*near)] = -np.inf
+        return replace(self, log_evidence=evidence, log_within=within)
 
 
 def _sharpened(
     model: MotionModel, levels: Floats, way: Way, windows: _Windows, times: int
-) -> tuple[float, _Windows]:
-    """Return the logarithm of the integral [s^2] with the windows about the likeliest one weighed
-    on finer grids, and those of the finest."""
+) -> tuple[Floats, _Windows]:
+    """Return the logarithms of the integrals [s^2] with the windows about the likeliest one weighed
+    on finer grids, and those of the finest.
+
+    An end of the grid stands for the step about it; finer ends fill the steps of three of them.
+    """
     if times == 0:
-        return windows.log_integral, windows
+        return windows.log_integrals, windows
     step_s = windows.step_s / _FINER
-    steps_s = step_s * np.arange(-_FINER, _FINER + 1)
+    reach = 3 * _FINER // 2
+    steps_s = step_s * np.arange(-reach, reach + 1)
     t_s = model.nodes.smooth.t_s
     starts_s, stops_s = (
         np.clip(windows.ends_s[place] + steps_s, t_s[0], t_s[-1]) for place in windows.likeliest
@@ -221,12 +235,9 @@ def _sharpened(
     laid.admitted[:] &= np.isin(ends_s, starts_s)[:, None] & np.isin(ends_s, stops_s)
     finer = _weighed(_gram_of(model, levels, laid)[0], laid, 0, step_s)
     if not finer.is_seen:
-        return windows.log_integral, windows
+        return windows.log_integrals, windows
     inside, finest = _sharpened(model, levels, way, finer, times - 1)
-    near = np.ix_(*windows.near_likeliest())
-    outside = windows.log_evidence.copy()
-    outside[near] = -np.inf
-    return float(np.logaddexp(replace(windows, log_evidence=outside).log_integral, inside)), finest
+    return np.logaddexp(windows.without_likeliest().log_integrals, inside), finest
 
 
 def _gram_of(model: MotionModel, levels: Floats, laid: LaidWays) -> tuple[Gram, float]:
