@@ -158,8 +158,6 @@ def analyse(
     codes = codes_block(recording, robot)
     if codes is not None:
         blocks.append(codes)
-        if motion is not None and _is_held(motion, codes):
-            blocks[0] = Reduced(motion, motion.effects - _BIT)
     progress("odometry against replay", 0.65)
     firmware = firmware_block(as_received, robot, wire, without)
     if firmware is not None:
@@ -200,22 +198,6 @@ def analyse(
         mistake,
         stood,
     )
-
-
-_BIT: Final = frozenset({"adc_stuck_bit"})
-_SHOWN: Final = 12.0
-
-
-def _is_held(motion: MotionBlock, codes: Block) -> bool:
-    """Tell whether the codes show a held bit of which the motion cannot speak.
-
-    What a held bit adds in the mean goes with where in its cell each sample lies. Of a gyro that
-    trembles otherwise than described the motion does not know that, and speaks against it.
-    """
-    if not motion.effects & codes.effects >= _BIT or codes.fit(_BIT).log_evidence < _SHOWN:
-        return False
-    without = motion.fit(motion.best - _BIT).log_evidence
-    return motion.fit(motion.best | _BIT).log_evidence < without - _SHOWN
 
 
 _LATE: Final = frozenset({"missed_deadline"})

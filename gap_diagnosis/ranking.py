@@ -36,6 +36,9 @@ _LEAST_SHOWN: Final = 1e-4
 _LARGER: Final = 6
 _APART: Final = 2
 _BESIDE: Final = 5
+_BIT: Final = frozenset({"adc_stuck_bit"})
+_BEND: Final = frozenset({"adc_inl"})
+_BIAS: Final = frozenset({"gyro_bias"})
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,10 @@ def rank(
     for effects in several:
         if effects <= log_prior.keys():
             scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+    with_bit = _with_a_held_bit(logs, several, scored)
+    for effects in with_bit:
+        scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+    several = [*several, *with_bit]
     scored |= _with_others_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
     scored = _at_work(logs, scored, owned)
@@ -276,6 +283,23 @@ def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> b
     return any(
         effect in block.effects and pair & block.effects for blocks in logs for block in blocks
     )
+
+
+def _with_a_held_bit(
+    logs: Sequence[Sequence[Block]], several: Sequence[Effects], scored: Mapping[Effects, Score]
+) -> list[Effects]:
+    """Return the best sets with a bit that the codes show, in the place of a bend and beside a
+    bias; none where they show none, or where one with it leads already.
+
+    A motion that does not know how its gyro's samples tremble speaks rather of a bend.
+    """
+    codes = [b for blocks in logs for b in blocks if b.name == "codes" and b.effects >= _BIT]
+    leading = max(scored, key=lambda one: scored[one][0] + scored[one][2])
+    if leading >= _BIT or math.fsum(block.fit(_BIT).log_evidence for block in codes) < _WORTH_ONE:
+        return []
+    best = sorted((one for one in several if one in scored), key=lambda one: -scored[one][0])
+    found = [(one - _BEND) | _BIT | more for one in best[:_LARGER] for more in (frozenset(), _BIAS)]
+    return [one for one in dict.fromkeys(found) if one not in scored]
 
 
 def _with_others_apart(

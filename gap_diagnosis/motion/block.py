@@ -137,14 +137,9 @@ class MotionBlock:
         return sets
 
     @property
-    def best(self) -> frozenset[str]:
-        """The effects of the best account of all."""
-        return max(self.scan.found.values(), key=lambda one: one.log_evidence).effects
-
-    @property
     def levels(self) -> Floats:
         """Noise levels of the best account of all."""
-        return self.scan.found[self.best].levels
+        return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
 
     @property
     def explained(self) -> float:
