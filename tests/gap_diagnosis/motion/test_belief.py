@@ -5,12 +5,15 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
+
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 
-SEARCH = cast(Scan, SimpleNamespace(model=SimpleNamespace(prior=default_prior())))
+MINUTE = SimpleNamespace(motion=SimpleNamespace(t_s=np.linspace(0.0, 60.0, 6001)))
+SEARCH = cast(Scan, SimpleNamespace(model=SimpleNamespace(prior=default_prior(), nodes=MINUTE)))
 
 
 def term(effect: str) -> Term:
@@ -45,3 +48,14 @@ def test_what_cannot_be_negative_is_not_believed_to_be() -> None:
     slip = Term(variant, (((0, 1.0),),), (0.002,))
     assert Scan._beyond_belief(SEARCH, [slip], [-0.3]) > 1e5
     assert Scan._beyond_belief(SEARCH, [slip], [0.3]) == 0.0
+
+
+def test_what_acts_all_the_time_otherwise_does_not_act_for_a_moment() -> None:
+    def windowed(effect: str, stop_s: float) -> Term:
+        window = {"start_s": 6.0, "stop_s": stop_s}
+        act = Variant(effect, lambda prediction, **size: None, ("size",), fixed=window)
+        return Term(act, (((0, 1.0),),), (0.0005,))
+
+    assert Scan._beyond_belief(SEARCH, [windowed("missed_ticks", 6.5)], [0.04]) > 1e5
+    assert Scan._beyond_belief(SEARCH, [windowed("missed_ticks", 16.0)], [0.04]) == 0.0
+    assert Scan._beyond_belief(SEARCH, [windowed("one_sided_slip", 6.5)], [0.04]) == 0.0
