@@ -45,7 +45,7 @@ def excess(model: MotionModel, terms: Sequence[Term], fit: Refitted) -> Mapping[
             for place in places
             if allowed[:, place].any()
         ]
-        found[effect] = max(1.0, *ratios)
+        found[effect] = max([1.0, *ratios])
     return found
 
 

@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from motion_cases import ROBOT, SLIP_AND_BASE, calibration_drive
 
 from gap_diagnosis.motion import scan
-from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -76,3 +78,11 @@ def test_what_is_contradicted_is_so_in_every_fit_of_a_set(monkeypatch: pytest.Mo
         assert lacks > 100.0
         assert search.account(both).log_evidence == pytest.approx(sure.log_evidence - lacks)
         search._take(sure.terms, sure.refitted, sure.log_evidence - sure.refitted.log_evidence)
+
+
+def test_an_effect_of_which_no_stretch_tells_is_contradicted_by_none() -> None:
+    """A crash in 1 of 1,234 sealed cases."""
+    data, columns = np.ones(80), np.zeros((80, 1))
+    told = (data, columns, np.ones(1), {"gyro_lag": [0]})
+    model = cast(MotionModel, SimpleNamespace(at_fit=lambda terms, fit: told))
+    assert excess(model, [], cast(Refitted, None)) == {"gyro_lag": 1.0}
