@@ -155,12 +155,9 @@ def rank(
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
-    for effects in several:
-        if effects <= log_prior.keys():
-            scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+    scored |= _scores_of(logs, prior, log_prior, several)
     with_bit = _with_a_held_bit(logs, several, scored)
-    for effects in with_bit:
-        scored[effects] = (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+    scored |= _scores_of(logs, prior, log_prior, with_bit)
     several = [*several, *with_bit]
     scored |= _with_others_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
@@ -208,6 +205,20 @@ def rank(
 Score = tuple[float, float, float]
 """Log evidence, log likelihood and log prior of a set."""
 Scores = dict[Effects, Score]
+
+
+def _scores_of(
+    logs: Sequence[Sequence[Block]],
+    prior: Prior,
+    log_prior: Mapping[str, float],
+    sets: Sequence[Effects],
+) -> Scores:
+    """Return the scores of those sets of which every name is in the library."""
+    return {
+        effects: (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+        for effects in sets
+        if effects <= log_prior.keys()
+    }
 
 
 def _at_work(

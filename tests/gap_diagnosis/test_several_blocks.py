@@ -61,3 +61,17 @@ def test_sizes_that_no_effect_has_are_not_among_equally_good_explanations() -> N
     assert ranking.best.effects == {"radius_scale"}
     assert not any("gyro_scale" in one.effects for one in ranking.group(ranking.best.effects))
     assert math.isclose(ranking.of(frozenset({"gyro_scale"})).probability, 0.0)
+
+
+def test_a_library_without_a_bias_has_none_beside_a_bit() -> None:
+    """As in a trial that withholds it: a name that has no prior was asked for its own."""
+    three = frozenset({"radius_scale", "wheelbase_scale", "adc_inl"})
+    gains = {
+        "radius_scale": 60.0,
+        "wheelbase_scale": 60.0,
+        "adc_inl": 45.0,
+        "adc_stuck_bit": -150.0,
+    }
+    codes = FakeBlock({"adc_stuck_bit": 160.0}, name="codes")
+    ranking = rank([[FakeBlock(gains), codes]], PRIOR, STAGES, {}, [three])
+    assert not any("gyro_bias" in one.effects for one in ranking.sets)
