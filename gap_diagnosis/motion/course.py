@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.recording import Floats, Reference
 
 _COURSE_S: Final = 1.5
@@ -31,6 +32,11 @@ _LONGEST_ARM_M: Final = 1.0
 """From the wheels' axis to the tracked point."""
 _FOLLOW_S: Final = 0.4
 """Faster deviations of the reference from dead reckoning are taken for its noise."""
+_STEADY_RAD: Final = 0.02
+"""So much of it may be left in a heading about which ways are told to first order: that leaves them
+wrong by half of its square."""
+_LONGEST_S: Final = 10.0
+"""Over longer, a description's own turns drift as far."""
 
 
 def dead_reckoned(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
@@ -50,20 +56,28 @@ def heading_of(
     """Return the encoders' heading bent onto the reference's heading, or onto its course."""
     if reference.heading_rad is not None:
         residual = reference.heading_rad - np.interp(stamps, t_s, heading)
-        bent = heading + slow(stamps, residual, t_s, step_s)
+        bent = heading + slow(stamps, residual, t_s, step_s, bent_over_s(reference))
         return bent + _aslant(bent, t_s, stamps, reference, forward_m)
     return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
 
 
 def bent_over_s(reference: Reference) -> float:
     """Return over how long headings are bent onto a reference: what lasts longer is its own."""
-    return _COURSE_S if reference.heading_rad is None else _FOLLOW_S
+    if reference.heading_rad is None:
+        return _COURSE_S
+    if len(reference.t_s) < 3:
+        return _FOLLOW_S
+    averaged = 2.0 * math.sqrt(math.pi) * _FOLLOW_S / float(np.median(np.diff(reference.t_s)))
+    left_rad = noise_by_bends(np.diff(reference.heading_rad, 2)) / math.sqrt(max(averaged, 1.0))
+    return min(_FOLLOW_S * max(left_rad / _STEADY_RAD, 1.0) ** 2, _LONGEST_S)
 
 
-def slow(stamps: Floats, residual: Floats, t_s: Floats, step_s: float) -> Floats:
-    """Return the residual at the ticks, without its fast part."""
+def slow(
+    stamps: Floats, residual: Floats, t_s: Floats, step_s: float, over_s: float = _FOLLOW_S
+) -> Floats:
+    """Return the residual at the ticks, without what is faster than *over_s*."""
     at_ticks = np.interp(t_s, stamps, residual)
-    return np.asarray(gaussian_filter1d(at_ticks, _FOLLOW_S / step_s, mode="nearest"))
+    return np.asarray(gaussian_filter1d(at_ticks, over_s / step_s))
 
 
 def _aslant(

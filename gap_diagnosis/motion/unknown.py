@@ -282,10 +282,9 @@ def free_columns(model: MotionModel) -> tuple[list[Floats], list[tuple[int, floa
 
 def column_of(nodes: Nodes, nominal: Floats, way: Way, function: Floats) -> Floats:
     """Return what a unit of a function changes of *nominal* residuals in one way, float64[4, m]."""
-    step = math.sqrt(way.low * way.high)
     prediction = predict(nodes.smooth)
-    way.act(prediction, step * function)
-    return np.asarray((nominal - residuals(nodes, prediction)) / step)
+    way.act(prediction, way.step * function)
+    return np.asarray((nominal - residuals(nodes, prediction)) / way.step)
 
 
 def usual_sizes(low: Floats | float, high: Floats | float) -> list[Floats | float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -18,8 +19,9 @@ from gap_diagnosis.recording import Floats
 class Way:
     """One way in which a stage can err: what a unit function adds, and usual sizes.
 
-    Up to about *within*, half of what a description may be off by, it is no gap. *evenly*: the
-    effect that it is where it is the same everywhere; *for_a_while*: where it is so in a window.
+    Up to about *within*, half of what a description may be off by, it is no gap. What it changes is
+    taken over *chord*, if that is given, or else over the middle of its sizes. *evenly*: the effect
+    that it is where it is the same everywhere; *for_a_while*: where it is so in a window.
     *words*: what it does, with a place for its `size` and one for its `sense`, of which there are
     two.
     """
@@ -31,10 +33,16 @@ class Way:
     within: float
     needs_reference: bool = False
     needs_gyro: bool = False
+    chord: float | None = None
     evenly: str = ""
     for_a_while: str = ""
     words: str = ""
     senses: tuple[str, str] = ("farther", "less far")
+
+    @property
+    def step(self) -> float:
+        """The size over which its change is taken."""
+        return math.sqrt(self.low * self.high) if self.chord is None else self.chord
 
     def told(self, size: float) -> str:
         """Return what so much of it does."""
@@ -250,7 +258,8 @@ OWN_WAYS: Final[Mapping[tuple[str, str], tuple[Way, ...]]] = {
         Way("reference", _reference_place, 1e-3, 0.2, 5e-4, needs_reference=True),
     ),
     ("reference", "time"): (
-        Way("reference", _reference_delay, 1e-3, 0.2, 1e-3, needs_reference=True),
+        # As near as a description's own delay: chords of two lengths differ by the way's bends.
+        Way("reference", _reference_delay, 1e-3, 0.2, 1e-3, needs_reference=True, chord=1e-3),
     ),
     # What drifts with its surroundings may be the scale as well as the bias.
     ("gyro", "temperature"): _DRIFTING,

@@ -379,3 +379,21 @@ def test_an_arm_straight_ahead_is_an_unlisted_cause_only_where_no_arm_is_listed(
     (term,) = [one for one in whole.columns.terms if one.variant.effect == effect]
     listed = score(whole.gram(levels), [term], whole.prior)
     assert (listed.log_evidence > unlisted.log_evidence) == is_listed
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_good_reference_of_a_healthy_robot_has_no_delay_that_wanders(seed: int) -> None:
+    """Beside the near chord of a tolerated delay, one over 14 ms had the way's bends: 6 nats spoke
+    for a delay that wanders where there was none."""
+    log = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        (),
+        seed,
+        reference=ReferenceNoise(1e-4, 1e-4, 0.0, 0.0, rate_hz=120.0),
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    found = alternatives(model, model.no_effect_levels)
+    (wandering,) = (one for one in found if (one.stage, one.variable) == ("reference", "time"))
+    assert wandering.log_evidence < 0
