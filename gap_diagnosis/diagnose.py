@@ -276,8 +276,9 @@ def _stage(
 ) -> StageOrNone:
     """Return the most probable stage that goes with the verdict.
 
-    Of a table's clock and late columns nothing shows but what they do to the motion: beside a cause
-    of another stage, theirs is not where the gap lies.
+    Beside a mistake of the set-up nothing else is to be looked for. Of a table's clock and late
+    columns nothing shows but what they do to the motion: beside a cause of another stage, theirs is
+    not where the gap lies.
     """
     if verdict == NO_GAP:
         return "none"
@@ -288,6 +289,8 @@ def _stage(
     first = max(real, key=lambda name: real[name])
     known = catalogue()
     own = {known[one].stage for one in verdict.split("+") if one in known}
+    if "setup" in own:
+        return "setup"
     if first == "bus" and not has_frames and own - {"bus"}:
         return max((name for name in real if name != "bus"), key=lambda name: real[name])
     return first

@@ -223,7 +223,8 @@ def _share_closed(metric: Metric) -> str:
 def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
     """Return (probability, explanation, estimate, 95 % interval) of the likeliest.
 
-    A lone parameter shares the row of its explanation; several follow in rows of their own.
+    The lone parameter of a lone effect shares the row of its explanation; all others follow in rows
+    of their own.
     """
     rows = []
     for candidate in diagnosis.which[:most]:
@@ -231,7 +232,7 @@ def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
         parameters = [
             [key, *parameter_words(key, one)] for key, one in candidate.parameters.items()
         ]
-        if len(parameters) == 1:
+        if len(parameters) == len(candidate.effects) == 1:
             rows.append([chance, *parameters[0]])
         else:
             rows.append([chance, name, "", ""])

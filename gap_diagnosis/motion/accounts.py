@@ -287,6 +287,11 @@ class Accounts:
             self.dispersion,
         )
 
+    @property
+    def worth(self) -> float:
+        """By how much the likeliest account is likelier than no effect [nat], priors and all."""
+        return max(map(self._belief, self.found.values())) - self._belief(self.found[frozenset()])
+
     def _belief(self, one: Found) -> float:
         """Return the log evidence with the prior of so many effects among those of the motion."""
         count = len(one.effects)

@@ -210,7 +210,8 @@ class MotionBlock:
     def _put_right(self) -> dict[frozenset[str], Fit]:
         """The likely mistakes of the set-up, each judged by what the log is like without it.
 
-        About so gross an error nothing is linear: which of them is likelier shows only then.
+        About so gross an error nothing is linear: which of them is likelier shows only then. What
+        else is wrong with the robot is not told yet, but must not speak for an unlisted cause.
         """
         least = self._nothing.log_evidence + LEAST_GAIN
         return {
@@ -221,24 +222,33 @@ class MotionBlock:
 
     def _without_mistake(self, mistake: Found) -> Fit:
         (term,) = mistake.terms
-        evidence = max(self._put_right_by(term).log_evidence, mistake.log_evidence)
-        gain = evidence - self._nothing.log_evidence
+        gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
+        if self._mends(term):
+            gain += Scan(self._right(term)[0]).worth
+            return Fit((term.variant.effect,), gain, gain)
+        # A line about a wrong motion may come nearer than a log that is as wrong without it.
+        gain = max(gain, mistake.log_evidence - self._nothing.log_evidence)
         likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
         return Fit((term.variant.effect,), gain, likelihood)
 
     def _put_right_by(self, term: Term) -> Found:
         """Return what a mistake accounts for: the log as it is without it."""
         effect = term.variant.effect
-        right, log_scale = put_right(self.model.recording, effect, term.variant.report)
-        model = MotionModel(
-            right, self.model.robot, self.model.prior, without=self.model.without | GROSS
-        )
+        model, log_scale = self._right(term)
         levels = model.no_effect_levels
         density = model.level_prior.log_density(np.log(levels))
         evidence = model.evidence_at((), levels) + density
         evidence += log_scale * float(np.isfinite(model.columns.values[3, :, 0]).sum())
         evidence -= math.log(len(self.scan.by_effect[effect]))
         return Found(frozenset({effect}), (term,), evidence, evidence, levels)
+
+    def _right(self, term: Term) -> tuple[MotionModel, float]:
+        """Return the motion of the log without a mistake, and the log of how much that narrows its
+        rates."""
+        effect, told = term.variant.effect, term.variant.report
+        right, log_scale = put_right(self.model.recording, effect, told)
+        without = self.model.without | GROSS
+        return MotionModel(right, self.model.robot, self.model.prior, without=without), log_scale
 
     @property
     def _mistakes(self) -> list[Found]:

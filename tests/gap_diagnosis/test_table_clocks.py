@@ -71,6 +71,17 @@ def test_a_clock_and_a_late_column_are_not_where_a_tables_gap_lies() -> None:
     assert _stage("clock_skew", nothing, stages, has_frames=False) == "bus"
 
 
+def test_a_mistake_of_the_set_up_is_where_the_gap_lies_whatever_is_beside_it() -> None:
+    """A Kobuki's swapped wheels closed -13 % of what its firmware's constant left."""
+    stages: dict[StageOrNone, float] = {"none": 0.0, "firmware": 0.6, "setup": 0.4}
+    nothing = Ranking((), {})
+    for verdict, stage in (
+        ("fixed_tick_period+setup_wheels_swapped", "setup"),
+        ("fixed_tick_period", "firmware"),
+    ):
+        assert _stage(verdict, nothing, stages, has_frames=False) == stage
+
+
 def test_a_table_of_a_fast_clock_has_the_gap_of_its_motion() -> None:
     analysis = analysis_of(table(FAST, EffectSetting("wheelbase_scale", (("scale", 0.03),))))
     both = frozenset({"clock_skew", "wheelbase_scale"})
