@@ -225,8 +225,7 @@ class MotionBlock:
         gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
         if self._mends(term):
             gain += Scan(self._right(term)[0]).worth
-            return Fit((term.variant.effect,), gain, gain)
-        # A line about a wrong motion may come nearer than a log that is as wrong without it.
+        # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
         gain = max(gain, mistake.log_evidence - self._nothing.log_evidence)
         likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
         return Fit((term.variant.effect,), gain, likelihood)
