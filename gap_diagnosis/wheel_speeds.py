@@ -107,7 +107,7 @@ class WheelSpeed:
         is_nearer = np.abs(seen - whole) < np.abs(seen - counted)
         loses = (counted > threshold_rad_s) | ((whole > threshold_rad_s) & is_nearer)
         cruises = np.where(loses, whole, counted)
-        lost_rad_s = np.sqrt(abs(probability) * cruises * self.rad_per_count / self.mean_s)
+        lost_rad_s = np.sqrt(np.abs(probability * cruises) * self.rad_per_count / self.mean_s)
         is_cruise = self.mean_s >= _CRUISE_S
         return OwnSpeed(
             np.where(is_cruise, cruises, seen),
