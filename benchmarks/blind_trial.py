@@ -1,12 +1,12 @@
 """The full blind trial in one command, and its measured page.
 
     python benchmarks/blind_trial.py DIR --cases 6000 [--jobs N]
-    python benchmarks/blind_trial.py DIR --page docs/reference/blind-trial.md [--at METHOD=COMMIT]
-        [--again AGAIN --at again=COMMIT]
+    python benchmarks/blind_trial.py DIR... --page docs/reference/blind-trial.md
+        [--at METHOD=COMMIT] [--again AGAIN --at again=COMMIT]
 
 The first makes a trial in DIR where there is none, has it diagnosed by this tool and by every rival
 (a run that was stopped goes on where it was), and writes DIR/scores.html. The second writes the
-page from whatever results lie in DIR.
+page from whatever results lie in DIR, or in several trials that were diagnosed at one commit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from chiplog.pages.trial import common_cases, figure_rows, trial_page
 from chiplog.pages.trial_words import FIGURES, MISSED, NOT_MEASURED, UNPROVED, figure
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
-from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, open_trial
+from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, open_trial, together
 from gap_diagnosis.trials.plan import Counts
 from gap_diagnosis.trials.run import processors, run_trial
 from gap_diagnosis.trials.score import scores
@@ -34,6 +34,7 @@ from gap_diagnosis.trials.secret import fresh_secret
 
 RIVALS: Final = ("least_squares", "least_squares_bic", "whitened_bic", "umbmark")
 _WRONG_MOST: Final = 12
+_FULL: Final = 6000
 
 
 def run(folder: Path, cases: int, jobs: int | None) -> None:
@@ -86,7 +87,7 @@ def markdown(
         "",
         "**Fewer cases than a full trial has:** 40 of each effect, 1,000 nulls and 3,000 for the "
         "calibration. Read the intervals."
-        if own["cases"] < 3000
+        if own["cases"] < _FULL
         else "",
         *_missing(own["missing"]),
         "",
@@ -172,7 +173,7 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 def main() -> None:
     """Run the trial, or write its page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
     parser.add_argument("--cases", type=int)
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--page", type=Path)
@@ -183,12 +184,15 @@ def main() -> None:
     parser.add_argument("--made", default="chiplog blind make --out DIR", help="how DIR was made")
     chosen = parser.parse_args()
     if chosen.cases is not None:
-        run(chosen.folder, chosen.cases, chosen.jobs)
+        (folder,) = chosen.folders
+        run(folder, chosen.cases, chosen.jobs)
     if chosen.page is not None:
         jobs = chosen.jobs or processors()
-        opened = open_methods(
-            chosen.folder, key_of(chosen.folder), methods_run(chosen.folder), jobs=jobs
-        )
+        trials = [
+            open_methods(folder, key_of(folder), methods_run(folder), jobs=jobs)
+            for folder in chosen.folders
+        ]
+        opened = trials[0] if len(trials) == 1 else together(trials)
         again = None
         if chosen.again is not None:
             again = open_trial(chosen.again, key_of(chosen.again), jobs=jobs)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -110,6 +110,25 @@ def open_methods(
         )
         opened[name] = Opened(judged, len(cases) - len(judged))
     return opened
+
+
+def together(trials: Sequence[Mapping[str, Opened]]) -> dict[str, Opened]:
+    """Return several trials, each by method, as one; a case's name begins with its trial's number.
+
+    What a method was not run on is missing.
+    """
+    sizes = [max(len(one.judged) + one.missing for one in methods.values()) for methods in trials]
+    joined = {}
+    for method in dict.fromkeys(name for methods in trials for name in methods):
+        judged: list[Judged] = []
+        for number, methods in enumerate(trials, start=1):
+            if method in methods:
+                judged += [
+                    replace(one, case=replace(one.case, name=f"{number}-{one.case.name}"))
+                    for one in methods[method].judged
+                ]
+        joined[method] = Opened(tuple(judged), sum(sizes) - len(judged))
+    return joined
 
 
 def _judged(case: Case, told: Mapping[str, Any], known: Known) -> Judged:

@@ -9,7 +9,7 @@ import pytest
 
 from gap_diagnosis.trials.case import Case, Kind
 from gap_diagnosis.trials.judge import Judged, judge
-from gap_diagnosis.trials.opening import Opened
+from gap_diagnosis.trials.opening import Opened, together
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
 from gap_diagnosis.trials.score import scores, summary
 from gap_diagnosis.trials.truth import UNKNOWN, canonical, class_of, stages_of
@@ -208,6 +208,17 @@ def test_a_crash_is_as_bad_as_can_be_and_is_shown() -> None:
     assert found["parts"]["all"]["group_top1"]["value"] == 0.0
     assert found["parts"]["all"]["brier"]["value"] == 2.0
     assert found["wrong"][0]["error"].startswith("Traceback")
+
+
+def test_several_trials_count_as_one_and_no_case_is_taken_for_another() -> None:
+    first = {"chiplog": Opened(tuple(SEER), 6), "umbmark": Opened(tuple(SEER[:1]), 9)}
+    one = together([first, {"chiplog": Opened(tuple(SEER[:2]), 3)}])
+    assert [len(each.judged) for each in one.values()] == [6, 1]
+    assert [each.missing for each in one.values()] == [9, 14]
+    names = [judged.case.name for judged in one["chiplog"].judged]
+    assert names[0] == "1-0001"
+    assert names[4] == "2-0001"
+    assert scores(one["chiplog"])["cases"] == 6
 
 
 def test_the_short_table_has_a_row_for_what_was_scored() -> None:
