@@ -19,7 +19,14 @@ from gap_diagnosis.answer import candidates, estimates_by_log, stage_probabiliti
 from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.facts import ASSUMPTIONS, input_files, log_facts, makes_worse, notes_on
+from gap_diagnosis.facts import (
+    ASSUMPTIONS,
+    beside_mistake,
+    input_files,
+    log_facts,
+    makes_worse,
+    notes_on,
+)
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.lost_tracking import with_tracking
 from gap_diagnosis.pictures import Report
@@ -199,6 +206,7 @@ def diagnose_recordings(
                 analyses,
                 (
                     *makes_worse(found.gap),
+                    *beside_mistake(analyses, ranking.best.effects),
                     *found.notes,
                     *no_news.notes(blocks, prior, ranking.best.effects, ranking.small),
                     *without_advice,

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
@@ -103,6 +104,20 @@ _BESIDE: Final = {
     "bus": "frames come otherwise than described",
     "firmware": "the odometry frames are not what the described firmware gives",
 }
+
+
+def beside_mistake(analyses: Sequence[Analysis], effects: Effects) -> list[str]:
+    """Say what else a log shows once the mistake of the set-up among *effects* is put right."""
+    notes = []
+    for analysis in analyses:
+        motion = analysis.motion
+        others = frozenset() if motion is None else motion.beside_mistake(effects)
+        if others:
+            notes.append(
+                f"{analysis.recording.name}: with the set-up put right the motion looks like "
+                f"{', '.join(sorted(others))} besides: mend it, and diagnose again."
+            )
+    return notes
 
 
 _WORSE: Final = 2.0

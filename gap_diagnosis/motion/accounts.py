@@ -290,7 +290,12 @@ class Accounts:
     @property
     def worth(self) -> float:
         """By how much the likeliest account is likelier than no effect [nat], priors and all."""
-        return max(map(self._belief, self.found.values())) - self._belief(self.found[frozenset()])
+        return self._belief(self.likeliest) - self._belief(self.found[frozenset()])
+
+    @property
+    def likeliest(self) -> Found:
+        """The likeliest account, priors and all."""
+        return max(self.found.values(), key=self._belief)
 
     def _belief(self, one: Found) -> float:
         """Return the log evidence with the prior of so many effects among those of the motion."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -59,6 +59,13 @@ def beyond(tolerated: float, found: Fit) -> Fit:
     """Return a fit by what it explains beyond what a healthy robot may be off by."""
     more = max(found.log_evidence - tolerated, min(found.log_evidence, 0.0))
     return replace(found, log_evidence=more)
+
+
+class _Right(NamedTuple):
+    """A mistake of the set-up: its fit, and what is likeliest besides once it is put right."""
+
+    fit: Fit
+    beside: frozenset[str]
 
 
 class MotionBlock:
@@ -194,7 +201,7 @@ class MotionBlock:
         if effects & NOISES.keys():
             return self._noisy(effects)
         if (right := self._put_right.get(effects)) is not None:
-            return right
+            return right.fit
         known = self._told.get(effects)
         if known is None or known[0] is not found:
             counting = {
@@ -206,8 +213,14 @@ class MotionBlock:
             known = self._told[effects] = found, told
         return known[1]
 
+    def beside_mistake(self, effects: frozenset[str]) -> frozenset[str]:
+        """Return what is likeliest besides, where a set is a mistake of the set-up: the log is put
+        right first."""
+        right = self._put_right.get(effects & GROSS)
+        return frozenset() if right is None else right.beside
+
     @cached_property
-    def _put_right(self) -> dict[frozenset[str], Fit]:
+    def _put_right(self) -> dict[frozenset[str], _Right]:
         """The likely mistakes of the set-up, each judged by what the log is like without it.
 
         About so gross an error nothing is linear: which of them is likelier shows only then. What
@@ -220,15 +233,18 @@ class MotionBlock:
             if not one.effects & self._mend_nothing and one.log_evidence >= least
         }
 
-    def _without_mistake(self, mistake: Found) -> Fit:
+    def _without_mistake(self, mistake: Found) -> _Right:
         (term,) = mistake.terms
         gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
+        beside: frozenset[str] = frozenset()
         if self._mends(term):
-            gain += Scan(self._right(term)[0]).worth
+            right = Scan(self._right(term)[0])
+            gain += right.worth
+            beside = right.likeliest.effects
         # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
         gain = max(gain, mistake.log_evidence - self._nothing.log_evidence)
         likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
-        return Fit((term.variant.effect,), gain, likelihood)
+        return _Right(Fit((term.variant.effect,), gain, likelihood), beside)
 
     def _put_right_by(self, term: Term) -> Found:
         """Return what a mistake accounts for: the log as it is without it."""

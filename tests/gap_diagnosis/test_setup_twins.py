@@ -38,3 +38,6 @@ def test_what_else_is_wrong_with_a_robot_tells_no_sign_from_swapped_wheels() -> 
     assert abs(swapped.log_likelihood - sign.log_likelihood) < NEAR_NATS
     alone, _ = block.scan.gained(block.scan.found[frozenset({"setup_wheels_swapped"})])
     assert swapped.log_evidence > alone + 100
+    beside = block.beside_mistake(frozenset({"clock_skew", "setup_wheels_swapped"}))
+    assert beside >= {"gyro_lag", "wheelbase_scale"}
+    assert not block.beside_mistake(frozenset({"gyro_bias"}))
