@@ -36,6 +36,8 @@ _LEAST_SHOWN: Final = 1e-4
 _LARGER: Final = 6
 _APART: Final = 2
 _BESIDE: Final = 5
+_MOST_OF: Final = {"drive": 1, "firmware": 2}
+"""So many effects of one block are told together: what they say does not add up."""
 _BIT: Final = frozenset({"adc_stuck_bit"})
 _BEND: Final = frozenset({"adc_inl"})
 _BIAS: Final = frozenset({"gyro_bias"})
@@ -335,12 +337,15 @@ def _with_others_apart(
     small = [one for one in scored if 0 < len(one) < 3 and one <= seen]
     small.sort(key=lambda one: -scored[one][0])
     found: Scores = {}
-    driven = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
+    of_block = {
+        name: {e for blocks in logs for b in blocks if b.name == name for e in b.effects}
+        for name in _MOST_OF
+    }
     # What no effect of a set moves stands beside it, the largest too, as it stands beside none:
     # else a clock takes the place of what the wheels do.
     beside = apart[:_BESIDE]
     for others in (one for n in range(1, len(beside) + 1) for one in combinations(beside, n)):
-        if len(driven.intersection(others)) > 1:
+        if any(len(of_block[name].intersection(others)) > n for name, n in _MOST_OF.items()):
             continue
         evidence, likelihood = total_of(logs, frozenset(others))
         for some in [*sorted(large, key=sorted), *small[:_TRIPLED], frozenset[str]()]:

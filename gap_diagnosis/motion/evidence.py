@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Columns, Term
@@ -63,6 +63,12 @@ def make_gram(columns: Columns, course: Course, levels: Floats, ticks: Floats) -
     return gram_of(*whiten(columns.values, course, levels, ticks), columns.nuisances, levels)
 
 
+def _never(levels: Floats, inner: Floats, data: Floats) -> Gram:
+    """Return the products at which nothing is believed."""
+    none, nothing = np.zeros_like(inner), np.zeros_like(data)
+    return Gram(levels, _NEVER, none, nothing, none, nothing)
+
+
 def gram_of(
     white: Floats,
     log_variance: Floats,
@@ -77,8 +83,7 @@ def gram_of(
     data, inner = whole[0, 1:], whole[1:, 1:]
     if not np.isfinite(whole).all():
         # Levels too far apart for the filter's digits: whatever they are, the log's they are not.
-        none, nothing = np.zeros_like(inner), np.zeros_like(data)
-        return Gram(levels, _NEVER, none, nothing, none, nothing)
+        return _never(levels, inner, data)
     index = np.array([column for column, _ in nuisances], dtype=np.int64)
     precision = np.array([sd**-2 for _, sd in nuisances])
     log_nothing = -0.5 * (whole[0, 0] + float(log_variance.sum()) + len(white) * math.log(math.tau))
@@ -87,7 +92,11 @@ def gram_of(
     # Scaled by the prior, so that the Cholesky factor stays well conditioned.
     scale = 1 / np.sqrt(precision)
     small = np.eye(len(index)) + scale[:, None] * inner[np.ix_(index, index)] * scale
-    factor = cho_factor(small, lower=True)
+    try:
+        factor = cho_factor(small, lower=True)
+    except LinAlgError:
+        # A step of a fit to where columns are larger than all digits hold: it leads nowhere.
+        return _never(levels, inner, data)
     across = scale[:, None] * inner[index]
     solved = cho_solve(factor, across)
     solved_data = cho_solve(factor, scale * data[index])

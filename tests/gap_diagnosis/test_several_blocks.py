@@ -7,6 +7,7 @@ import math
 import pytest
 from fake_blocks import PRIOR, STAGE, FakeBlock, ranked
 
+from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.ranking import rank
 
 THREE = frozenset({"radius_scale", "wheelbase_scale", "gyro_bias"})
@@ -37,6 +38,24 @@ def test_nor_do_they_push_out_a_drive_that_does_not_do_as_it_is_told() -> None:
     bus = FakeBlock({"clock_skew": 190.0, "frame_loss": 80.0}, name="bus")
     ranking = rank([[motion, drive, bus]], PRIOR, STAGES, {})
     assert ranking.best.effects == {"gyro_bias", "drive_gain", "clock_skew", "frame_loss"}
+
+
+class TwoAtMost(FakeBlock):
+    """A replay, which tells of no more than two effects of the firmware together."""
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        if len(effects) > 2:
+            raise ValueError(f"expected up to two effects, not {sorted(effects)}")
+        return super().fit(effects)
+
+
+def test_a_replay_is_asked_of_no_more_than_two_of_its_effects() -> None:
+    """Two cases of the sealed trial crashed in which three gained something alone."""
+    names = ("blend_weight", "firmware_constant", "fixed_tick_period")
+    block = TwoAtMost(dict.fromkeys(names, 90.0), name="firmware")
+    stages = {**STAGES, **dict.fromkeys(names, "firmware")}
+    ranking = rank([[FakeBlock({"gyro_bias": -2.0}), block]], PRIOR, stages, {})
+    assert len(ranking.best.effects) == 2
 
 
 @pytest.mark.parametrize(("codes", "held"), [(160.0, True), (10.0, False)])

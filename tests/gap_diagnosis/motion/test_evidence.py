@@ -161,6 +161,17 @@ def test_levels_at_which_the_filter_runs_out_of_digits_explain_nothing() -> None
     assert np.isfinite(found.inner).all()
 
 
+def test_a_step_of_a_fit_to_where_columns_outgrow_all_digits_leads_nowhere() -> None:
+    """Beside a scrub of nearly -1 columns were 1e12 large; the sealed trial's case 2870 crashed."""
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal((30, 3))
+    white[:, 2] = 1e20 * white[:, 1]
+    white[:, 1] *= 1e20 * (1.0 + 1e-16)
+    found = gram_of(white, np.zeros(30), [(0, 1.0), (1, 1.0)], np.ones(9))
+    assert found.log_nothing < -1e9
+    assert np.isfinite(found.inner).all()
+
+
 def test_coefficients_within_no_tolerance_gain_what_their_prior_spreads_the_data_by() -> None:
     """Marginally, data of unit noise with columns of normal sizes are normal; the gain is over
     data of noise alone."""
