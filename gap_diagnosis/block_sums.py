@@ -26,6 +26,11 @@ _INEXACT: Final = 0.003
 amplitude. At ten detection limits an effect gains 1,450."""
 
 
+_GUESSED: Final = ("encoder_dead", 0.04)
+"""Of a wheel whose turns are a guess that share is a fifth of its amplitude: what its gyro and the
+other wheel are off by, in that guess, an effect of theirs would take up."""
+
+
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     """Return log evidence and log likelihood of a set, over all logs and blocks."""
     return _sum(_of_block(*one) for one in concerned(logs, effects))
@@ -135,7 +140,9 @@ def _allowance(block: Block, effects: Effects) -> float:
         return 0.0
     inexact = (block.fit(frozenset({effect})).log_evidence for effect in effects - _TO_THE_COUNT)
     largest = max(inexact, default=0.0)
-    return (len(effects) - 1) * _INEXACT * max(0.0, largest - _EXACT_UP_TO)
+    guess, share = _GUESSED
+    share = share if guess in effects and block.name == "motion" else _INEXACT
+    return (len(effects) - 1) * share * max(0.0, largest - _EXACT_UP_TO)
 
 
 def _clearly(fit: Fit, without: Fit, alone: Fit) -> Fit:

@@ -19,6 +19,7 @@ STAGE = {
     "radius_scale": "wheel",
     "radius_mismatch": "wheel",
     "wheelbase_scale": "wheel",
+    "encoder_dead": "encoder",
     "encoder_wrap": "encoder",
     "missed_ticks": "encoder",
     "ticks_per_rev": "encoder",

@@ -370,6 +370,19 @@ def test_beside_an_effect_of_many_thousand_nats_a_second_one_must_gain_more() ->
     assert best(21_090.0) == pair
 
 
+def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_a_twentieth() -> None:
+    """A guess of 6,233 nats left 99 that a lag of 2.5 ms took up: a dead encoder that lags, 1.00,
+    in two of fifteen sealed cases."""
+    pair = frozenset({"encoder_dead", "radius_scale"})
+    alone = {"encoder_dead": 6_200.0, "radius_scale": 100.0}
+
+    def best(both: float) -> frozenset[str]:
+        return ranked(FakeBlock(alone, pairs={pair: both})).best.effects
+
+    assert best(6_300.0) == {"encoder_dead"}
+    assert best(6_450.0) == pair
+
+
 def test_beside_what_is_put_right_to_the_last_count_no_more_is_asked() -> None:
     pair = frozenset({"encoder_wrap", "missed_ticks"})
     block = FakeBlock({"encoder_wrap": 21_000.0, "missed_ticks": 0.0}, pairs={pair: 21_030.0})
