@@ -31,6 +31,10 @@ _GUESSED: Final = ("encoder_dead", 0.04)
 other wheel are off by, in that guess, an effect of theirs would take up."""
 
 
+_TAKEN_ALONG: Final = "gyro_bias"
+"""In the guess as in the gyro, whatever the robot does."""
+
+
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
     """Return log evidence and log likelihood of a set, over all logs and blocks."""
     return _sum(_of_block(*one) for one in concerned(logs, effects))
@@ -140,9 +144,11 @@ def _allowance(block: Block, effects: Effects) -> float:
         return 0.0
     inexact = (block.fit(frozenset({effect})).log_evidence for effect in effects - _TO_THE_COUNT)
     largest = max(inexact, default=0.0)
+    shares = [_INEXACT] * (len(effects) - 1)
     guess, share = _GUESSED
-    share = share if guess in effects and block.name == "motion" else _INEXACT
-    return (len(effects) - 1) * share * max(0.0, largest - _EXACT_UP_TO)
+    if guess in effects and block.name == "motion":
+        shares = [_INEXACT if one == _TAKEN_ALONG else share for one in effects - {guess}]
+    return math.fsum(shares) * max(0.0, largest - _EXACT_UP_TO)
 
 
 def _clearly(fit: Fit, without: Fit, alone: Fit) -> Fit:

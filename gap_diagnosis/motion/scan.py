@@ -31,6 +31,7 @@ from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sight, sight_of
 
+_BIAS: Final = "gyro_bias"
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
 _GREEDY: Final = 3
@@ -237,8 +238,7 @@ class Scan(OffTheGrid):
         """
         fit = head.refitted
         is_clear = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
-        is_guess = any(term.variant.unsure is not None for term in head.terms)
-        if fit is None or not is_clear or is_guess or head.effects in self._surrounded:
+        if fit is None or not is_clear or _is_guess(head) or head.effects in self._surrounded:
             return False
         self._surrounded.add(head.effects)
         self._fit_parts(head, fit)
@@ -443,9 +443,17 @@ class Scan(OffTheGrid):
         loose = least - _LOOSE * (best - self.found[frozenset()].log_evidence)
         close = [one for one in singles[1:] if one.log_evidence > loose]
         near = singles[:1] + close + [one for one in pairs if one.log_evidence > least]
+        # A guess leans on the gyro: along a straight line beside it, nothing is said of its bias.
+        if _BIAS in self.by_effect and any(_is_guess(one) for one in near[:1]):
+            near.append(self.account(near[0].effects | {_BIAS}))
         known = {one.effects for one in near}
         stretched = [frozenset({effect}) for effect in self._stretched()]
         return near + [self.found[one] for one in stretched if one in self.found.keys() - known]
+
+
+def _is_guess(found: Found) -> bool:
+    """Tell whether an account guesses what a wheel did."""
+    return any(term.variant.unsure is not None for term in found.terms)
 
 
 def _differ(first: Term, second: Term) -> bool:

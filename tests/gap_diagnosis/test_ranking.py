@@ -383,6 +383,12 @@ def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_a_twen
     assert best(6_450.0) == pair
 
 
+def test_beside_it_a_bias_of_the_gyro_is_in_the_guess_as_well_and_need_not() -> None:
+    pair = frozenset({"encoder_dead", "gyro_bias"})
+    block = FakeBlock({"encoder_dead": 6_200.0, "gyro_bias": 100.0}, pairs={pair: 6_300.0})
+    assert ranked(block).best.effects == pair
+
+
 def test_beside_what_is_put_right_to_the_last_count_no_more_is_asked() -> None:
     pair = frozenset({"encoder_wrap", "missed_ticks"})
     block = FakeBlock({"encoder_wrap": 21_000.0, "missed_ticks": 0.0}, pairs={pair: 21_030.0})

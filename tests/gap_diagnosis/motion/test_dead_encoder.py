@@ -158,21 +158,26 @@ def test_nothing_said_beside_a_dead_encoder_leans_on_what_stands_in_for_its_coun
     assert best.effects == {"encoder_dead"}
 
 
-def test_what_is_wrong_with_the_gyro_besides_is_said_beside_a_dead_encoder() -> None:
+@pytest.mark.parametrize(("drive", "bias_rad_s"), [("figure8", 0.024), ("calibration", 0.003)])
+def test_what_is_wrong_with_the_gyro_besides_is_said_beside_a_dead_encoder(
+    drive: str, bias_rad_s: float
+) -> None:
     """Until it died the counts told of the gyro. What the bias gains where the guess is not leant
     on was asked of a fit that leant on it, which contradicts itself: all 340 nats were taken back.
+    Along straight lines about nothing a small one lay 2,900 nats below the bias that walks as far,
+    and stray counts were told, or nothing that is listed (two cases of the sealed trial, 1.00).
     """
-    bias = EffectSetting("gyro_bias", (("bias", 0.024),))
+    bias = EffectSetting("gyro_bias", (("bias", bias_rad_s),))
     log = synthetic_recording(
         ROBOT,
         WIRE,
-        scenario("figure8"),
+        scenario(drive),
         (DEAD, bias),
         2,
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=5e-4,
     )
-    others = frozenset(EXPLAINED) - RIVALS - {"gyro_bias"}
+    others = frozenset(EXPLAINED) - RIVALS - {"gyro_bias", "extra_ticks"}
     scan = Scan(MotionModel(log, ROBOT, default_prior(), without=others))
     best = max(scan.found.values(), key=lambda one: one.log_evidence)
     assert best.effects == {"encoder_dead", "gyro_bias"}
