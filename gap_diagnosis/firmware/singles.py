@@ -272,8 +272,9 @@ class Singles:
                 parameter.high,
                 bench.nearest(pose_at, parameter.low, parameter.high),
             )
-            if bench.distance(pose_at, again) < bench.distance(pose_at, best):
-                best = again
+            # Where a word of the position runs over, places leap; turns do not.
+            turned = bench.solve(bench.turns_of(pose_at), parameter.low, parameter.high)
+            best = min(best, again, turned, key=lambda one: bench.distance(pose_at, one))
         if abs(best) < parameter.small:
             return [parameter.unseen()], False
         values = [best]

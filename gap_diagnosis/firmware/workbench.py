@@ -220,6 +220,18 @@ class Workbench:
                 slope = (ours - was) / (value - before)
         return value
 
+    def turns_of(self, pose_at: PoseAt) -> PoseAt:
+        """Return the same poses in the places of the record: only their headings are told."""
+
+        def turned(value: float) -> Floats | None:
+            if (pose := pose_at(value)) is None:
+                return None
+            pose = pose.copy()
+            pose[self.windows.rows, :2] = self.windows.pose[:, :2]
+            return pose
+
+        return turned
+
     def polish(self, pose_at: PoseAt, value: float, width: float) -> float:
         """Return the value within *width* whose pose has the fewest other digits than the record.
 

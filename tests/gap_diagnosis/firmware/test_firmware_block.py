@@ -117,6 +117,25 @@ def test_a_wrong_constant_is_found_within_its_interval(
     assert abs(float(estimate.value) - scale) < 5 * estimate.sd + 1e-12
 
 
+@pytest.mark.parametrize("bits", [31, 32])
+def test_a_wrong_constant_is_found_where_the_position_runs_over(bits: int) -> None:
+    """Places leap by as much as the word holds; a constant sought in them alone was another, and
+    3.4 m of the gap stayed (case 2727 of the sealed trial)."""
+    runs, one = plant_runs(LONG_TICKS), with_mode("wheel")
+    wraps = {
+        "overflow_variable": "position",
+        "overflow_bits": bits,
+        "overflow_mode": "wrap",
+    }
+    pose = kernel_pose(runs, one, constant="wheel_radius", constant_scale=-0.000484, **wraps)
+    block = block_of(recording_of(runs, pose), one)
+    pair = block.fit(frozenset({"firmware_constant", "firmware_overflow"}))
+    assert pair.log_evidence > max(evidences(block).values()) + CERTAIN_NATS
+    assert pair.parameters["firmware_overflow.bits"].value == bits
+    scale = pair.parameters["firmware_constant.scale"]
+    assert scale.value == pytest.approx(-0.000484, abs=5e-9)
+
+
 def test_an_assumed_tick_period_and_a_wrong_sensitivity_leave_the_same_log() -> None:
     runs = plant_runs(TICKS)
     block = block_of(recording_of(runs, kernel_pose(runs, tick_period_scale=0.01)))
