@@ -133,10 +133,11 @@ def markdown(
 
 
 def _missing(count: int) -> list[str]:
-    """Say how many cases have no result: they stand in an order that says nothing of them."""
+    """Say how many cases have no result of ours here: they stand in an order that says nothing of
+    them, sealed still or diagnosed at other commits."""
     if not count:
         return []
-    return ["", f"{count:,} more cases were made and sealed and are not diagnosed yet."]
+    return ["", f"{count:,} more cases of the trial were not diagnosed at what is named below."]
 
 
 def _effects(one: Mapping[str, Any]) -> str:
