@@ -35,6 +35,7 @@ from gap_diagnosis.trials.secret import fresh_secret
 RIVALS: Final = ("least_squares", "least_squares_bic", "whitened_bic", "umbmark")
 _WRONG_MOST: Final = 12
 _FULL: Final = 6000
+"""About so many cases have 40 of each effect, 1,000 nulls and 3,000 for the calibration."""
 
 
 def run(folder: Path, cases: int, jobs: int | None) -> None:

@@ -24,13 +24,9 @@ _TO_THE_COUNT: Final = frozenset({"encoder_wrap"})
 _INEXACT: Final = 0.003
 """Share of the nats beyond that which an explanation may leave for want of exactness: 5 % of its
 amplitude. At ten detection limits an effect gains 1,450."""
-
-
 _GUESSED: Final = ("encoder_dead", 0.04)
 """Of a wheel whose turns are a guess that share is a fifth of its amplitude: what its gyro and the
 other wheel are off by, in that guess, an effect of theirs would take up."""
-
-
 _TAKEN_ALONG: Final = "gyro_bias"
 """In the guess as in the gyro, whatever the robot does."""
 

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 EVERYTHING: Final = (-math.inf, math.inf)
+REPLAYED_TOGETHER: Final = 2
+"""So many effects of the firmware a replay tells of at most."""
 NEVER: Final = 1e6
 """More than any evidence [nat]: what speaks against sizes that no effect has."""
 

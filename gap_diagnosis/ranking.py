@@ -13,7 +13,7 @@ import numpy as np
 
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
-from gap_diagnosis.hypothesis import NEVER, Block
+from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block
 from gap_diagnosis.no_news import moved
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
@@ -36,7 +36,7 @@ _LEAST_SHOWN: Final = 1e-4
 _LARGER: Final = 6
 _APART: Final = 2
 _BESIDE: Final = 5
-_MOST_OF: Final = {"drive": 1, "firmware": 2}
+_MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
 _BIT: Final = frozenset({"adc_stuck_bit"})
 _BEND: Final = frozenset({"adc_inl"})

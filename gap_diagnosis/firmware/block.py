@@ -21,7 +21,7 @@ from gap_diagnosis.firmware.replay import Program, Start, find_start, replay
 from gap_diagnosis.firmware.scored import Scored, estimates_of, log_sum
 from gap_diagnosis.firmware.singles import Singles
 from gap_diagnosis.firmware.workbench import Workbench
-from gap_diagnosis.hypothesis import Fit
+from gap_diagnosis.hypothesis import REPLAYED_TOGETHER, Fit
 from gap_diagnosis.recording import Floats, Ints, Recording
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
@@ -73,7 +73,7 @@ class FirmwareBlock:
         Raises ValueError for an effect of another block, and for more than two.
         """
         unknown = effects - self.effects
-        if unknown or len(effects) > 2:
+        if unknown or len(effects) > REPLAYED_TOGETHER:
             known = sorted(self.effects)
             raise ValueError(f"effects {sorted(effects)}: expected up to two of {known}")
         if effects not in self._fits:

@@ -446,6 +446,7 @@ class Scan(OffTheGrid):
         # A guess leans on the gyro: along a straight line beside it, nothing is said of its bias.
         if _BIAS in self.by_effect and any(_is_guess(one) for one in near[:1]):
             near.append(self.account(near[0].effects | {_BIAS}))
+            near = list({one.effects: one for one in near}.values())
         known = {one.effects for one in near}
         stretched = [frozenset({effect}) for effect in self._stretched()]
         return near + [self.found[one] for one in stretched if one in self.found.keys() - known]

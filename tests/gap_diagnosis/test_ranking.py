@@ -370,7 +370,7 @@ def test_beside_an_effect_of_many_thousand_nats_a_second_one_must_gain_more() ->
     assert best(21_090.0) == pair
 
 
-def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_a_twentieth() -> None:
+def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_more() -> None:
     """A guess of 6,233 nats left 99 that a lag of 2.5 ms took up: a dead encoder that lags, 1.00,
     in two of fifteen sealed cases."""
     pair = frozenset({"encoder_dead", "radius_scale"})
