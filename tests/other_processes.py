@@ -24,6 +24,8 @@ from on_vcan import VCAN_ENV
 GENEROUS_S: Final = 600.0
 """Not a deadline: only what never comes is waited for so long."""
 
+_ENOUGH_BYTES: Final = 40_000  # of a log: so many frames say that both sides hear each other
+
 _PRELOADED: Final = ("lean", "chiplog.cli", "hil_harness.standalone", "chiplog.commands.node")
 _IS_IN_MACHINE: Final = VCAN_ENV in os.environ
 _SERVER: Final = multiprocessing.get_context("fork" if _IS_IN_MACHINE else "forkserver")
@@ -103,6 +105,14 @@ class Command:
     def _signal(self, number: int) -> None:
         assert self._process.pid is not None
         os.kill(self._process.pid, number)
+
+
+def under_way(log: Path) -> Callable[[], bool]:
+    """Return what tells whether the loop is under way by the log that one of its nodes writes.
+
+    Its first frame does not: it may be the other side's, which has heard nothing yet.
+    """
+    return lambda: log.exists() and log.stat().st_size > _ENOUGH_BYTES
 
 
 def chiplog(*arguments: str, folder: Path) -> Command:

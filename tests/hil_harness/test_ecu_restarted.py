@@ -4,7 +4,7 @@ import json
 import os
 from pathlib import Path
 
-from other_processes import chiplog
+from other_processes import chiplog, under_way
 
 
 def test_an_ecu_that_restarts_is_told_and_in_the_summary(tmp_path: Path) -> None:
@@ -18,7 +18,7 @@ def test_an_ecu_that_restarts_is_told_and_in_the_summary(tmp_path: Path) -> None
         chiplog(*ecu_words, str(first), folder=tmp_path / "ecu") as ecu,
         chiplog(*run_words, folder=tmp_path / "run") as run,
     ):
-        run.until(lambda: first.exists() and first.stat().st_size > 0)
+        run.until(under_way(first))
         ecu.kill()
         run.until(lambda: "firmware: silent since" in run.stderr)
         with chiplog(*ecu_words, str(second), folder=tmp_path / "ecu again"):

@@ -15,12 +15,11 @@ from typing import Any
 
 import pytest
 from on_vcan import VCAN_ENV
-from other_processes import Command, chiplog
+from other_processes import Command, chiplog, under_way
 
 from can_bus import load_database, read_log
 
 _LONG = ("--duration-s", "3600")
-_ENOUGH_BYTES = 40_000  # of a log: so many frames say that the loop is under way
 
 
 @dataclass
@@ -61,8 +60,7 @@ def story(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
             return stack.enter_context(chiplog(*arguments, folder=folder / name))
 
         def grown(name: str) -> Callable[[], bool]:
-            log = folder / f"{name}.log"
-            return lambda: log.exists() and log.stat().st_size > _ENOUGH_BYTES
+            return under_way(folder / f"{name}.log")
 
         firmware = start("firmware", "firmware", "--kernel", "python")
         firmware.until(lambda: "waiting for the first sensor frame" in firmware.stdout)
