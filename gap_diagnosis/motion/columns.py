@@ -193,21 +193,25 @@ def build_columns(
         base.append(change / creep)
         nuisances.append((len(base) - 2, 0.5 * creep))
         little[len(base) - 2] = _CREEP_IN_TURNS, 0
+    lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(values, tuple(_late_alone(terms, delays)), tuple(nuisances), little)
+    return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)
 
 
-def _late_alone(terms: Sequence[Term], delays: Set[int]) -> Iterable[Term]:
-    """Return the terms; beside late counts no tolerance of the *delays* is free.
+def _late_alone(terms: Sequence[Term], delays: Set[int], lags: Set[int]) -> Iterable[Term]:
+    """Return the terms; beside late counts no tolerance of the *delays* is free, beside a late gyro
+    none of its *lags*.
 
     The two are one delay: counts late by much, and put back by the tolerance's straight line, are
-    the way without its bends, and so without the rows' own noise.
+    the way without its bends, and so without the rows' own noise; and a gyro that is late by more
+    and put back by a lag below zero is one that smooths.
     """
-    little = tuple((index, 0.0) for index in sorted(delays))
     for term in terms:
-        late = term.variant.effect == _LATENCY and term.variant.report["frame"] != "IMU"
-        weights = tuple((*parts, *little) if late else parts for parts in term.weights)
-        yield replace(term, weights=weights)
+        held: Set[int] = set()
+        if term.variant.effect == _LATENCY:
+            held = lags if term.variant.report["frame"] == "IMU" else delays
+        little = tuple((index, 0.0) for index in sorted(held))
+        yield replace(term, weights=tuple((*parts, *little) for parts in term.weights))
 
 
 def _near(
@@ -274,6 +278,7 @@ _LEAST_REACH_M: Final = 0.1
 _OFFSET: Final = "reference_time_offset"
 _SKEW: Final = "reference_clock_skew"
 _LATENCY: Final = "frame_latency"
+_LAG: Final = "gyro_lag"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))

@@ -18,8 +18,8 @@ from hil_harness.robot import Robot
 SEARCH_S: Final = 0.5
 """No gyro is later, and few references that share a clock with the log are, or earlier:"""
 _FAR_S: Final = 2.0
-"""some are by so much, where a log is long enough to tell and turns tell it: at a constant speed
-one moment is as good as another."""
+"""some are by so much, where a log is long enough and turns tell it, or speeds beyond doubt:
+at a constant speed one moment is as good as another."""
 _LONG: Final = 10
 """So many times as long."""
 _STEP_S: Final = 0.02
@@ -60,9 +60,11 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
-    is_long = reference.heading_rad is not None and len(grid) * _STEP_S > _LONG * _FAR_S
-    most_s = _FAR_S if is_long else SEARCH_S
-    return timely + max((_shift(one, theirs, most_s) for one in ours), key=lambda it: it[1])[0]
+    if len(grid) * _STEP_S > _LONG * _FAR_S:
+        far_s, alike = _likeliest(ours, theirs, _FAR_S)
+        if reference.heading_rad is not None or alike > _ALIKE:
+            return timely + far_s
+    return timely + _likeliest(ours, theirs, SEARCH_S)[0]
 
 
 def turns_of(motion: Motion) -> list[Floats]:
@@ -84,6 +86,12 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
     wheels, gyro = (_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
     late_s, alike = _shift(wheels, gyro, SEARCH_S)
     return late_s if alike > _ALIKE else 0.0
+
+
+def _likeliest(ours: Sequence[Floats], theirs: Floats, most_s: float) -> tuple[float, float]:
+    """Return the shift by which *theirs* is most like one of *ours*, and how alike they are then;
+    see `_shift`."""
+    return max((_shift(one, theirs, most_s) for one in ours), key=lambda shift: shift[1])
 
 
 def _smooth_steps(values: Floats) -> Floats:

@@ -57,6 +57,10 @@ _BENT: Final = 200.0
 """Beside a set that gains this much [nat] others are sought along columns about it,"""
 _BESIDE: Final = 2
 """so many are fitted,"""
+_ALIKE: Final = 0.98
+"""The cosine from which two columns tell much the same,"""
+_FITTED_ALIKE: Final = 2
+"""and as many of them are fitted in the place of each effect of the best set."""
 _UNSURE: Final = 3.0
 """if along those columns they lack at most so many nats."""
 
@@ -80,6 +84,7 @@ class Scan(OffTheGrid):
         self._contradicted = 0
         self._parts_beside: dict[Effects, Refitted] = {}
         self._surrounded: set[Effects] = set()
+        self._compared_alike: set[Effects] = set()
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
         self._search(progress)
@@ -137,7 +142,9 @@ class Scan(OffTheGrid):
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
             if not unfitted and self._moved_windows(head):
                 continue
-            if not unfitted and not self._doubted(head) and not self._sought_beside(head):
+            if unfitted or self._doubted(head) or self._sought_beside(head):
+                pass
+            elif not self._sought_alike(head):
                 break
             for one in unfitted:
                 self._refit(one)
@@ -249,6 +256,40 @@ class Scan(OffTheGrid):
                 if less is not None and less.effects and less.refitted is not None:
                     self._seek_beside(less, less.refitted, instead_of=effect)
         return max(self.found.values(), key=self._belief).effects != head.effects
+
+    def _sought_alike(self, head: Found) -> bool:
+        """Fit, once, what looks like an effect of the best set in its place; tell whether another
+        set is believed now.
+
+        A late gyro and a slow one are told alike by columns of little of each, and along chords to
+        their usual sizes one may seem to lack by far more than there is to tell them apart.
+        """
+        if _is_guess(head) or head.effects in self._compared_alike:
+            return False
+        self._compared_alike.add(head.effects)
+        for effect, others in self._alike(head).items():
+            sets = [self.account((head.effects - {effect}) | {other}) for other in others]
+            unfitted = [one for one in sets if one.refitted is None]
+            for one in sorted(unfitted, key=lambda one: -one.log_evidence)[:_FITTED_ALIKE]:
+                self._refit(one)
+        return max(self.found.values(), key=self._belief).effects != head.effects
+
+    def _alike(self, head: Found) -> dict[str, set[str]]:
+        """Return by each effect of a set those others of which a column is much like its own."""
+        inner = self._gram_at(head.levels).full_inner
+        size = np.sqrt(np.maximum(np.diag(inner), np.finfo(np.float64).tiny))
+        near: dict[str, set[str]] = {term.variant.effect: set() for term in head.terms}
+        for term in head.terms:
+            own = _single_column(term)
+            for other in self.model.columns.terms if own is not None else ():
+                column = _single_column(other)
+                if (
+                    column is not None
+                    and abs(inner[own, column]) > _ALIKE * size[own] * size[column]
+                ):
+                    near[term.variant.effect].add(other.variant.effect)
+        not_asked = head.effects | GROSS | self._bending
+        return {effect: some - not_asked for effect, some in near.items()}
 
     def _fit_parts(self, head: Found, fit: Refitted) -> None:
         """Fit a set without each of its effects, once from where a fit of the set ended."""
@@ -455,6 +496,15 @@ class Scan(OffTheGrid):
 def _is_guess(found: Found) -> bool:
     """Tell whether an account guesses what a wheel did."""
     return any(term.variant.unsure is not None for term in found.terms)
+
+
+def _single_column(term: Term) -> int | None:
+    """Return the column of which a term is so much, if it is one."""
+    if len(term.weights) != 1 or term.is_fixed:
+        return None
+    columns = [column for column, value in term.weights[0] if value == 1.0]
+    mixed = [column for column, value in term.weights[0] if value not in (0.0, 1.0)]
+    return columns[0] if len(columns) == 1 and not mixed else None
 
 
 def _differ(first: Term, second: Term) -> bool:

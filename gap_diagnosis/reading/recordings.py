@@ -15,7 +15,11 @@ from gap_diagnosis.reading import log_columns, reference_file, table_file
 from gap_diagnosis.reading.cut_off import last_line_note
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.reading.log import read_log_recording
-from gap_diagnosis.reading.reference_file import read_reference, refuse_no_overlap
+from gap_diagnosis.reading.reference_file import (
+    read_reference,
+    refuse_no_overlap,
+    refuse_other_unit,
+)
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
 from gap_diagnosis.recording import Floats, Recording
@@ -94,7 +98,8 @@ def read_recording(
     _refuse_useless(recording, path)
     if reference is not None:
         measured = read_reference(reference)
-        refuse_no_overlap(measured, recording, str(reference))
+        refuse_other_unit(measured, recording, str(reference))
+        refuse_no_overlap(measured, recording, str(reference), robot)
         recording = replace(recording, reference=measured)
     elif own is not None:
         recording = replace(recording, reference=own)

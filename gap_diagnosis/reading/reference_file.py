@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final, TextIO
@@ -15,11 +16,13 @@ from typing import Final, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.cut_off import unfinished_line
 from gap_diagnosis.reading.ros_reference import read_ros_rows, ros_file
 from gap_diagnosis.recording import Recording, Reference
+from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
 
@@ -79,9 +82,8 @@ _OTHER_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 
 _ABOUT: Final = 0.7
 
 
-def refuse_no_overlap(reference: Reference, recording: Recording, name: str) -> None:
-    """Raise DiagnosisError for a reference that does not overlap the recording in time, or lasts as
-    long as it would in another unit."""
+def refuse_other_unit(reference: Reference, recording: Recording, name: str) -> None:
+    """Raise DiagnosisError for a reference that lasts as long as it would in another unit."""
     longer = float(np.ptp(reference.t_s)) / max(float(np.ptp(recording.t_s)), _LEAST_OVERLAP_S)
     for unit, per_s in _OTHER_UNITS.items():
         if _ABOUT * per_s < longer < per_s / _ABOUT:
@@ -89,13 +91,22 @@ def refuse_no_overlap(reference: Reference, recording: Recording, name: str) -> 
                 f"{name} lasts from {_span(reference.t_s)}, {recording.name} from "
                 f"{_span(recording.t_s)}: expected stamps in seconds, not in {unit}"
             )
+
+
+def refuse_no_overlap(reference: Reference, recording: Recording, name: str, robot: Robot) -> None:
+    """Raise DiagnosisError for a reference that does not overlap the recording in time, unless the
+    drive itself tells by how much its clock is off."""
     start = max(reference.t_s[0], recording.t_s[0])
     stop = min(reference.t_s[-1], recording.t_s[-1])
-    if stop - start < _LEAST_OVERLAP_S:
+    if stop - start >= _LEAST_OVERLAP_S:
+        return
+    _, late_s = with_clock_set(replace(recording, reference=reference), robot)
+    if late_s == 0.0:
         raise DiagnosisError(
             f"{name} lasts from {_span(reference.t_s)}, {recording.name} from "
             f"{_span(recording.t_s)}: expected "
-            f"stamps of one clock that overlap by {_LEAST_OVERLAP_S:g} s or more"
+            f"stamps of one clock that overlap by {_LEAST_OVERLAP_S:g} s or more, or a drive that "
+            "tells how far the clocks are apart"
         )
 
 

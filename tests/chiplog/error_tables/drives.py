@@ -169,7 +169,8 @@ DRIVES: tuple[Row, ...] = (
         "a reference of another time",
         "chiplog diagnose table.csv --reference a.tum",
         "a.tum lasts from 100.000 to 102.000 s, table.csv from 0.000 to 2.990 s: expected "
-        "stamps of one clock that overlap by 2 s or more",
+        "stamps of one clock that overlap by 2 s or more, or a drive that tells how far the clocks "
+        "are apart",
         {"table.csv": DRIVE, "a.tum": _poses("100 101 102")},
     ),
 )

@@ -79,7 +79,7 @@ def test_a_clock_that_begins_at_zero_is_not_told_as_less(tmp_path: Path) -> None
     recording = read_recording(encoded(drive(400), tmp_path), robot=ROBOT)
     t_s = np.array([-1e-17, 1.0])
     with pytest.raises(DiagnosisError, match=r"none\.tum lasts from 0\.000 to 1\.000 s"):
-        refuse_no_overlap(Reference(t_s, t_s, t_s, None), recording, "none.tum")
+        refuse_no_overlap(Reference(t_s, t_s, t_s, None), recording, "none.tum", ROBOT)
 
 
 def test_a_reference_file_is_laid_beside_the_log(tmp_path: Path) -> None:
