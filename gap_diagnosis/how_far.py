@@ -12,7 +12,7 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects, total_of
-from gap_diagnosis.gap.how_far import Compared, gap_of, metric_of, pooled
+from gap_diagnosis.gap.how_far import Compared, gap_of, pooled
 from gap_diagnosis.gap.shares import joined, shares_of
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.measured import Measured, Unmeasured, measured
@@ -143,9 +143,9 @@ def _shrink(
     parts: Sequence[Measured], own: Effects, stage: StageOrNone, *, is_other_log: bool
 ) -> Shrink:
     """Return the gap of all windows together; *own* are the effects that the motion shows."""
-    metrics = _together([one.compared for one in parts])
     acting = _acting(stage, own, has_frames=any(one.where.frames for one in parts))
-    gap = gap_of(metrics, acting, "log" if is_other_log else "stretches")
+    compared = _together([one.compared for one in parts])
+    gap = gap_of(compared, acting, "log" if is_other_log else "stretches")
     if gap is None:
         return Shrink(pictures=parts[0].pictures())
     gap, modelled, why_not = _modelled(gap, acting, parts)
@@ -191,14 +191,10 @@ def _unmet(part: Measured) -> str:
     return f"Nothing that was held out lies in the window: {told}. Its size is not tested there."
 
 
-def _together(logs: Sequence[Mapping[str, Compared]]) -> dict[str, Metric]:
+def _together(logs: Sequence[Mapping[str, Compared]]) -> dict[str, Compared]:
     """Return each metric over the windows of all logs that have it."""
-    found = {}
-    for name in dict.fromkeys(name for one in logs for name in one):
-        metric = metric_of(name, pooled([one[name] for one in logs if name in one]))
-        if metric is not None:
-            found[name] = metric
-    return found
+    names = dict.fromkeys(name for one in logs for name in one)
+    return {name: pooled([one[name] for one in logs if name in one]) for name in names}
 
 
 def _modelled(

@@ -15,7 +15,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.downstream import Downstream, driven, reprogrammed
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.holdout import hold_out
-from gap_diagnosis.gap.how_far import Compared, metric_of
+from gap_diagnosis.gap.how_far import Compared, metrics_of
 from gap_diagnosis.gap.manoeuvres import Kinds, kinds_of
 from gap_diagnosis.gap.metrics import clock_skew_of
 from gap_diagnosis.gap.on_recording import (
@@ -102,8 +102,7 @@ class Measured:
     @cached_property
     def metrics(self) -> dict[str, Metric]:
         """Each metric of this log alone."""
-        found = {name: metric_of(name, one) for name, one in self.compared.items()}
-        return {name: metric for name, metric in found.items() if metric is not None}
+        return metrics_of(self.compared)
 
     def acting(self, metric: str) -> Effects | None:
         """Return the winning effects that act in a metric; None where none was switched on."""

@@ -9,8 +9,8 @@ from gap_diagnosis.gap.how_far import Compared, closed_share, gap_of, metric_of
 from gap_diagnosis.gap.manoeuvres import KINDS, kinds_of
 from gap_diagnosis.gap.on_recording import (
     Replayed,
+    compare_all,
     levels_of,
-    measure,
     odometry_rms,
     windows_on,
 )
@@ -24,12 +24,12 @@ __all__ = [
     "Replayed",
     "closed_share",
     "commanded_path",
+    "compare_all",
     "gap_of",
     "hold_out",
     "kinds_of",
     "levels_of",
     "manoeuvre_segments",
-    "measure",
     "metric_of",
     "odometry_rms",
     "shapley_reductions",

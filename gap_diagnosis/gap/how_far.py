@@ -34,6 +34,8 @@ METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Per stage, the metrics in which it can act, the most telling first."""
 
+_MOVED: Final = 0.5
+"""An effect that moves a path by less of its floor does not act in it, if it acts in another."""
 _CLEAR: Final = 3.0
 """So many floors are no doubt a gap."""
 _RESAMPLES: Final = 2000
@@ -101,6 +103,12 @@ def metric_of(name: str, compared: Compared) -> Metric | None:
     )
 
 
+def metrics_of(compared: Mapping[str, Compared]) -> dict[str, Metric]:
+    """Return each metric that has a window."""
+    found = {name: metric_of(name, one) for name, one in compared.items()}
+    return {name: metric for name, metric in found.items() if metric is not None}
+
+
 def pooled(parts: Sequence[Compared]) -> Compared:
     """Return one metric over the windows of several logs, each numbered as in its own.
 
@@ -138,22 +146,32 @@ def _side_by_side(draws: Sequence[Floats]) -> Floats:
     return np.hstack([one[np.arange(most) % len(one)] for one in draws])
 
 
+def moved_by(compared: Compared) -> float:
+    """Return how far the effects move the ends of windows, RMS, in floors of noise; whether that is
+    towards what was measured does not matter. 0 without effects."""
+    after, floor = compared.after, compared.floor
+    if after is None or floor is None or not floor.size or not len(after.end):
+        return 0.0
+    moved = math.sqrt(float(np.mean(np.sum((after.end - compared.before.end) ** 2, axis=1))))
+    return moved / max(math.sqrt(float(floor.mean())), 1e-12)
+
+
 def gap_of(
-    metrics: Mapping[str, Metric], stage: str, held_out: Literal["log", "stretches"]
+    compared: Mapping[str, Compared], stage: str, held_out: Literal["log", "stretches"]
 ) -> Gap | None:
     """Return the gap in the metric in which *stage* acts; None where none of these was measured.
 
-    What the effects leave as it was to the last digit is not theirs (of an odometry by its gyro a
-    wider axle moves nothing), as long as they move another. Of several the first that stands
-    clearly above its floor; without any the one that stands highest, if there is a gap to close
-    (before at least 1.2 floor), or else the first.
+    What the effects hardly move is not theirs (of an odometry by its gyro a wider axle moves
+    nothing), as long as they move another. Of several the first that stands clearly above its
+    floor; without any the one that stands highest, if there is a gap to close (before at least 1.2
+    floor), or else the first.
     """
+    metrics = metrics_of(compared)
     able = [name for name in METRICS_OF_STAGE.get(stage, tuple(UNITS)) if name in metrics]
-    able = [
-        name for name in able if metrics[name].after not in (None, metrics[name].before)
-    ] or able
     if not able:
         return None
+    moved = {name: moved_by(compared[name]) for name in able}
+    able = [name for name in able if moved[name] >= min(_MOVED, max(moved.values()))]
     telling = [name for name in able if metrics[name].closed is not None]
     clear = [name for name in telling if _above_floor(metrics[name]) >= _CLEAR]
     if clear or not telling:
@@ -161,7 +179,7 @@ def gap_of(
     else:
         name = max(telling, key=lambda one: _above_floor(metrics[one]))
     chosen = metrics[name]
-    return Gap(metric=name, held_out=held_out, all=dict(metrics), **dict(chosen))
+    return Gap(metric=name, held_out=held_out, all=metrics, **dict(chosen))
 
 
 def _above_floor(metric: Metric) -> float:

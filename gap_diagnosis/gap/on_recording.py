@@ -15,7 +15,7 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.drive_floor import DriveNoise, drive_floor
 from gap_diagnosis.gap.floor import DRAWS, Floor, NoiseLevels, noise_floor
-from gap_diagnosis.gap.how_far import Compared, metric_of
+from gap_diagnosis.gap.how_far import Compared
 from gap_diagnosis.gap.metrics import (
     Path,
     WindowErrors,
@@ -34,7 +34,6 @@ from gap_diagnosis.gap.windows import Window, windows_of
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording, Reference
-from gap_diagnosis.result_parts import Metric
 from hil_harness.robot import Robot
 
 _QUANTUM: Final = 1 / 12
@@ -90,39 +89,6 @@ def _extents(motion: Motion, windows: Sequence[Window]) -> Floats:
     ends_s = np.array([(one.start_s, one.stop_s) for one in windows]).reshape(-1, 2)
     ends_m = np.interp(ends_s, motion.t_s, _way_m(motion))
     return np.column_stack([np.diff(ends_m), np.diff(ends_s)])
-
-
-def measure(
-    recording: Recording,
-    robot: Robot,
-    motion: Motion,
-    windows: Sequence[Window],
-    *,
-    effects: Sequence[Setting] = (),
-    draws: Sequence[Sequence[Setting]] = (),
-    levels: NoiseLevels | None = None,
-    drive: Replayed | None = None,
-    firmware: Replayed | None = None,
-    clock_skew: float | None = None,
-) -> dict[str, Metric]:
-    """Return each metric that the recording allows, by name.
-
-    The arguments are those of `compare_all`.
-    """
-    compared = compare_all(
-        recording,
-        robot,
-        motion,
-        windows,
-        effects=effects,
-        draws=draws,
-        levels=levels,
-        drive=drive,
-        firmware=firmware,
-        clock_skew=clock_skew,
-    )
-    metrics = {name: metric_of(name, one) for name, one in compared.items()}
-    return {name: metric for name, metric in metrics.items() if metric is not None}
 
 
 def compare_all(

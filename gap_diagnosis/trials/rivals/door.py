@@ -20,7 +20,7 @@ from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.holdout import HoldOut, hold_out
 from gap_diagnosis.gap.how_far import gap_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
-from gap_diagnosis.gap.on_recording import levels_of, measure, windows_on
+from gap_diagnosis.gap.on_recording import compare_all, levels_of, windows_on
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.offset import coarse_delay_s
@@ -161,7 +161,7 @@ def _gap(job: Job, stage: str, settings: Sequence[Setting]) -> Gap | None:
     """Return the gap on the held-out stretches before and after, as the diagnosis measures it."""
     if job.sides.why_not is not None:
         return None
-    metrics = measure(
+    compared = compare_all(
         job.recording,
         job.robot,
         job.motion,
@@ -169,4 +169,4 @@ def _gap(job: Job, stage: str, settings: Sequence[Setting]) -> Gap | None:
         effects=settings,
         levels=levels_of(np.asarray(level_prior(job.robot).median), job.robot, job.motion),
     )
-    return gap_of(metrics, stage, "stretches")
+    return gap_of(compared, stage, "stretches")

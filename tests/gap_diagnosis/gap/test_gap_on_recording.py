@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +15,14 @@ from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.gap.drive_path import commanded_path
 from gap_diagnosis.gap.holdout import hold_out
-from gap_diagnosis.gap.how_far import gap_of
+from gap_diagnosis.gap.how_far import gap_of, metrics_of
 from gap_diagnosis.gap.manoeuvres import kinds_of
 from gap_diagnosis.gap.on_recording import (
     Replayed,
     compare,
+    compare_all,
     floor_on,
     levels_of,
-    measure,
     odometry_rms,
     recorded_odometry,
     windows_on,
@@ -31,6 +32,7 @@ from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.gap.where import manoeuvre_segments, metric_chain
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.whitening import LEVELS as LEVEL_NAMES
+from gap_diagnosis.result_parts import Metric
 
 # Effect, parameter, value, the firmware's mode, the stage.
 CASES = [
@@ -42,6 +44,10 @@ CASES = [
 ]
 
 
+def measure(*of: Any, **known: Any) -> dict[str, Metric]:
+    return metrics_of(compare_all(*of, **known))
+
+
 @pytest.mark.parametrize(("effect", "parameter", "value", "mode", "stage"), CASES)
 def test_the_true_effect_closes_the_gap_on_held_out_stretches_and_its_stage_carries_it(
     effect: str, parameter: str, value: float, mode: str, stage: str
@@ -50,8 +56,8 @@ def test_the_true_effect_closes_the_gap_on_held_out_stretches_and_its_stage_carr
     kinds = kinds_of(recording, robot)
     windows = windows_on(motion, hold_out(recording.t_s, kinds).held_out)
     effects = [setting(motion, effect, value)]
-    metrics = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
-    gap = gap_of(metrics, stage, "stretches")
+    compared = compare_all(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    gap = gap_of(compared, stage, "stretches")
     assert gap is not None
     assert gap.metric == "odometry_position_m"
     assert gap.floor is not None
@@ -81,10 +87,10 @@ def test_a_wheelbase_is_seen_against_the_gyro_where_the_odometry_follows_the_gyr
     robot, [(recording, motion)] = drives("random", "wheelbase_scale", mode="gyro", scale=0.02)
     windows = windows_on(motion)
     effects = [setting(motion, "wheelbase_scale", 0.02)]
-    metrics = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
-    assert metrics["odometry_position_m"].closed is None
-    gap = gap_of(metrics, "wheel", "stretches")
+    compared = compare_all(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    gap = gap_of(compared, "wheel", "stretches")
     assert gap is not None
+    assert gap.all["odometry_position_m"].closed is None
     assert gap.metric == "turn_difference_rad"
     assert gap.closed == pytest.approx(1, abs=0.1)
     shares = shares_of(metric_chain(gap.metric, recording, robot, motion, windows, effects))
@@ -187,7 +193,9 @@ def test_odometry_frames_that_a_replay_meets_have_no_firmware_gap() -> None:
     turned = columns * np.array([1.01, 1.01, 1.0])
     windows = windows_on(motion)
     same = measure(recording, robot, motion, windows, firmware=Replayed(columns))
-    other = measure(recording, robot, motion, windows, firmware=Replayed(turned, columns))
+    other = metrics_of(
+        compare_all(recording, robot, motion, windows, firmware=Replayed(turned, columns))
+    )
     assert same["firmware_position_m"].before == pytest.approx(0, abs=1e-12)
     assert other["firmware_position_m"].closed == pytest.approx(1, abs=1e-9)
 
@@ -198,8 +206,8 @@ def test_the_true_lag_closes_the_gap_between_commands_and_wheels() -> None:
     before, after = commanded_path(recording, robot), commanded_path(recording, robot, lag)
     assert before is not None
     windows = windows_on(motion)
-    metrics = measure(recording, robot, motion, windows, drive=Replayed(before, after))
-    gap = gap_of(metrics, "actuation", "stretches")
+    compared = compare_all(recording, robot, motion, windows, drive=Replayed(before, after))
+    gap = gap_of(compared, "actuation", "stretches")
     assert gap is not None
     assert gap.metric == "drive_position_m"
     assert gap.closed == pytest.approx(1, abs=0.1)
@@ -209,7 +217,9 @@ def test_the_described_drive_follows_the_commands_to_the_floor() -> None:
     robot, [(recording, motion)] = drives("random")
     path = commanded_path(recording, robot)
     assert path is not None
-    found = measure(recording, robot, motion, windows_on(motion), drive=Replayed(path))
+    found = metrics_of(
+        compare_all(recording, robot, motion, windows_on(motion), drive=Replayed(path))
+    )
     assert found["drive_position_m"].before < 3e-4
 
 
@@ -219,8 +229,12 @@ def test_posterior_draws_widen_the_interval_of_closed() -> None:
     effects = [setting(motion, "radius_scale", 0.01)]
     random = np.random.default_rng(5)
     draws = [[setting(motion, "radius_scale", one)] for one in random.normal(0.01, 0.006, 30)]
-    sharp = measure(recording, robot, motion, windows, effects=effects, levels=LEVELS)
-    wide = measure(recording, robot, motion, windows, effects=effects, draws=draws, levels=LEVELS)
+    sharp = metrics_of(
+        compare_all(recording, robot, motion, windows, effects=effects, levels=LEVELS)
+    )
+    wide = metrics_of(
+        compare_all(recording, robot, motion, windows, effects=effects, draws=draws, levels=LEVELS)
+    )
     spans = [one["odometry_position_m"].ci95 for one in (sharp, wide)]
     assert spans[0] is not None
     assert spans[1] is not None
