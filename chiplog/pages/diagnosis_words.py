@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from chiplog.pages import quantities as q
@@ -44,11 +45,18 @@ def set_name(effects: Sequence[str]) -> str:
 
 
 def group_name(sets: Sequence[EffectSet]) -> str:
-    """Return all members of a group that cannot be told apart: `a or b or c + d`."""
-    names = [set_name(effects) for effects in sets]
-    rest = len(names) - _MOST_NAMES
+    """Return all members of a group that cannot be told apart: `a or b or c + d`; of a large one
+    what all have, and of what the sets are that differ: `a + b and one of 7 sets of c, d, e`."""
+    rest = len(sets) - _MOST_NAMES
+    common = [one for one in sets[0] if all(one in other for other in sets)]
+    if rest > 0 and common:
+        sets_with = Counter(one for some in sets for one in some if one not in common)
+        differing = [one for one, _ in sets_with.most_common()]
+        alone = " or nothing else" if len(common) in map(len, sets) else ""
+        beside = f"one of {len(sets)} sets of {', '.join(differing)}{alone}"
+        return f"{' + '.join(common)} and {beside}"
     more = f" or {rest} more" if rest > 0 else ""
-    return " or ".join(names[:_MOST_NAMES]) + more
+    return " or ".join(set_name(effects) for effects in sets[:_MOST_NAMES]) + more
 
 
 def probability(value: float) -> str:

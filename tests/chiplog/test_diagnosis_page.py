@@ -17,6 +17,7 @@ import pytest
 from chiplog.pages.diagnosis import diagnosis_page
 from chiplog.pages.diagnosis_words import (
     gap_sentence,
+    group_name,
     headline,
     limit,
     parameter_words,
@@ -293,3 +294,26 @@ def test_where_there_is_nothing_to_close_no_gap_of_0_is_told() -> None:
     late = found.model_copy(update={"gap": gap})
     assert headline(late).endswith(": no gap in the timing")
     assert gap_sentence(late) == "Timing on stretches the fit never saw: no gap."
+
+
+def test_a_small_group_is_named_member_by_member() -> None:
+    assert group_name((("a",), ("b", "c"))) == "a or b + c"
+
+
+def test_a_large_group_is_named_by_what_all_have_and_by_what_they_differ_in() -> None:
+    """Of a Kobuki the first line was four sets of eight effects, and 21 more."""
+    sets = (
+        ("a", "b", "x"),
+        ("a", "b", "y"),
+        ("a", "b", "x", "z"),
+        ("a", "b", "w"),
+        ("a", "b", "v"),
+    )
+    assert group_name(sets) == "a + b and one of 5 sets of x, y, z, w, v"
+    assert group_name((*sets, ("a", "b"))).endswith(
+        "one of 6 sets of x, y, z, w, v or nothing else"
+    )
+
+
+def test_a_large_group_that_has_nothing_in_common_names_the_likeliest() -> None:
+    assert group_name([(name,) for name in "abcdef"]) == "a or b or c or d or 2 more"
