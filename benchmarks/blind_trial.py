@@ -181,7 +181,10 @@ def main() -> None:
     parser.add_argument("--page", type=Path)
     parser.add_argument("--at", action="append", default=[], metavar="METHOD=COMMIT")
     parser.add_argument(
-        "--again", type=Path, metavar="DIR", help="results of `chiplog blind again`, run"
+        "--again",
+        type=Path,
+        metavar="DIR",
+        help="results of `chiplog blind again` on the first DIR, run",
     )
     parser.add_argument("--made", default="chiplog blind make --out DIR", help="how DIR was made")
     chosen = parser.parse_args()
@@ -198,6 +201,8 @@ def main() -> None:
         again = None
         if chosen.again is not None:
             again = open_trial(chosen.again, key_of(chosen.again), jobs=jobs)
+            if len(trials) > 1:
+                again = together([{OWN_METHOD: again}])[OWN_METHOD]
         commits = dict(one.split("=", 1) for one in chosen.at)
         chosen.page.write_text(markdown(opened, commits, chosen.made, again), encoding="utf-8")
 

@@ -258,38 +258,51 @@ class Scan(OffTheGrid):
         return max(self.found.values(), key=self._belief).effects != head.effects
 
     def _sought_alike(self, head: Found) -> bool:
-        """Fit, once, what looks like an effect of the best set in its place; tell whether another
-        set is believed now.
+        """Fit, once, what looks like an effect of the best set in its place, from where its fit
+        ended; tell whether another set is believed now.
 
         A late gyro and a slow one are told alike by columns of little of each, and along chords to
         their usual sizes one may seem to lack by far more than there is to tell them apart.
         """
-        if _is_guess(head) or head.effects in self._compared_alike:
+        fit = head.refitted
+        if fit is None or _is_guess(head) or head.effects in self._compared_alike:
             return False
         self._compared_alike.add(head.effects)
-        for effect, others in self._alike(head).items():
-            sets = [self.account((head.effects - {effect}) | {other}) for other in others]
-            unfitted = [one for one in sets if one.refitted is None]
-            for one in sorted(unfitted, key=lambda one: -one.log_evidence)[:_FITTED_ALIKE]:
-                self._refit(one)
+        inner = self._gram_at(head.levels).full_inner
+        for place, term in enumerate(head.terms):
+            own = _single_column(term)
+            if own is None:
+                continue
+            for other, column in self._alike(own, inner)[:_FITTED_ALIKE]:
+                swapped = head.effects - {term.variant.effect} | {other.variant.effect}
+                known = self.found.get(swapped)
+                is_fitted = known is not None and known.refitted is not None
+                if is_fitted or len(swapped) < len(head.effects):
+                    continue
+                size = fit.coefficients[place][0] * inner[own, column] / inner[column, column]
+                start = [*fit.coefficients]
+                start[place] = (max(size, 0.0) if other.variant.is_positive else size,)
+                terms = (*head.terms[:place], other, *head.terms[place + 1 :])
+                others = head.log_evidence - fit.log_evidence
+                others += self._cost(term) - self._cost(other)
+                self._fit(terms, head.levels, start, others)
         return max(self.found.values(), key=self._belief).effects != head.effects
 
-    def _alike(self, head: Found) -> dict[str, set[str]]:
-        """Return by each effect of a set those others of which a column is much like its own."""
-        inner = self._gram_at(head.levels).full_inner
+    def _alike(self, own: int, inner: Floats) -> list[tuple[Term, int]]:
+        """Return of each other effect the term that is most like a column, with its own, the most
+        alike first."""
         size = np.sqrt(np.maximum(np.diag(inner), np.finfo(np.float64).tiny))
-        near: dict[str, set[str]] = {term.variant.effect: set() for term in head.terms}
-        for term in head.terms:
-            own = _single_column(term)
-            for other in self.model.columns.terms if own is not None else ():
-                column = _single_column(other)
-                if (
-                    column is not None
-                    and abs(inner[own, column]) > _ALIKE * size[own] * size[column]
-                ):
-                    near[term.variant.effect].add(other.variant.effect)
-        not_asked = head.effects | GROSS | self._bending
-        return {effect: some - not_asked for effect, some in near.items()}
+        near: dict[str, tuple[float, Term, int]] = {}
+        for term in self.model.columns.terms:
+            column, effect = _single_column(term), term.variant.effect
+            if column is None or effect in GROSS | self._bending:
+                continue
+            cosine = abs(float(inner[own, column])) / float(size[own] * size[column])
+            if column != own and cosine > max(_ALIKE, near[effect][0] if effect in near else 0.0):
+                near[effect] = cosine, term, column
+        return [
+            (term, column) for _, term, column in sorted(near.values(), key=lambda one: -one[0])
+        ]
 
     def _fit_parts(self, head: Found, fit: Refitted) -> None:
         """Fit a set without each of its effects, once from where a fit of the set ended."""

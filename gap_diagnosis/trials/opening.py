@@ -113,10 +113,16 @@ def open_methods(
 
 
 def together(trials: Sequence[Mapping[str, Opened]]) -> dict[str, Opened]:
-    """Return several trials, each by method, as one; a case's name begins with its trial's number.
+    """Return several trials, each by method, as one; a case's name begins with its trial's number,
+    and so does that of the case of which it is one manoeuvre more.
 
     What a method was not run on is missing.
     """
+
+    def numbered(case: Case, number: int) -> Case:
+        of = f"{number}-{case.of}" if case.of else case.of
+        return replace(case, name=f"{number}-{case.name}", of=of)
+
     sizes = [max(len(one.judged) + one.missing for one in methods.values()) for methods in trials]
     joined = {}
     for method in dict.fromkeys(name for methods in trials for name in methods):
@@ -124,8 +130,7 @@ def together(trials: Sequence[Mapping[str, Opened]]) -> dict[str, Opened]:
         for number, methods in enumerate(trials, start=1):
             if method in methods:
                 judged += [
-                    replace(one, case=replace(one.case, name=f"{number}-{one.case.name}"))
-                    for one in methods[method].judged
+                    replace(one, case=numbered(one.case, number)) for one in methods[method].judged
                 ]
         joined[method] = Opened(tuple(judged), sum(sizes) - len(judged))
     return joined

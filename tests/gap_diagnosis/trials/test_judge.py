@@ -221,6 +221,14 @@ def test_several_trials_count_as_one_and_no_case_is_taken_for_another() -> None:
     assert scores(one["chiplog"])["cases"] == 6
 
 
+def test_one_manoeuvre_more_goes_with_the_case_that_asked_for_it_in_several_trials_too() -> None:
+    more = replace(SEER[0], case=replace(SEER[0].case, name="0001-random", of="0001"))
+    asked, driven = together(
+        [{"chiplog": Opened((SEER[0],), 0), "again": Opened((more,), 0)}]
+    ).values()
+    assert driven.judged[0].case.of == asked.judged[0].case.name == "1-0001"
+
+
 def test_the_short_table_has_a_row_for_what_was_scored() -> None:
     rows = dict(summary(scores(Opened(tuple(SEER), 0))))
     assert rows["cases"] == "4"
