@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.motion.accounts import NEAR, Effects, Found
+from gap_diagnosis.motion.alike import alike, single_column
 from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
@@ -57,10 +58,8 @@ _BENT: Final = 200.0
 """Beside a set that gains this much [nat] others are sought along columns about it,"""
 _BESIDE: Final = 2
 """so many are fitted,"""
-_ALIKE: Final = 0.98
-"""The cosine from which two columns tell much the same,"""
 _FITTED_ALIKE: Final = 2
-"""and as many of them are fitted in the place of each effect of the best set."""
+"""So many effects that look like one of the best set are fitted in its place."""
 _UNSURE: Final = 3.0
 """if along those columns they lack at most so many nats."""
 
@@ -142,9 +141,8 @@ class Scan(OffTheGrid):
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
             if not unfitted and self._moved_windows(head):
                 continue
-            if unfitted or self._doubted(head) or self._sought_beside(head):
-                pass
-            elif not self._sought_alike(head):
+            is_settled = not unfitted and not self._doubted(head) and not self._sought_beside(head)
+            if is_settled and not self._sought_alike(head):
                 break
             for one in unfitted:
                 self._refit(one)
@@ -269,15 +267,16 @@ class Scan(OffTheGrid):
             return False
         self._compared_alike.add(head.effects)
         inner = self._gram_at(head.levels).full_inner
+        not_asked = head.effects | GROSS | self._bending
+        asked = [t for t in self.model.columns.terms if t.variant.effect not in not_asked]
         for place, term in enumerate(head.terms):
-            own = _single_column(term)
+            own = single_column(term)
             if own is None:
                 continue
-            for other, column in self._alike(own, inner)[:_FITTED_ALIKE]:
+            for other, column in alike(own, asked, inner)[:_FITTED_ALIKE]:
                 swapped = head.effects - {term.variant.effect} | {other.variant.effect}
                 known = self.found.get(swapped)
-                is_fitted = known is not None and known.refitted is not None
-                if is_fitted or len(swapped) < len(head.effects):
+                if known is not None and known.refitted is not None:
                     continue
                 size = fit.coefficients[place][0] * inner[own, column] / inner[column, column]
                 start = [*fit.coefficients]
@@ -287,22 +286,6 @@ class Scan(OffTheGrid):
                 others += self._cost(term) - self._cost(other)
                 self._fit(terms, head.levels, start, others)
         return max(self.found.values(), key=self._belief).effects != head.effects
-
-    def _alike(self, own: int, inner: Floats) -> list[tuple[Term, int]]:
-        """Return of each other effect the term that is most like a column, with its own, the most
-        alike first."""
-        size = np.sqrt(np.maximum(np.diag(inner), np.finfo(np.float64).tiny))
-        near: dict[str, tuple[float, Term, int]] = {}
-        for term in self.model.columns.terms:
-            column, effect = _single_column(term), term.variant.effect
-            if column is None or effect in GROSS | self._bending:
-                continue
-            cosine = abs(float(inner[own, column])) / float(size[own] * size[column])
-            if column != own and cosine > max(_ALIKE, near[effect][0] if effect in near else 0.0):
-                near[effect] = cosine, term, column
-        return [
-            (term, column) for _, term, column in sorted(near.values(), key=lambda one: -one[0])
-        ]
 
     def _fit_parts(self, head: Found, fit: Refitted) -> None:
         """Fit a set without each of its effects, once from where a fit of the set ended."""
@@ -509,15 +492,6 @@ class Scan(OffTheGrid):
 def _is_guess(found: Found) -> bool:
     """Tell whether an account guesses what a wheel did."""
     return any(term.variant.unsure is not None for term in found.terms)
-
-
-def _single_column(term: Term) -> int | None:
-    """Return the column of which a term is so much, if it is one."""
-    if len(term.weights) != 1 or term.is_fixed:
-        return None
-    columns = [column for column, value in term.weights[0] if value == 1.0]
-    mixed = [column for column, value in term.weights[0] if value not in (0.0, 1.0)]
-    return columns[0] if len(columns) == 1 and not mixed else None
 
 
 def _differ(first: Term, second: Term) -> bool:
