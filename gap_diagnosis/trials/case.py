@@ -11,7 +11,7 @@ from gap_diagnosis.trials.sizes import tolerances
 from hil_harness.effects.model import EffectSetting, Value
 
 Stratum: TypeAlias = Literal["prior", "limit", "field"]
-Kind: TypeAlias = Literal["null", "single", "pair", "withheld", "decoy"]
+Kind: TypeAlias = Literal["null", "single", "pair", "several", "withheld", "decoy"]
 Effects: TypeAlias = Mapping[str, Mapping[str, Value]]
 
 OWN_ENGINE: Final = "own"

@@ -44,8 +44,8 @@ _RARE: Final = frozenset(
 _EVENTS: Final = 3.0
 """So many are expected where the chance of none is 5 %."""
 
-_BEST: Final = 40
-"""So many effects are tried in pairs."""
+_BEST: Final = (40, 16, 12)
+"""So many effects are tried in pairs, in threes, and in any larger number at once."""
 
 
 class Oracle:
@@ -138,12 +138,12 @@ class Oracle:
         for effect, (left, _) in best.items():
             if left < THRESHOLD:
                 found.add(canonical(still | {effect}))
-        if len(moved) > 1:
-            order = sorted(best, key=lambda effect: best[effect][0])[:_BEST]
-            for one, two in combinations(order, 2):
-                together = best[one][1] + best[two][1]
+        order = sorted(best, key=lambda effect: best[effect][0])
+        for count in range(2, len(moved) + 1):
+            for chosen in combinations(order[: _BEST[min(count - 2, len(_BEST) - 1)]], count):
+                together = [row for effect in chosen for row in best[effect][1]]
                 if total - _explained(inner, pull, together) < THRESHOLD:
-                    found.add(canonical(still | {one, two}))
+                    found.add(canonical(still | set(chosen)))
         return frozenset(found)
 
     def bounds(self, effects: Mapping[str, Values]) -> dict[str, float]:

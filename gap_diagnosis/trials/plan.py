@@ -129,11 +129,14 @@ def _pair(order: Iterator[str]) -> tuple[str, str]:
     raise DiagnosisError("pairs: expected two effects that differ by more than a name")
 
 
+def _gross(effect: str) -> bool:
+    """Tell whether an effect is a mistake of the set-up, which hides what stands beside it."""
+    return effect.startswith("setup_")
+
+
 def _may_pair(first: str, second: str) -> bool:
-    names = {first, second}
-    own = canonical({first}) | canonical({second})
-    gross = any(one.startswith("setup_") for one in names)
-    return not gross and len(own) == len(canonical({first})) + len(canonical({second}))
+    one, other = canonical({first}), canonical({second})
+    return not _gross(first) and not _gross(second) and one.isdisjoint(other)
 
 
 def _withheld(
@@ -153,23 +156,28 @@ def _withheld(
 
 
 def _of_prior(one: Planned, names: Sequence[str], draw: Draw) -> Planned:
-    """Return a case as the tool's own prior has them: even over stages, then over effects."""
-    none, single, pair = default_prior().effects[:3]
-    weights = np.array([none, single, pair]) / (none + single + pair)
-    count = int(draw.choice(3, p=weights))
+    """Return a case as the tool's own prior has them: how many at once, even over stages, then over
+    effects; a cause without a name as often as it is believed in."""
+    prior = default_prior()
+    if draw.random() < prior.unknown:
+        nameless = sorted(UNLISTED & frozenset(names))
+        if nameless:
+            return Planned("prior", "single", (nameless[int(draw.integers(len(nameless)))],))
+    weights = np.array(prior.effects)
+    count = int(draw.choice(len(weights), p=weights / weights.sum()))
     chosen: list[str] = []
-    listed = [name for name in names if name not in UNLISTED]
+    listed = [name for name in names if name not in UNLISTED and not (count > 1 and _gross(name))]
     while len(chosen) < count and listed:
         stages = sorted({catalogue()[name].stage for name in listed})
         stage = stages[int(draw.integers(len(stages)))]
         members = [name for name in listed if catalogue()[name].stage == stage]
         name = members[int(draw.integers(len(members)))]
-        if not chosen or _may_pair(chosen[0], name):
+        if all(_may_pair(other, name) for other in chosen):
             chosen.append(name)
         else:
             listed = [other for other in listed if other not in (*chosen, name)]
-    kinds: tuple[Kind, ...] = ("null", "single", "pair")
-    return Planned("prior", kinds[len(chosen)], tuple(chosen))
+    kinds: tuple[Kind, ...] = ("null", "single", "pair", "several")
+    return Planned("prior", kinds[min(len(chosen), len(kinds) - 1)], tuple(chosen))
 
 
 def _world(one: Planned, counts: Counts, draw: Draw) -> Planned:

@@ -88,6 +88,15 @@ def test_a_room_out_of_scale_is_wheels_and_a_track_out_of_scale_by_as_much(oracl
     assert frozenset({"radius_scale", "wheelbase_scale"}) in group
 
 
+def test_three_effects_are_like_three_others(oracle: Oracle) -> None:
+    """Counts that one wheel loses are a smaller wheel, whatever is at work beside it."""
+    beside: dict[str, Values] = {"wheelbase_scale": {"scale": 0.02}, "gyro_scale": {"scale": 0.02}}
+    group = oracle.group({**beside, "radius_mismatch": {"mismatch": 0.004}})
+    assert frozenset({*beside, "radius_mismatch"}) in group
+    assert frozenset({*beside, "missed_ticks"}) in group
+    assert all(len(one) >= 3 for one in group)
+
+
 def test_spurious_counts_are_no_clearer_than_their_number_is_certain() -> None:
     """Of n counts expected, n - sqrt(n) or n + sqrt(n) come: what is certain of them is n, however
     smooth the floor. By the mean alone they were five times as far over their limit as they are."""

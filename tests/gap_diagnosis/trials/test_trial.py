@@ -26,8 +26,8 @@ from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import SEALED, seal, unseal
 from gap_diagnosis.trials.secret import Secret
-from gap_diagnosis.trials.sizes import SIZES, tolerances
-from gap_diagnosis.trials.truth import class_of
+from gap_diagnosis.trials.sizes import SIZES, UNLISTED, tolerances
+from gap_diagnosis.trials.truth import canonical, class_of
 from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
 
@@ -232,11 +232,23 @@ def test_what_a_trial_takes_for_no_gap_the_diagnosis_takes_for_none() -> None:
     assert drawn == {key: drawn[key] if one is None else one.tolerance for key, one in told.items()}
 
 
-def test_the_prior_stratum_has_as_many_nulls_as_the_prior_says() -> None:
-    plan = planned(Counts(2000, strata=("prior",)), np.random.default_rng(1))
-    nulls = sum(one.kind == "null" for one in plan)
-    # 0.4/0.95 of 2,000, four standard deviations.
-    assert abs(nulls - 842) < 4 * np.sqrt(2000 * 0.42 * 0.58)
+def test_the_prior_stratum_has_as_many_at_once_as_the_prior_says() -> None:
+    """Its forecasts are held against what is drawn here: a share that is believed in and never
+    drawn would be told as doubt too much."""
+    prior = default_prior()
+    plan = planned(Counts(4000, strata=("prior",)), np.random.default_rng(1))
+    nameless = sum(bool(UNLISTED & set(one.effects)) for one in plan)
+    drawn = {count: sum(len(one.effects) == count for one in plan) for count in range(4)}
+    drawn[1] -= nameless
+    listed = 1 - prior.unknown
+    expected = {count: listed * prior.effects[count] for count in range(4)}
+    for share, count in [(prior.unknown, nameless), *((expected[n], drawn[n]) for n in range(4))]:
+        # four standard deviations
+        assert abs(count - 4000 * share) < 4 * np.sqrt(4000 * share * (1 - share))
+    several = [one for one in plan if one.kind == "several"]
+    assert {len(one.effects) for one in several} >= {3, 4}
+    for one in several:
+        assert len(canonical(one.effects)) >= len(one.effects)
 
 
 def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) -> None:
