@@ -231,9 +231,8 @@ def measured(
     skew = clock_skew_of(fitted_on.frames, fitted_on.t_s, kept) if _SKEW in effects else 0.0
     # Without a name the log's levels have the cause in them: noise alone leaves what is left of a
     # model of it.
-    levels = levels_of(
-        analysis.motion.levels if unlisted is None else unlisted.levels, robot, motion
-    )
+    own_levels = analysis.motion.levels_beside(effects) if unlisted is None else unlisted.levels
+    levels = levels_of(own_levels, robot, motion)
     compared = compare_all(
         where,
         robot,

@@ -43,6 +43,11 @@ class Reference:
             None if heading is None else heading[kept],
         )
 
+    def mirrored(self) -> Reference:
+        """Return the trajectory as axes of the other hand have it."""
+        heading = self.heading_rad
+        return Reference(self.t_s, self.x_m, -self.y_m, None if heading is None else -heading)
+
 
 @dataclass(frozen=True)
 class FrameTimes:

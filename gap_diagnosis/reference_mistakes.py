@@ -153,8 +153,12 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
     if wheels_are_right and _is_same(heading) and _is_mirrored(ours, theirs):
         return [("reference_position", -1.0)]
     # Wheels and gyro must agree which way the robot turned, not how far: tracks turn it less than
-    # their wheelbase says. Without a gyro it may as well be the wheels that are swapped.
-    if _is_positive(gyro) and not _is_positive(heading) and _is_mirrored(ours, theirs):
+    # their wheelbase says. Without gyro and commands it may as well be the wheels that are swapped.
+    other = gyro
+    if other is None and recording.w_command_rad_s is not None:
+        told_rad = np.cumsum(np.nan_to_num(recording.w_command_rad_s)) * recording.tick_s
+        other = _ratio(turns[0], steps(recording.t_s, told_rad), _LEAST_TURN_RAD)
+    if _is_positive(other) and not _is_positive(heading) and _is_mirrored(ours, theirs):
         return [("reference", -1.0)]
     factor = _known(_ratio(np.abs(ours), np.abs(theirs), _LEAST_WAY_M))
     if factor is not None and factor > 0 and (wheels_are_right or _is_same(heading)):

@@ -323,7 +323,8 @@ def frame_latency(motion: Motion) -> Iterable[Variant]:
 
 
 def setup_sign(motion: Motion) -> Iterable[Variant]:
-    """Return a wrong sign of either count or of the gyro."""
+    """Return a wrong sign of either count or of the gyro; without a gyro also a mirrored reference,
+    beside which wheels look swapped."""
     actions = (
         ("left_ticks", encoder.left_factor),
         ("right_ticks", encoder.right_factor),
@@ -331,6 +332,8 @@ def setup_sign(motion: Motion) -> Iterable[Variant]:
     )
     for signal, act in actions:
         yield Variant("setup_sign", act, (), {"factor": -1.0}, {"signal": signal})
+    if motion.gyro_turn_rad is None:
+        yield Variant("setup_sign", encoder.wheels_swapped, (), {}, {"signal": "reference"})
 
 
 def setup_unit(motion: Motion) -> Iterable[Variant]:

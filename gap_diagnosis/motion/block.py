@@ -62,10 +62,12 @@ def beyond(tolerated: float, found: Fit) -> Fit:
 
 
 class _Right(NamedTuple):
-    """A mistake of the set-up: its fit, and what is likeliest besides once it is put right."""
+    """A mistake of the set-up: its fit, and once it is put right what is likeliest besides, with
+    the noise levels then."""
 
     fit: Fit
     beside: frozenset[str]
+    levels: Floats
 
 
 class MotionBlock:
@@ -219,6 +221,12 @@ class MotionBlock:
         right = self._put_right.get(effects & GROSS)
         return frozenset() if right is None else right.beside
 
+    def levels_beside(self, effects: frozenset[str]) -> Floats:
+        """Return noise levels beside a set: those of the best account of all, or of a log in which
+        the set's mistake of the set-up is put right."""
+        right = self._put_right.get(effects & GROSS)
+        return self.levels if right is None else right.levels
+
     @cached_property
     def _put_right(self) -> dict[frozenset[str], _Right]:
         """The likely mistakes of the set-up, each judged by what the log is like without it.
@@ -226,25 +234,31 @@ class MotionBlock:
         About so gross an error nothing is linear: which of them is likelier shows only then. What
         else is wrong with the robot is not told yet, but must not speak for an unlisted cause.
         """
-        least = self._nothing.log_evidence + LEAST_GAIN
-        return {
+        found = {
             one.effects: self._without_mistake(one)
             for one in self._mistakes
-            if not one.effects & self._mend_nothing and one.log_evidence >= least
+            if not one.effects & self._mend_nothing
         }
+        return {effects: right for effects, right in found.items() if right is not None}
 
-    def _without_mistake(self, mistake: Found) -> _Right:
+    def _without_mistake(self, mistake: Found) -> _Right | None:
+        """Return a mistake with what the log is like without it; None where it gains nothing."""
         (term,) = mistake.terms
-        gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
+        by_line = mistake.log_evidence - self._nothing.log_evidence
+        best = self._put_right_by(term)
+        gain = best.log_evidence - self._nothing.log_evidence
+        if max(by_line, gain) < LEAST_GAIN:
+            return None
         beside: frozenset[str] = frozenset()
         if self._mends(term):
             right = Scan(self._right(term)[0])
             gain += right.worth
-            beside = right.likeliest.effects
+            best = right.likeliest
+            beside = best.effects
         # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
-        gain = max(gain, mistake.log_evidence - self._nothing.log_evidence)
+        gain = max(gain, by_line)
         likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
-        return _Right(Fit((term.variant.effect,), gain, likelihood), beside)
+        return _Right(Fit((term.variant.effect,), gain, likelihood), beside, best.levels)
 
     def _put_right_by(self, term: Term) -> Found:
         """Return what a mistake accounts for: the log as it is without it."""

@@ -12,7 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.prediction import Motion
+from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 
@@ -22,6 +23,12 @@ _BLOCK_S: Final = 0.5
 _STILL: Final = 1e-4
 _MOVES: Final = 1e-2
 """Squares of ways [m] or turns [rad] in blocks, added up: less is rest, more is none."""
+_STEP_S: Final = 2.0
+"""Over which, on average, a course without headings is compared: between two clocks half a second
+matters little."""
+_LEAST_STEPS: Final = 8
+_SHORT_M: Final = 0.01
+_SURE: Final = 2.0
 _TOGETHER: Final = 0.3
 _LOUD: Final = 3.0
 """Correlation over blocks: three times what chance makes in a minute. Where noise has three times
@@ -74,7 +81,38 @@ def _sources(recording: Recording, robot: Robot) -> list[tuple[Floats, Floats]]:
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
         pairs.append((np.abs(forward), moved))
+        if reference.heading_rad is None:
+            pairs += _bends(motion, reference)
     return pairs
+
+
+def _bends(motion: Motion, reference: Reference) -> list[tuple[Floats, Floats]]:
+    """Return how far each step of the way leads to the left of the one before, as wheels and as a
+    reference without headings have it; nothing where its noise hides by which factor they differ.
+    """
+    first, last = (f(motion.t_s[end], reference.t_s[end]) for f, end in ((max, 0), (min, -1)))
+    angle = 0.5 * (motion.left_angle_rad + motion.right_angle_rad)
+    way_m = motion.radius_m * np.cumsum(np.abs(np.diff(angle, prepend=angle[0])))
+    here = (motion.t_s >= first) & (motion.t_s <= last)
+    count = int((last - first) / _STEP_S)
+    if count < _LEAST_STEPS or not here.any():
+        return []
+    # Steps of one length: a turn on the spot is the bend between two of them.
+    ends_m = np.linspace(way_m[here][0], way_m[here][-1], count)
+    t_s = np.interp(ends_m, way_m[here], motion.t_s[here])
+    ours, theirs = (
+        np.diff(np.interp(t_s, one.t_s, one.x_m) + 1j * np.interp(t_s, one.t_s, one.y_m))
+        for one in (motion, reference)
+    )
+    # By our own lengths: in metres aside a reference's noise is the same at any speed.
+    longer_m = np.maximum(np.maximum(np.abs(ours[1:]), np.abs(ours[:-1])), _SHORT_M)
+    cause, effect = ((steps[1:] * np.conj(steps[:-1])).imag / longer_m for steps in (ours, theirs))
+    slope = _slope(cause, effect)
+    if slope is None:
+        return []
+    left = (effect - np.median(effect)) - slope * (cause - np.median(cause))
+    sd = math.sqrt(float(left @ left) / (len(left) - 2) / _power(cause))
+    return [(cause, effect)] if _SURE * sd < min(1.0 - _LOW, _HIGH - 1.0) else []
 
 
 def _averaged(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
@@ -96,6 +134,10 @@ def put_right(
         return replace(recording, left_ticks=right, right_ticks=left), 0.0
     factor = -1.0 if effect == "setup_sign" else float(values["factor"])
     signal = values["signal"]
+    if signal == "reference":
+        reference = recording.reference
+        mirrored = None if reference is None else reference.mirrored()
+        return replace(recording, reference=mirrored), 0.0
     if signal != "gyro":
         wrong = {"left_ticks": (True, False), "right_ticks": (False, True)}.get(
             str(signal), (True, True)

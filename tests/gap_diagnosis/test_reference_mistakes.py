@@ -257,5 +257,21 @@ def test_a_wheel_or_a_gyro_that_turns_the_other_way_is_not_laid_to_positions(
 def test_without_a_gyro_the_wheels_may_as_well_be_the_ones_that_are_wrong() -> None:
     recording = replace(drive(), gyro_code=None, gyro_rate_rad_s=None)
     for one in (recording, with_positions("random", 0.0005, 100.0)):
-        blind = mirrored(replace(one, gyro_code=None, gyro_rate_rad_s=None))
+        alone = replace(
+            one,
+            gyro_code=None,
+            gyro_rate_rad_s=None,
+            v_command_m_s=None,
+            w_command_rad_s=None,
+        )
+        blind = mirrored(alone)
         assert with_reference_put_right(blind, ROBOT) == (blind, None)
+
+
+def test_commands_tell_as_well_as_a_gyro_whether_it_is_the_reference_that_is_mirrored() -> None:
+    recording = replace(drive(), gyro_code=None, gyro_rate_rad_s=None)
+    _, mistake = with_reference_put_right(mirrored(recording), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", "reference")
+    swapped = replace(recording, left_ticks=recording.right_ticks, right_ticks=recording.left_ticks)
+    assert with_reference_put_right(swapped, ROBOT) == (swapped, None)
