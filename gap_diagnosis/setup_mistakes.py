@@ -3,9 +3,9 @@
 import math
 from typing import Final
 
-FACTORS: Final = (2, 3.6, 4, 10, 256, 1000, math.pi / 180)
-"""By which a signal may be read wrong, or by their inverse: units (of km/h too), prefixes, a byte,
-degrees."""
+FACTORS: Final = (2, 3.6, 4, 10, 100, 256, 1000, math.pi / 180)
+"""By which a signal may be read wrong, or by their inverse: units (of km/h and cm too), prefixes, a
+byte, degrees."""
 
 LEAST_GAIN: Final = 30.0
 """A mistake of the set-up is gross: what gains less than this [nat] is not one."""

@@ -65,7 +65,7 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 "factor",
                 "1",
                 1.0,
-                "it reads so many times what it should: 2, 3.6, 4, 10, 256, 1000, 180/π "
+                "it reads so many times what it should: 2, 3.6, 4, 10, 100, 256, 1000, 180/π "
                 "and inverses",
                 minimum=1e-6,
                 maximum=1e6,
