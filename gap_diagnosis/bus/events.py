@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import fisher_exact
 
 from gap_diagnosis.bus.counting import Runs
 from gap_diagnosis.recording import FrameTimes, Recording
@@ -180,7 +181,13 @@ def _doubled(
         doubled[:] = True
         doubled[first] = False
         return doubled
-    doubled[1:] = ~changes[1:] & (np.diff(frames.t_s) < _TOGETHER * cycle_s)
+    soon, fresh = np.diff(frames.t_s) < _TOGETHER * cycle_s, changes[1:]
+    # Stamps that jitter bring frames together whatever they say: of a steering angle that rests all
+    # of these looked doubled.
+    again = [np.count_nonzero(soon & ~fresh), np.count_nonzero(~soon & ~fresh)]
+    by_jitter = [np.count_nonzero(soon & fresh), np.count_nonzero(~soon & fresh)]
+    if not by_jitter[0] or fisher_exact([again, by_jitter], "greater").pvalue < _BY_CHANCE:
+        doubled[1:] = soon & ~fresh
     return doubled
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -37,8 +37,7 @@ the energy, half is left of it, and beyond that it is not asked for."""
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
     """Tell whether turns or ways of two sources differ by more than any effect makes likely."""
-    ratios = (_slope(*both) for both in _sources(recording, robot))
-    return any(ratio is not None and not _LOW < ratio < _HIGH for ratio in ratios)
+    return any(one.is_gross for one in _sources(recording, robot))
 
 
 def is_in_order(recording: Recording, robot: Robot) -> bool:
@@ -47,32 +46,73 @@ def is_in_order(recording: Recording, robot: Robot) -> bool:
     What is divided by a wrong factor may be as large as another source by chance, or so small that
     it has no slope.
     """
-    for cause, effect in _sources(recording, robot):
-        ratio, (moved, noise) = _slope(cause, effect), _moved(effect)
-        if ratio is None:
+    for one in _sources(recording, robot):
+        moved, noise = _moved(one.effect)
+        if one.slope is None:
             if moved > max(_MOVES, noise):
                 return False
-        elif not _LOW < ratio < _HIGH or (
-            noise < _LOUD * _power(cause) and np.corrcoef(cause, effect)[0, 1] < _TOGETHER
+        elif one.is_gross or (
+            noise < _LOUD * _power(one.cause)
+            and np.corrcoef(one.cause, one.effect)[0, 1] < _TOGETHER
         ):
             return False
     return True
 
 
-def _sources(recording: Recording, robot: Robot) -> list[tuple[Floats, Floats]]:
-    """Return what pairs of sources say of the same turns and ways, by blocks."""
+@dataclass(frozen=True)
+class _Pair:
+    """What two sources say of the same turns or ways, by blocks.
+
+    Attributes:
+        cause, effect: float64[n].
+        unsure: how much of the sum of the cause's squares is noise, at most.
+    """
+
+    cause: Floats
+    effect: Floats
+    unsure: float = 0.0
+
+    @property
+    def slope(self) -> float | None:
+        """Of a regression through deviations; None where the cause hardly varies."""
+        power = _power(self.cause)
+        if power < _STILL:
+            return None
+        away = self.cause - np.median(self.cause)
+        return float(away @ (self.effect - np.median(self.effect))) / power
+
+    @property
+    def is_gross(self) -> bool:
+        """The ratio is far from one, with and without what noise of the cause takes from it: a car
+        that hardly turned had a gyro of half the turns that its noisy wheel speeds made."""
+        slope = self.slope
+        if slope is None:
+            return False
+        without_noise = slope / (1.0 - self.unsure / _power(self.cause))
+        return max(slope, without_noise) < _LOW or min(slope, without_noise) > _HIGH
+
+    @property
+    def is_clear(self) -> bool:
+        """Less than half of the cause is noise."""
+        return 2.0 * self.unsure < _power(self.cause)
+
+
+def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
+    """Return what pairs of sources say of the same turns and ways, where noise lets them."""
     # Each source is looked at by itself: nothing is bent onto the reference.
     motion = estimate_motion(replace(recording, reference=None), robot)
     t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
     if len(t_s) < 8:
         return []
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
-    pairs = [(turn, one) for one in gyro]
+    unsure = float(motion.wheel_unsure_rad2.sum()) * (motion.radius_m / motion.wheelbase_m) ** 2
+    pairs = [_Pair(turn, one, unsure) for one in gyro]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
         if reference.heading_rad is not None:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
-            pairs += [(one, heading) for one in (turn, *gyro)]
+            pairs.append(_Pair(turn, heading, unsure))
+            pairs += [_Pair(one, heading) for one in gyro]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
         # A reference's noise goes nowhere, but adds to every length.
@@ -80,13 +120,13 @@ def _sources(recording: Recording, robot: Robot) -> list[tuple[Floats, Floats]]:
             np.diff(_averaged(t_s, reference.t_s, reference.x_m)),
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
-        pairs.append((np.abs(forward), moved))
+        pairs.append(_Pair(np.abs(forward), moved))
         if reference.heading_rad is None:
             pairs += _bends(motion, reference)
-    return pairs
+    return [one for one in pairs if one.is_clear]
 
 
-def _bends(motion: Motion, reference: Reference) -> list[tuple[Floats, Floats]]:
+def _bends(motion: Motion, reference: Reference) -> list[_Pair]:
     """Return how far each step of the way leads to the left of the one before, as wheels and as a
     reference without headings have it; nothing where its noise hides by which factor they differ.
     """
@@ -107,12 +147,12 @@ def _bends(motion: Motion, reference: Reference) -> list[tuple[Floats, Floats]]:
     # By our own lengths: in metres aside a reference's noise is the same at any speed.
     longer_m = np.maximum(np.maximum(np.abs(ours[1:]), np.abs(ours[:-1])), _SHORT_M)
     cause, effect = ((steps[1:] * np.conj(steps[:-1])).imag / longer_m for steps in (ours, theirs))
-    slope = _slope(cause, effect)
-    if slope is None:
+    pair = _Pair(cause, effect)
+    if pair.slope is None:
         return []
-    left = (effect - np.median(effect)) - slope * (cause - np.median(cause))
+    left = (effect - np.median(effect)) - pair.slope * (cause - np.median(cause))
     sd = math.sqrt(float(left @ left) / (len(left) - 2) / _power(cause))
-    return [(cause, effect)] if _SURE * sd < min(1.0 - _LOW, _HIGH - 1.0) else []
+    return [pair] if _SURE * sd < min(1.0 - _LOW, _HIGH - 1.0) else []
 
 
 def _averaged(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
@@ -151,14 +191,6 @@ def put_right(
     if rate is None:
         return recording, 0.0
     return replace(recording, gyro_rate_rad_s=rate / factor), -math.log(abs(factor))
-
-
-def _slope(cause: Floats, effect: Floats) -> float | None:
-    """Return the slope of a regression through deviations; None where the cause hardly varies."""
-    power = _power(cause)
-    if power < _STILL:
-        return None
-    return float((cause - np.median(cause)) @ (effect - np.median(effect))) / power
 
 
 def _moved(steps: Floats) -> tuple[float, float]:

@@ -19,6 +19,8 @@ from hil_harness.robot import Robot
 from hil_harness.signal_map import MappedSignal
 
 _LEAST_FRAMES: Final = 20
+_LONG: Final = 10
+"""A silence of so many cycles says nothing of how long one is."""
 _AGREES: Final = 0.1
 """Two clocks and a scheduler are never so far apart."""
 
@@ -74,9 +76,19 @@ def page_cycle_us(said_us: int | None, stamp_us: NDArray[np.int64]) -> int | Non
     if len(moments_us) < _LEAST_FRAMES:
         return said_us
     apart_us = np.diff(moments_us)
-    cycles = np.rint(apart_us / np.median(apart_us))
-    whole = (cycles > 0) & (cycles < 10)
-    cycle_us = round(float(apart_us[whole].sum() / cycles[whole].sum()))
+    lost = np.rint(apart_us / np.median(apart_us))
+    apart_us, lost = apart_us[lost < _LONG], lost[lost < _LONG]
+    # Stamps that jitter by half a cycle look like losses; but then they lie nearer to the beat of
+    # frames of which none was lost.
+    beats = min((lost, np.ones(len(lost))), key=lambda one: _off_beat(one, apart_us))
+    cycle_us = round(float(apart_us.sum() / beats.sum()))
     if said_us and abs(cycle_us / said_us - 1) <= _AGREES:
         return said_us
     return cycle_us
+
+
+def _off_beat(beats: NDArray[np.float64], apart_us: NDArray[np.int64]) -> float:
+    """Return how far stamps lie from a beat, RMS [µs], if so many beats lie between them."""
+    number, stamp_us = np.cumsum(beats), np.cumsum(apart_us)
+    line = np.polynomial.Polynomial.fit(number, stamp_us, 1)
+    return float(np.sqrt(np.mean((stamp_us - line(number)) ** 2)))

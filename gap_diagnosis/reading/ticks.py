@@ -129,11 +129,13 @@ def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, lost_are_rounds: b
     """Return how much longer a tick lasts on the log's clock than described, less 1.
 
     From the earliest arrivals of neighbouring blocks; the median passes over lost rounds. Where
-    every lost frame is a round, the stamps are believed about them first.
+    every lost frame is a round, the stamps are believed about them first, unless these jitter so
+    much that they lie nearer to the beat of frames of which none was lost.
     """
-    if lost_are_rounds:
+    if lost_are_rounds and len(base) > 2:
         lost = np.rint((np.diff(stamp_ticks) - np.diff(base)) / round_ticks).astype(np.int64)
-        base = base + np.concatenate(([0], np.cumsum(lost))) * round_ticks
+        believed = base + np.concatenate(([0], np.cumsum(lost))) * round_ticks
+        base = min((believed, base), key=lambda one: _off_beat(stamp_ticks, one))
     size = min(_BLOCK, max(_SHORT_BLOCK, len(base) // 16))
     blocks = len(base) // size
     if blocks < 2:
@@ -147,6 +149,12 @@ def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, lost_are_rounds: b
     # Without the steps of whole rounds, far blocks can be held against each other.
     flat = np.unwrap(phase - slope * at, period=round_ticks)
     return slope + _median_slope(at, flat, max(1, blocks // 4))
+
+
+def _off_beat(stamp_ticks: Floats, base: Ints) -> float:
+    """Return how far stamps lie from the ticks that frames are taken to be of, RMS."""
+    line = np.polynomial.Polynomial.fit(base, stamp_ticks, 1)
+    return float(np.sqrt(np.mean((stamp_ticks - line(base)) ** 2)))
 
 
 def _median_slope(x: Floats, y: Floats, lag: int) -> float:

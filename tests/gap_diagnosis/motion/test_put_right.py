@@ -168,3 +168,26 @@ def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:
     large = replace(log, left_ticks=10.0 * log.left_ticks, right_ticks=10.0 * log.right_ticks)
     block = MotionBlock(MotionModel(large, ROBOT, default_prior(), gross=True))
     assert block.fit(frozenset({"setup_unit"})).log_evidence > LEAST_GAIN
+
+
+def test_wheel_speeds_whose_noise_is_as_large_as_their_turns_say_nothing_of_a_factor() -> None:
+    """A car on a straight road: of what its wheels turned half was noise, and its gyro, of half of
+    that, was told to read in a unit of two."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("straight"), (), 2, reference=None)
+    rate = log.gyro_rate_rad_s
+    assert rate is not None
+    random = np.random.default_rng(1)
+    weave = 0.02 * np.sin(0.5 * log.t_s)
+    sd = 40.0  # of a tick's counts, of each wheel
+    steps = sd * random.standard_normal((2, len(log.t_s)))
+    turned = weave * log.tick_s * ROBOT.plant.wheels.wheelbase_m / ROBOT.plant.wheels.radius_m
+    counts = turned / (2 * np.pi / ROBOT.plant.encoder.ticks_per_rev)
+    noisy = replace(
+        log,
+        left_ticks=log.left_ticks + np.cumsum(steps[0] - 0.5 * counts),
+        right_ticks=log.right_ticks + np.cumsum(steps[1] + 0.5 * counts),
+        gyro_rate_rad_s=rate + weave,
+    )
+    assert looks_gross(noisy, ROBOT)
+    known = replace(noisy, unsure_ticks2=np.full(steps.shape, sd**2))
+    assert not looks_gross(known, ROBOT)
