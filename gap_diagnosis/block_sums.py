@@ -122,29 +122,39 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
     if block.name == "drive" and effects & _COUNTING and not effects & shown:
         fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
-        return fit.log_evidence - _allowance(block, effects), fit.log_likelihood
+        return _told(block, effects, fit.log_evidence), fit.log_likelihood
     rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))
     blind = block.fit(rest)
     evidence = max(fit.log_evidence, blind.log_evidence) - math.log(2)
     return evidence, max(fit.log_likelihood, blind.log_likelihood)
 
 
-def _allowance(block: Block, effects: Effects) -> float:
-    """Return what further effects must gain beyond what the largest explains inexactly [nat].
+def _told(block: Block, effects: Effects, evidence: float) -> float:
+    """Return the log evidence of a set in a block, of which further effects have no more than what
+    they gain beyond what the largest explains inexactly [nat].
 
     A clipped rate or a dead wheel of thousands of nats is not explained to the last of them, and
-    what is left must not bring in effects that are not there. What is put right to the last count
+    what is left must not bring in effects that are not there. Neither does it speak against them:
+    what gains less than that is as likely as it was before. What is put right to the last count
     leaves nothing.
     """
     if len(effects) < 2 or block.name not in _CONTINUOUS:
-        return 0.0
-    inexact = (block.fit(frozenset({effect})).log_evidence for effect in effects - _TO_THE_COUNT)
-    largest = max(inexact, default=0.0)
-    shares = [_INEXACT] * (len(effects) - 1)
-    guess, share = _GUESSED
-    if guess in effects and block.name == "motion":
-        shares = [_INEXACT if one == _TAKEN_ALONG else share for one in effects - {guess}]
-    return math.fsum(shares) * max(0.0, largest - _EXACT_UP_TO)
+        return evidence
+    alone = {one: block.fit(frozenset({one})).log_evidence for one in sorted(effects)}
+    inexact = max((alone[one] for one in effects - _TO_THE_COUNT), default=0.0)
+    left = max(0.0, inexact - _EXACT_UP_TO)
+    if left == 0.0:
+        return evidence
+    first = max(alone, key=lambda one: alone[one])
+    is_guess = _GUESSED[0] in effects and block.name == "motion"
+    found = []
+    for one in sorted(effects - {first}):
+        share = _GUESSED[1] if is_guess and one not in (_GUESSED[0], _TAKEN_ALONG) else _INEXACT
+        rest = effects - {one}
+        before = block.fit(rest).log_evidence
+        gain = evidence - before
+        found.append(_told(block, rest, before) + gain - min(max(gain, 0.0), share * left))
+    return min(found)
 
 
 def _clearly(fit: Fit, without: Fit, alone: Fit) -> Fit:

@@ -383,6 +383,23 @@ def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_more()
     assert best(6_450.0) == pair
 
 
+def test_what_may_be_in_the_guess_is_neither_told_nor_denied() -> None:
+    """Beside a dead encoder a drift of the reference's clock gained 2 nats and was denied by 346: the
+    dead encoder alone was told with 0.999."""
+    pair = frozenset({"encoder_dead", "radius_scale"})
+
+    def share(both: float) -> float:
+        alone = {"encoder_dead": 6_200.0, "radius_scale": 100.0}
+        found = ranked(FakeBlock(alone, pairs={pair: both}))
+        chance = {one.effects: one.probability for one in found.sets}
+        return chance[pair] / chance[frozenset({"encoder_dead"})]
+
+    believed = 2 * PRIOR.effects[2] / PRIOR.effects[1]
+    assert share(6_203.0) == pytest.approx(share(6_400.0), rel=1e-6)
+    assert 0.0 < share(6_203.0) < believed
+    assert share(6_190.0) < 1e-3 * share(6_203.0)
+
+
 def test_beside_it_a_bias_of_the_gyro_is_in_the_guess_as_well_and_need_not() -> None:
     pair = frozenset({"encoder_dead", "gyro_bias"})
     block = FakeBlock({"encoder_dead": 6_200.0, "gyro_bias": 100.0}, pairs={pair: 6_300.0})
