@@ -384,8 +384,8 @@ def test_beside_a_wheel_whose_turns_are_a_guess_a_second_effect_must_gain_more()
 
 
 def test_what_may_be_in_the_guess_is_neither_told_nor_denied() -> None:
-    """Beside a dead encoder a drift of the reference's clock gained 2 nats and was denied by 346: the
-    dead encoder alone was told with 0.999."""
+    """Beside a dead encoder a drift of the reference's clock gained 2 nats and was denied by 346:
+    the dead encoder alone was told with 0.999."""
     pair = frozenset({"encoder_dead", "radius_scale"})
 
     def share(both: float) -> float:
