@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 
 _BLOCK_S: Final = 0.04
 _RECEPTION_S: Final = 0.004
+_ROW: Final = 0.8
+"""A command of a table may be in force from its row on or have been since the row before, and rise
+from one to the next: so much of a row is the root of the mean square."""
 _LEAST_BLOCKS: Final = 50
 _FORGOTTEN: Final = 4.0
 """After so many time constants a wheel's rate has forgotten what it was told."""
@@ -177,7 +180,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         time_s=recording.t_s[rows][start[:-1]],
         tick_rad=tick_rad,
         delay_sd_s=math.hypot(
-            _RECEPTION_S, 0.5 * (recording.speed_cycle_s if recording.frames else dt_s)
+            _RECEPTION_S, 0.5 * recording.speed_cycle_s if recording.frames else _ROW * dt_s
         ),
     )
 

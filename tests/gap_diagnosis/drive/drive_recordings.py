@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gap_diagnosis.drive import DriveBlock, drive_block
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import FrameTimes, Recording
 from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.batch import simulate_batch
 from hil_harness.effects import EffectSetting
@@ -67,7 +67,11 @@ def simulated(
         np.unwrap(one[0].astype(np.float64), period=65536.0)
         for one in (runs.left_count, runs.right_count)
     ]
-    return recording_of(commands, *counts)
+    made = recording_of(commands, *counts)
+    # A log: of its frames the stamps tell when a command was in force, of a table's rows nothing.
+    none = np.full(len(made.t_s), -1, dtype=np.int64)
+    payload = np.arange(len(made.t_s), dtype=np.uint64)
+    return replace(made, frames={"COMMAND": FrameTimes(made.t_s, none, 0, 0.01, payload)})
 
 
 def block_of(recording: Recording) -> DriveBlock:

@@ -108,6 +108,27 @@ def table_with_lost_rows(seed: int, share: float) -> Recording:
     return replace(made, tick_period_s=0.03, t_s=time_s, stamp_s=time_s)
 
 
+def table_of_executed_commands(seed: int) -> Recording:
+    """The described motor in ticks of 10 ms, told something new in each; every fifth tick a row,
+    with the command that was carried out in it."""
+    random = np.random.default_rng(seed)
+    time_s = 0.01 * np.arange(6000)
+    corners_s = np.arange(0.0, 62.0, 1.0)
+    speed, turning = (
+        np.interp(time_s, corners_s, random.uniform(low, high, len(corners_s)))
+        for low, high in ((-0.1, 0.5), (-1.0, 1.0))
+    )
+    commands = np.minimum(time_s, 1.0)[:, np.newaxis] * np.stack([speed, turning], axis=1)
+    wheels = ROBOT.plant.wheels
+    rim = 0.5 * commands[:, 1] * wheels.wheelbase_m
+    told = np.stack([commands[:, 0] - rim, commands[:, 0] + rim], axis=1) / wheels.radius_m
+    angle = 0.01 * np.cumsum(_lagged(told, ROBOT.plant.drive.time_constant_s), axis=0)
+    counts = np.floor(angle * TICKS_PER_RAD)[4::5]
+    made = recording_of(commands[4::5], counts[:, 0], counts[:, 1])
+    row_s = 0.05 * np.arange(len(counts))
+    return replace(made, tick_period_s=0.05, t_s=row_s, stamp_s=row_s)
+
+
 def _lagged(target: np.ndarray, lag_s: float) -> np.ndarray:
     share = 1 - np.exp(-0.01 / lag_s)
     rates = np.zeros_like(target)

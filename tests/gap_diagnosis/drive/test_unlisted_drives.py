@@ -16,6 +16,7 @@ from foreign_drives import (
     disturbed,
     logged_a_row_late,
     second_order,
+    table_of_executed_commands,
     velocity_loop,
 )
 
@@ -53,6 +54,15 @@ def test_commands_that_are_logged_a_row_late_for_a_while_are_no_cause_without_a_
 ) -> None:
     """14, 4 and 57 nats for what moves wheels by less than a tolerated lag does."""
     assert block_of(recording).unexplained().log_evidence < 0.5
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_row_that_tells_what_was_carried_out_in_it_is_no_cause_without_a_name(seed: int) -> None:
+    """A healthy robot of another engine, in rows of 50 ms: hundreds of nats for a drive that knew
+    what it would be told."""
+    block = block_of(table_of_executed_commands(seed))
+    assert block.unexplained().log_evidence < 1
+    assert max(evidence(block, one) for one in block.effects) < 2
 
 
 def test_a_described_drive_leaves_nothing_unexplained() -> None:
