@@ -15,7 +15,7 @@ from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.drive.shapes import drive_beside_described
 from gap_diagnosis.firmware import firmware_block, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
-from gap_diagnosis.gap.drive_path import commanded_path
+from gap_diagnosis.gap.drive_path import commanded_path, late_s_of
 from gap_diagnosis.gap.on_recording import Replayed
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.assembly import Wire
@@ -50,9 +50,9 @@ def driven(
 
     Its values are fitted on the ticks *kept* (bool[n]) of the diagnosed log; None: on all of them.
     """
-    commanded, data = commanded_path(where, robot), drive_beside_described(where, robot)
+    data = drive_beside_described(where, robot)
     block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
-    if commanded is None or data is None or block is None:
+    if data is None or block is None:
         return None
     stages = catalogue()
     own = frozenset(
@@ -67,9 +67,15 @@ def driven(
         if isinstance(one.value, int | float)
     }
 
+    # Clocks are mapped first: by how much a row of a table is late is no part of the gap.
+    late_s = 0.0 if "drive_delay" in own else late_s_of(data, robot, values)
+    commanded = commanded_path(where, robot, late_s=late_s)
+    if commanded is None:
+        return None
+
     def path(some: Effects) -> Floats | None:
         chosen = {key: value for key, value in values.items() if key.partition(".")[0] in some}
-        return commanded_path(where, robot, chosen)
+        return commanded_path(where, robot, chosen, late_s=late_s)
 
     after = path(own) if own else None
     return Downstream(Replayed(before=commanded, after=after, noise=noise), own, path)
@@ -81,11 +87,15 @@ def driven_by(
     """Return where commands lead through the described drive, and through one that does what the
     leftover goes with, fitted on the ticks *kept* (bool[n])."""
     where = analysis.recording
-    data, before = drive_beside_described(where, robot), commanded_path(where, robot)
-    if before is None or data is None:
+    data = drive_beside_described(where, robot)
+    if data is None:
+        return None
+    late_s = late_s_of(data, robot, {})
+    before = commanded_path(where, robot, late_s=late_s)
+    if before is None:
         return None
     model = block.stand_in(one, _blocks(analysis, block, kept))
-    after = commanded_path(where, robot, added=model.angle)
+    after = commanded_path(where, robot, added=model.angle, late_s=late_s)
     return Replayed(before, after, DriveNoise.of(data, model.levels))
 
 

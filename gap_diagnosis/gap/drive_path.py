@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from gap_diagnosis.drive.data import drive_data
+from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.drive.kernels import predict
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
+
+_APART_S: Final = 0.4
+_MOST_SD: Final = 2.0
+_LAID_ANEW: Final = 3
 
 
 def commanded_path(
@@ -19,18 +23,68 @@ def commanded_path(
     robot: Robot,
     parameters: Mapping[str, float] | None = None,
     added: Floats | None = None,
+    late_s: float = 0.0,
 ) -> Floats | None:
     """Return x_m, y_m, heading_rad that the commands lead to, float64[n, 3].
 
     *parameters* are deviations of the drive, keyed ``effect.parameter`` as in the catalogue; None
     is the described drive. *added* is what goes on top of the wheels' angles from the row of the
-    first command on, float64[2, m]. Rows before the first command are NaN. Returns None where the
-    log has no commands, no motion or too few rows.
+    first command on, float64[2, m]. *late_s* is by how much the wheels' stamps are later than the
+    commands'. Rows before the first command are NaN. Returns None where the log has no commands, no
+    motion or too few rows.
     """
     data = drive_data(recording, robot)
     if data is None:
         return None
-    known, drive, wheels = parameters or {}, robot.plant.drive, robot.plant.wheels
+    wheels = robot.plant.wheels
+    angles = _angles(data, robot, parameters or {})
+    if added is not None:
+        angles = angles + added
+    left_m, right_m = (np.diff(wheels.radius_m * one, prepend=0.0) for one in angles)
+    heading = np.cumsum((right_m - left_m) / wheels.wheelbase_m)
+    middle = heading - 0.5 * np.diff(heading, prepend=0.0)
+    forward = 0.5 * (left_m + right_m)
+    columns = (np.cumsum(forward * np.cos(middle)), np.cumsum(forward * np.sin(middle)), heading)
+    t_s = recording.t_s[len(recording.t_s) - len(heading) :]
+    path = np.full((len(recording.t_s), 3), np.nan)
+    path[len(recording.t_s) - len(heading) :] = np.column_stack(
+        [np.interp(t_s - late_s, t_s, column) for column in columns]
+    )
+    return path
+
+
+def late_s_of(data: DriveData, robot: Robot, parameters: Mapping[str, float]) -> float:
+    """Return by how much the wheels' stamps are later than the commands', as far as rows or stamps
+    leave it open, beside a drive with these parameters.
+
+    By least squares of what wheels turn in a few tenths of a second: what they do otherwise than
+    the drive adds up over more.
+    """
+    apart = max(1, round(_APART_S / data.block_s))
+    most_s = _MOST_SD * data.delay_sd_s
+    late_s = 0.0
+    t_s = data.block_s * np.arange(data.angle.shape[1])
+    there = data.blocks(_angles(data, robot, parameters))
+    both = data.seen[:, apart:] & data.seen[:, :-apart]
+    for _ in range(_LAID_ANEW):
+        moved = np.stack(
+            [
+                np.interp(t_s - late_s, t_s[seen], one[seen])
+                for one, seen in zip(there, data.seen, strict=True)
+            ]
+        )
+        rate = np.gradient(moved, data.block_s, axis=1)
+        left, slope = (one[:, apart:] - one[:, :-apart] for one in (data.angle - moved, rate))
+        power = float(np.sum(slope[both] ** 2))
+        if power == 0.0:
+            return 0.0
+        late_s = float(np.clip(late_s - np.sum((left * slope)[both]) / power, -most_s, most_s))
+    return late_s
+
+
+def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats:
+    """Return the wheels' angles at the rows, float64[2, n]."""
+    drive = robot.plant.drive
     angles = []
     for wheel, side in enumerate(("left", "right")):
         both: Any = predict(
@@ -48,13 +102,5 @@ def commanded_path(
             1.0 + known.get(f"drive_gain.{side}", 0.0),
             0.0,
         )
-        angles.append(both[wheel] if added is None else both[wheel] + added[wheel])
-    left_m, right_m = (np.diff(wheels.radius_m * one, prepend=0.0) for one in angles)
-    heading = np.cumsum((right_m - left_m) / wheels.wheelbase_m)
-    middle = heading - 0.5 * np.diff(heading, prepend=0.0)
-    forward = 0.5 * (left_m + right_m)
-    path = np.full((len(recording.t_s), 3), np.nan)
-    path[len(recording.t_s) - len(heading) :] = np.column_stack(
-        [np.cumsum(forward * np.cos(middle)), np.cumsum(forward * np.sin(middle)), heading]
-    )
-    return path
+        angles.append(both[wheel])
+    return np.stack(angles)
