@@ -27,6 +27,8 @@ _WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 0.5])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
 _ITERATIONS: Final = 25
+_SETTLED: Final = 3e-6
+"""Share of the log likelihood: a few hundredths of a nat of several thousand."""
 _STEP: Final = 0.02
 """Of a log level, over which the likelihood's slope is taken."""
 
@@ -132,7 +134,7 @@ def fit_levels(
         method="L-BFGS-B",
         jac=True,
         bounds=list(zip(_LOW, _HIGH, strict=True)),
-        options={"maxiter": _ITERATIONS, "ftol": 1e-7},
+        options={"maxiter": _ITERATIONS, "ftol": _SETTLED},
     )
     return np.asarray(best.x, dtype=np.float64), -float(best.fun)
 

@@ -39,6 +39,7 @@ def test_an_effect_far_beyond_its_usual_size_is_told(
         seed,
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=5e-4,
+        duration_s=60.0,
     )
     diagnosis = diagnose_recordings([recording], ROBOT, WIRE).diagnosis
     best = diagnosis.which[0]

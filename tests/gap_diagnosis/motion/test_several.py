@@ -73,7 +73,13 @@ def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> N
     wrong = {"reference_time_offset": ("offset", 0.25), "reference_clock_skew": ("skew", 0.002)}
     settings = tuple(EffectSetting(effect, (size,)) for effect, size in wrong.items())
     log = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        settings,
+        5,
+        reference=ReferenceNoise(),
+        duration_s=50.0,
     )
     found = Scan(MotionModel(log, ROBOT, default_prior())).found
     told = found[frozenset(wrong)]
