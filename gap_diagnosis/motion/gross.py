@@ -93,8 +93,8 @@ class _Pair:
 
     @property
     def is_clear(self) -> bool:
-        """Less than half of the cause is noise."""
-        return 2.0 * self.unsure < _power(self.cause)
+        """No more than half of the cause is noise."""
+        return 2.0 * self.unsure <= _power(self.cause)
 
 
 def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
