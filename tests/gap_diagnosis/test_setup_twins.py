@@ -55,11 +55,10 @@ def by_positions_alone(name: str, *effects: EffectSetting) -> Recording:
     return replace(recording, gyro_code=None, gyro_rate_rad_s=None)
 
 
-@pytest.mark.parametrize("name", ["square", "random"])
-def test_swapped_wheels_are_told_by_the_way_a_reference_without_headings_bends(name: str) -> None:
+def test_swapped_wheels_are_told_by_the_way_a_reference_without_headings_bends() -> None:
     """Nobody asked for them: a real robot's path, mirrored (1.1 m off in 30 s), was a reference out
     of scale by a third. About so large an error a straight line says that they explain nothing."""
-    recording = by_positions_alone(name, EffectSetting("setup_wheels_swapped", ()))
+    recording = by_positions_alone("square", EffectSetting("setup_wheels_swapped", ()))
     assert looks_gross(recording, ROBOT)
     block = MotionBlock(MotionModel(recording, ROBOT, PRIOR, gross=True))
     swapped = frozenset({"setup_wheels_swapped"})
