@@ -245,20 +245,16 @@ class MotionBlock:
         """Return a mistake with what the log is like without it; None where it gains nothing."""
         (term,) = mistake.terms
         by_line = mistake.log_evidence - self._nothing.log_evidence
-        best = self._put_right_by(term)
-        gain = best.log_evidence - self._nothing.log_evidence
+        gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
         if max(by_line, gain) < LEAST_GAIN:
             return None
-        beside: frozenset[str] = frozenset()
-        if self._mends(term):
-            right = Scan(self._right(term)[0])
-            gain += right.worth
-            best = right.likeliest
-            beside = best.effects
+        right = Scan(self._right(term)[0])
+        gain += right.worth
+        best = right.likeliest
         # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
         gain = max(gain, by_line)
         likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
-        return _Right(Fit((term.variant.effect,), gain, likelihood), beside, best.levels)
+        return _Right(Fit((term.variant.effect,), gain, likelihood), best.effects, best.levels)
 
     def _put_right_by(self, term: Term) -> Found:
         """Return what a mistake accounts for: the log as it is without it."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from can_bus import LogColumns, MessageSpec, decode_columns, present_columns
 from gap_diagnosis.reading.log_columns import load_columns
+from gap_diagnosis.reading.ticks import off_beat
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.robot import Robot
 from hil_harness.signal_map import MappedSignal
@@ -80,15 +81,9 @@ def page_cycle_us(said_us: int | None, stamp_us: NDArray[np.int64]) -> int | Non
     apart_us, lost = apart_us[lost < _LONG], lost[lost < _LONG]
     # Stamps that jitter by half a cycle look like losses; but then they lie nearer to the beat of
     # frames of which none was lost.
-    beats = min((lost, np.ones(len(lost))), key=lambda one: _off_beat(one, apart_us))
+    came_us = np.cumsum(apart_us).astype(np.float64)
+    beats = min((lost, np.ones(len(lost))), key=lambda one: off_beat(came_us, np.cumsum(one)))
     cycle_us = round(float(apart_us.sum() / beats.sum()))
     if said_us and abs(cycle_us / said_us - 1) <= _AGREES:
         return said_us
     return cycle_us
-
-
-def _off_beat(beats: NDArray[np.float64], apart_us: NDArray[np.int64]) -> float:
-    """Return how far stamps lie from a beat, RMS [µs], if so many beats lie between them."""
-    number, stamp_us = np.cumsum(beats), np.cumsum(apart_us)
-    line = np.polynomial.Polynomial.fit(number, stamp_us, 1)
-    return float(np.sqrt(np.mean((stamp_us - line(number)) ** 2)))

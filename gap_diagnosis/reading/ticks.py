@@ -105,6 +105,12 @@ def unwrap_ticks(
     return Ticks(tick, segment)
 
 
+def off_beat(stamps: Floats, beats: Floats | Ints) -> float:
+    """Return how far stamps of these beats lie from an even one, RMS in their unit."""
+    line = np.polynomial.Polynomial.fit(beats, stamps, 1)
+    return float(np.sqrt(np.mean((stamps - line(beats)) ** 2)))
+
+
 def _steps(
     stamp_s: Floats,
     counter: Ints | None,
@@ -135,7 +141,7 @@ def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, lost_are_rounds: b
     if lost_are_rounds and len(base) > 2:
         lost = np.rint((np.diff(stamp_ticks) - np.diff(base)) / round_ticks).astype(np.int64)
         believed = base + np.concatenate(([0], np.cumsum(lost))) * round_ticks
-        base = min((believed, base), key=lambda one: _off_beat(stamp_ticks, one))
+        base = min((believed, base), key=lambda one: off_beat(stamp_ticks, one))
     size = min(_BLOCK, max(_SHORT_BLOCK, len(base) // 16))
     blocks = len(base) // size
     if blocks < 2:
@@ -149,12 +155,6 @@ def _drift(stamp_ticks: Floats, base: Ints, round_ticks: int, lost_are_rounds: b
     # Without the steps of whole rounds, far blocks can be held against each other.
     flat = np.unwrap(phase - slope * at, period=round_ticks)
     return slope + _median_slope(at, flat, max(1, blocks // 4))
-
-
-def _off_beat(stamp_ticks: Floats, base: Ints) -> float:
-    """Return how far stamps lie from the ticks that frames are taken to be of, RMS."""
-    line = np.polynomial.Polynomial.fit(base, stamp_ticks, 1)
-    return float(np.sqrt(np.mean((stamp_ticks - line(base)) ** 2)))
 
 
 def _median_slope(x: Floats, y: Floats, lag: int) -> float:
