@@ -142,18 +142,22 @@ def rank(
         single = frozenset({effect})
         scored[single] = (evidence, likelihood, _log_prior_of(single, prior, log_prior))
     bent = _bent_by_a_mistake(logs)
-    driven = _of_the_drive_alone(logs) & singles.keys()
+    driven = _of_alone("drive", logs) & singles.keys()
     first_seen = max(driven, key=lambda effect: singles[effect][0], default="")
     alone = singles[first_seen][0] if first_seen else -math.inf
     hides = first_seen if alone > _WORTH_ONE else ""
     # Taken alone, a delay and a lag that are as long say nothing where both do.
     no_single_does = unknown.get("actuation", -math.inf) > max(alone, _WORTH_ONE)
+    replayed = _of_alone("firmware", logs)
+    nearest = max((singles[effect][0] for effect in replayed & singles.keys()), default=0.0)
+    no_program_does = unknown.get("firmware", -math.inf) > max(nearest, _WORTH_ONE)
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
         if _is_hidden(pair, bent):
             continue
         exact = first in leaders and second in leaders
         exact |= (hides in pair or no_single_does) and pair <= driven
+        exact |= no_program_does and pair <= replayed
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
@@ -383,14 +387,15 @@ def _bent_by_a_mistake(logs: Sequence[Sequence[Block]]) -> tuple[Effects, Effect
     return gross, frozenset((motion | drive) - gross)
 
 
-def _of_the_drive_alone(logs: Sequence[Sequence[Block]]) -> Effects:
-    """Return the effects that only the commands tell: of these one may hide another.
+def _of_alone(name: str, logs: Sequence[Sequence[Block]]) -> Effects:
+    """Return the effects that only one block tells: of these one may hide another.
 
-    About a dead band and a long lag, taken alone, wheels do anything but what a dead band has them.
+    About a dead band and a long lag, taken alone, wheels do anything but what a dead band has them;
+    and beside a wrong constant a coarse table shows in no digit.
     """
-    drive = {e for blocks in logs for b in blocks if b.name == "drive" for e in b.effects}
-    others = {e for blocks in logs for b in blocks if b.name != "drive" for e in b.effects}
-    return frozenset(effect for effect in drive - others if not effect.startswith("setup_"))
+    own = {e for blocks in logs for b in blocks if b.name == name for e in b.effects}
+    others = {e for blocks in logs for b in blocks if b.name != name for e in b.effects}
+    return frozenset(effect for effect in own - others if not effect.startswith("setup_"))
 
 
 def _is_hidden(effects: Effects, bent: tuple[Effects, Effects]) -> bool:

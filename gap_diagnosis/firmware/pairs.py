@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from typing import Final
 
 from gap_diagnosis.firmware.candidates import Candidate, RealParameter, smooth
@@ -12,6 +14,7 @@ from gap_diagnosis.firmware.scored import Scored, log_sum
 from gap_diagnosis.firmware.singles import P_DESCRIBED, Singles
 
 _KEPT: Final = 4
+_HIDDEN: Final = 2
 _LEADERS: Final = 3
 _NEWS_NATS: Final = 5.0
 _EXPLAINED_NATS: Final = 25.0
@@ -100,24 +103,46 @@ class Pairs:
         return replace(best.candidate, log_prior=share)
 
     def _product(self, first: str, second: str) -> list[Scored]:
-        singles = self._singles
-        config = singles.bench.config
-        name, other = (first, second) if smooth(first, config) else (second, first)
-        parameters = [one for one in smooth(name, config) if _stands_for_others(one)]
-        if not parameters:
-            groups = [
-                [a.beside(b) for a in one for b in rest]
-                for one in self._best(name)
-                for rest in self._best(other)
-            ]
+        """Return the candidates of both together: those of the one that explains less as they come
+        nearest beside the other, whose real parameter is then sought anew."""
+        lead, other = sorted((first, second), key=lambda name: -self._alone(name))
+        ours, theirs = self._parameters(lead), self._parameters(other)
+        groups: list[list[Candidate]] = []
+        if ours and theirs:
+            for own, parameter in product(ours, theirs):
+                groups += [[one] for one in self._singles.around_both(own, parameter)]
+        elif ours:
+            for rest in self._best(other, self._best(lead)[0][0]):
+                groups += self._around(ours, rest)
+        elif theirs:
+            for one in self._best(lead):
+                groups += self._around(theirs, one)
         else:
             groups = [
-                [one.beside(same) for same in rest]
-                for rest in self._best(other)
-                for parameter in parameters
-                for one in singles.around(parameter, rest[0])
+                [a.beside(b) for a in one for b in rest]
+                for one in self._best(lead)
+                for rest in self._best(other, one[0])
             ]
         return self._scored_once(groups)
+
+    def _around(
+        self, parameters: list[RealParameter], alike: list[Candidate]
+    ) -> list[list[Candidate]]:
+        """Return candidates that are one program, with the real parameters sought beside it."""
+        return [
+            [one.beside(same) for same in alike]
+            for parameter in parameters
+            for one in self._singles.around(parameter, alike[0])
+        ]
+
+    def _alone(self, effect: str) -> float:
+        """Return the log likelihood of an effect by itself."""
+        scored = self._singles.single(effect)
+        return max((one.log_likelihood for one in scored), default=-math.inf)
+
+    def _parameters(self, effect: str) -> list[RealParameter]:
+        found = smooth(effect, self._singles.bench.config)
+        return [one for one in found if _stands_for_others(one)]
 
     def _scored_once(self, groups: list[list[Candidate]]) -> list[Scored]:
         """Return the scored candidates of groups that are one program each, replayed once."""
@@ -129,19 +154,28 @@ class Pairs:
             for same in alike[id(known)]
         ]
 
-    def _best(self, effect: str) -> list[list[Candidate]]:
-        """Return the candidates of the few programs of an effect that come nearest, by program.
+    def _best(self, effect: str, beside: Candidate | None = None) -> list[list[Candidate]]:
+        """Return the candidates of the few programs of an effect that come nearest, by program:
+        alone, and *beside* another effect, which may hide what they do alone.
 
         How probable it is that a tick is missed changes no program, and is told all the same.
         """
-        ranked = sorted(self._singles.single(effect), key=lambda one: -one.total)
+        singles = self._singles
+        alone = sorted(singles.single(effect), key=lambda one: -one.total)
         found: dict[str, list[Candidate]] = {}
-        for one in ranked:
+        for one in alone:
             alike = found.setdefault(repr(one.candidate.changes), [])
             # One that is there with and without an offset is one.
             if all(one.candidate is not known for known in alike):
                 alike.append(one.candidate)
-        return list(found.values())[:_KEPT]
+        programs = list(found.values())
+        if beside is None:
+            return programs[:_KEPT]
+        together = [alike[0].beside(beside) for alike in programs]
+        alike_of = {id(one): alike for one, alike in zip(together, programs, strict=True)}
+        nearest = sorted(singles.scored(singles.programs(together)), key=lambda one: -one.total)
+        hidden = [alike_of[id(one.candidate)] for one in nearest[:_HIDDEN]]
+        return hidden + [one for one in programs[:_KEPT] if all(one is not o for o in hidden)]
 
 
 def _stands_for_others(parameter: RealParameter) -> bool:

@@ -8,9 +8,10 @@ is known. An effect alters the first three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -58,8 +59,9 @@ _KEPT_AFTER_SCREEN: Final = 16
 _SCREEN_NATS: Final = 200.0
 _ANY_SIZE: Final = 0.01
 _LEAST_WIDTH: Final = 2.0**-46
-_CELLS: Final = tuple(sign * step for step in range(1, 5) for sign in (1, -1))
-"""So many steps of the kernel's resolution beside the best value are tried as well."""
+_CELLS: Final = tuple(sign * step for step in range(1, 17) for sign in (1, -1))
+"""So many steps of the kernel's resolution beside the best value are tried as well: a cell that
+gives the record shows in no other, a step beside it most digits may be others."""
 _NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
 
 
@@ -250,6 +252,23 @@ class Singles:
             found, _ = self._around(parameter, beside, {"offset_lsb": self._offset})
         return found
 
+    def around_both(self, first: RealParameter, second: RealParameter) -> list[Candidate]:
+        """Return the best values of two real parameters together, with their neighbours."""
+        bench, both = self.bench, (first, second)
+
+        def pose_at(values: Floats) -> Floats | None:
+            changes = {one.field: float(at) for one, at in zip(both, values, strict=True)}
+            program = bench.program({**first.fixed, **second.fixed, **changes})
+            return None if program is None else bench.poses(program)
+
+        low, high = (np.array([getattr(one, end) for one in both]) for end in ("low", "high"))
+        best = bench.solve_together(pose_at, low, high, np.zeros(2))
+        found = []
+        for (one, at), other in zip(zip(both, best, strict=True), reversed(both), strict=True):
+            beside = self.around(other, one.at(float(at), _LEAST_WIDTH))[0]
+            found += [again.beside(beside) for again in self.around(one, beside)]
+        return found
+
     def _around(
         self, parameter: RealParameter, beside: Candidate | None, offset: Mapping[str, Any]
     ) -> tuple[list[Candidate], bool]:
@@ -277,8 +296,26 @@ class Singles:
             best = min(best, again, turned, key=lambda one: bench.distance(pose_at, one))
         if abs(best) < parameter.small:
             return [parameter.unseen()], False
+
+        def cells(value: float, pose: Floats) -> Iterator[float]:
+            low, high = cell_about(value, _same_as(pose, pose_at), parameter.low, parameter.high)
+            yield from (0.5 * (low + high) + step * (high - low) for step in _CELLS)
+
+        def equal(values: Iterable[float]) -> list[Candidate]:
+            for value in values:
+                if is_equal(value):
+                    low, high = cell_about(value, is_equal, parameter.low, parameter.high)
+                    return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
+            return []
+
+        def is_equal(value: float) -> bool:
+            pose = pose_at(value) if parameter.low <= value <= parameter.high and value else None
+            return pose is not None and bench.is_equal(pose)
+
         values = [best]
         if (pose := pose_at(best)) is not None and bench.is_near(pose):
+            if found := equal(chain([best], cells(best, pose))):
+                return found, True
             best = bench.polish(pose_at, best, self._width(pose_at, best))
             pose = pose_at(best)
         if pose is not None and bench.is_near(pose):
@@ -286,18 +323,9 @@ class Singles:
             spread = max(abs(best), 1.0)
             values += [best + step * spread for step in _NEIGHBOURS]
             values += [round(best, digits) for digits in range(3, 12)]
-            low, high = cell_about(best, _same_as(pose, pose_at), parameter.low, parameter.high)
-            values += [0.5 * (low + high) + step * (high - low) for step in _CELLS]
+            if found := equal(chain(values, cells(best, pose))):
+                return found, True
         values = [one for one in values if parameter.low <= one <= parameter.high and one]
-
-        def is_equal(value: float) -> bool:
-            pose = pose_at(value)
-            return pose is not None and bench.is_equal(pose)
-
-        for value in values:
-            if is_equal(value):
-                low, high = cell_about(value, is_equal, parameter.low, parameter.high)
-                return [parameter.at(0.5 * (low + high), 0.5 * (high - low))], True
         # Where no value gives the record's bits, it is known as well as the misfit lets it be.
         width = self._width(pose_at, best)
         return [parameter.at(value, width) for value in sorted(set(values))], False

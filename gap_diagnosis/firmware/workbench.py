@@ -39,6 +39,7 @@ _ODD_LSB: Final = 0.3717
 _GRID: Final = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
 _FINEST: Final = 1e-15
 _NEWTON_STEPS: Final = 12
+_FIRST_STEP: Final = 1e-3
 _LEAST_CHANGE: Final = 1e-6
 _NEAR_QUANTA: Final = 50.0
 
@@ -198,27 +199,46 @@ class Workbench:
 
         Gauss-Newton from *begin*, where it stays if the record says nothing of the value.
         """
+        found = self.solve_together(
+            lambda values: pose_at(float(values[0])),
+            np.array([low]),
+            np.array([high]),
+            np.array([begin]),
+        )
+        return float(found[0])
+
+    def solve_together(
+        self,
+        pose_at: Callable[[Floats], Floats | None],
+        low: Floats,
+        high: Floats,
+        begin: Floats,
+    ) -> Floats:
+        """Return the same of several values at once; slopes are kept up by Broyden's secants."""
         wanted = self.wanted
-        step = 1e-3 if high >= begin + 1e-3 else -1e-3
-        value = begin
-        there = pose_at(begin + step)
-        if there is None:
-            return begin
+        steps = np.where(high >= begin + _FIRST_STEP, _FIRST_STEP, -_FIRST_STEP)
+        beside = [pose_at(begin + step) for step in np.diag(steps)]
         neutral = pose_at(begin)
-        origin = self.signals(self.described if neutral is None else neutral)
-        slope, ours = (self.signals(there) - origin) / step, origin
+        ours = self.signals(self.described if neutral is None else neutral)
+        known = [self.signals(one) for one in beside if one is not None]
+        if len(known) < len(begin):
+            return begin
+        slopes = np.column_stack([one - ours for one in known]) / steps
+        values = begin
         for _ in range(_NEWTON_STEPS):
-            power = float(slope @ slope)
-            if not np.isfinite(power) or power <= 0.0:
+            power = slopes.T @ slopes
+            if not np.all(np.isfinite(power)) or np.any(np.diag(power) <= 0.0):
                 break
-            change = float(slope @ (wanted - ours)) / power
-            before, value = value, float(np.clip(value + change, low, high))
-            if abs(value - before) < 1e-13 or (pose := pose_at(value)) is None:
+            change = np.linalg.lstsq(power, slopes.T @ (wanted - ours))[0]
+            before, values = values, np.clip(values + change, low, high)
+            moved = values - before
+            if np.max(np.abs(moved)) < 1e-13 or (pose := pose_at(values)) is None:
                 break
             was, ours = ours, self.signals(pose)
-            if abs(value - before) > _LEAST_CHANGE:
-                slope = (ours - was) / (value - before)
-        return value
+            if np.max(np.abs(moved)) > _LEAST_CHANGE:
+                missed = ours - was - slopes @ moved
+                slopes = slopes + np.outer(missed, moved) / float(moved @ moved)
+        return values
 
     def turns_of(self, pose_at: PoseAt) -> PoseAt:
         """Return the same poses in the places of the record: only their headings are told."""

@@ -27,6 +27,8 @@ STAGE = {
     "gyro_scale": "gyro",
     "adc_missing_code": "gyro",
     "setup_swapped": "setup",
+    "blend_weight": "firmware",
+    "coarse_trig_table": "firmware",
     "frame_loss": "bus",
 }
 

@@ -310,6 +310,15 @@ def test_two_effects_of_the_drive_may_each_hide_the_other() -> None:
     assert ranking.best.effects == both
 
 
+def test_of_two_effects_of_the_firmware_one_may_hide_the_other() -> None:
+    """Beside a weight of the blend that is off a coarse table shows in no digit."""
+    both = frozenset({"blend_weight", "coarse_trig_table"})
+    gains = {"blend_weight": 1068.0, "coarse_trig_table": -5.4}
+    firmware = FakeBlock(gains, {both: 3929.0}, name="firmware")
+    ranking = ranked(FakeBlock({"gyro_bias": 0.0}), firmware, unknown={"firmware": 1080.0})
+    assert ranking.best.effects == both
+
+
 def test_the_commands_bring_in_no_counting_error_that_the_motion_denies_beside_another() -> None:
     """Alone, counts that are lost look like too few in a turn as well."""
     both = frozenset({"missed_ticks", "ticks_per_rev"})

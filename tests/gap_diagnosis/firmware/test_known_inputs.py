@@ -13,6 +13,7 @@ from gap_diagnosis.firmware.comparison import LOG_NO_EXCUSE
 from gap_diagnosis.firmware.pairs import Pairs
 from gap_diagnosis.firmware.scored import Scored
 from gap_diagnosis.firmware.singles import Singles
+from gap_diagnosis.firmware.workbench import Workbench
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -112,3 +113,54 @@ def test_a_weight_is_found_to_the_bit_though_what_it_bends_looks_like_an_offset(
     (found,) = singles.around(parameter)
     assert found.values["blend_weight.weight"] == pytest.approx(-0.016, abs=1e-5)
     assert block.fit(frozenset({"blend_weight"})).log_evidence > PROOF_NATS
+
+
+def test_a_constant_is_found_in_a_cell_beside_the_nearest_value(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The cell that gave the record was three from the least squares' value, and fewer digits were
+    others a dozen cells away than two from it: polished, it was lost."""
+    runs, true = plant_runs(TICKS), 0.03635991655669131
+    pose = kernel_pose(runs, constant="wheel_radius", constant_scale=true)
+    block = firmware_block(recording_of(runs, pose), robot(), wire())
+    assert block is not None
+    (parameter,) = (
+        one
+        for one in smooth("firmware_constant", block._bench.config)
+        if one.fixed["constant"] == "wheel_radius"
+    )
+    (known,) = block._singles.around(parameter)
+    cell = 2.0 * known.widths[parameter.name]
+    monkeypatch.setattr(Workbench, "solve", lambda *told: true + 3.0 * cell)
+    monkeypatch.setattr(Workbench, "polish", lambda bench, pose_at, value, width: value + 9 * cell)
+    (found,) = block._singles.around(parameter)
+    assert found.values[parameter.name] == pytest.approx(true, abs=cell)
+
+
+@pytest.mark.parametrize(
+    ("changes", "pair"),
+    [
+        (
+            {"constant": "wheel_radius", "constant_scale": 0.00028769, "blend_weight": 0.0305385},
+            ("firmware_constant", "blend_weight"),
+        ),
+        (
+            {"blend_weight": 0.074452, "trig_entries": 64},
+            ("blend_weight", "coarse_trig_table"),
+        ),
+    ],
+    ids=str,
+)
+def test_two_effects_are_found_to_the_bit_though_either_alone_gives_other_digits(
+    changes: dict[str, Any], pair: tuple[str, str]
+) -> None:
+    """Of two numbers one stayed where it had been alone, and no two were looked for of which one
+    says nothing by itself: both were told as unlisted."""
+    blending = robot().firmware.model_copy(update={"mode": "blend"})
+    one = dataclasses.replace(robot(), firmware=blending)
+    runs = plant_runs(TICKS)
+    block = firmware_block(recording_of(runs, kernel_pose(runs, one, **changes)), one, wire())
+    assert block is not None
+    together = block.fit(frozenset(pair)).log_evidence
+    alone = max(block.fit(frozenset({name})).log_evidence for name in block.effects)
+    assert together > alone + PROOF_NATS
