@@ -72,8 +72,8 @@ def replay(inputs: ReplayInputs, program: Program, start: Start, stop: int | Non
         if program.offset_lsb is not None and part[0] >= program.offset_tick:
             state["gyro_offset_q"] = round(program.offset_lsb * (1 << config.offset_frac_bits))
             state["offset_is_valid"] = 1
-        pose_q[part] = _run(inputs, config, state, part)
-    pose[at] = _as_floats(config, pose_q[at], start)
+        pose_q[_picked(part)] = _run(inputs, config, state, part)
+    pose[_picked(at)] = _as_floats(config, pose_q[_picked(at)], start)
     if len(at) and program.skipped:
         last = np.maximum.accumulate(np.where(kept, np.arange(stop), -1))
         pose = np.where((last >= 0)[:, None], pose[np.maximum(last, 0)], np.nan)
@@ -82,9 +82,7 @@ def replay(inputs: ReplayInputs, program: Program, start: Start, stop: int | Non
 
 def _run(inputs: ReplayInputs, config: KernelConfig, state: NDArray[np.void], at: Ints) -> Ints:
     """Step the kernel through the ticks *at* and return its poses; *state* moves on."""
-    whole = slice(int(at[0]), int(at[-1]) + 1)
-    is_slice = len(at) == whole.stop - whole.start
-    pick: slice | Ints = whole if is_slice else at
+    pick = _picked(at)
     pose_q = np.empty((1, len(at), 3), np.int64)
     compiled_batch()(
         state,
@@ -103,6 +101,14 @@ def _run(inputs: ReplayInputs, config: KernelConfig, state: NDArray[np.void], at
         np.empty((0, len(at), 3), np.float64),
     )
     return np.asarray(pose_q[0])
+
+
+def _picked(at: Ints) -> slice | Ints:
+    """Return an index for rising ticks: a slice, which copies nothing, where none is left out."""
+    if len(at) == 0:
+        return slice(0)
+    whole = slice(int(at[0]), int(at[-1]) + 1)
+    return whole if len(at) == whole.stop - whole.start else at
 
 
 def _state_at(config: KernelConfig, start: Start) -> NDArray[np.void]:

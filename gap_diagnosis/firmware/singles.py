@@ -8,10 +8,9 @@ is known. An effect alters the first three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +22,6 @@ from gap_diagnosis.firmware.candidates import (
     overflow_candidates,
     smooth,
 )
-from gap_diagnosis.firmware.cells import cell_about
 from gap_diagnosis.firmware.comparison import (
     catch_all_scores,
     component_scores,
@@ -35,6 +33,7 @@ from gap_diagnosis.firmware.leftover import flexible, size_of
 from gap_diagnosis.firmware.offsets import offset_programs
 from gap_diagnosis.firmware.replay import Program
 from gap_diagnosis.firmware.scored import Scored, log_sum
+from gap_diagnosis.firmware.sought import Sought, sought_together
 from gap_diagnosis.firmware.timed import (
     auto_zero_candidates,
     calibration_candidates,
@@ -58,11 +57,6 @@ _SCREENED_TICKS: Final = 2_500
 _KEPT_AFTER_SCREEN: Final = 16
 _SCREEN_NATS: Final = 200.0
 _ANY_SIZE: Final = 0.01
-_LEAST_WIDTH: Final = 2.0**-46
-_CELLS: Final = tuple(sign * step for step in range(1, 17) for sign in (1, -1))
-"""So many steps of the kernel's resolution beside the best value are tried as well: a cell that
-gives the record shows in no other, a step beside it most digits may be others."""
-_NEIGHBOURS: Final = tuple(s * 2.0**-k for k in (46, 45, 44, 36, 30, 29) for s in (1, -1))
 
 
 class Singles:
@@ -247,99 +241,21 @@ class Singles:
         if self.is_equal:
             # One value speaks for all: either the log shows each of them, or none.
             return [parameter.at(_ANY_SIZE, parameter.large)]
-        found, is_whole = self._around(parameter, beside, {})
+        changes: Mapping[str, Any] = {} if beside is None else beside.changes
+        timing: Mapping[str, Any] = {} if beside is None else beside.timing
+        found, is_whole = Sought(self.bench, parameter, changes, timing).found()
         if self._offset is not None and not is_whole:
-            found, _ = self._around(parameter, beside, {"offset_lsb": self._offset})
+            learnt = {"offset_lsb": self._offset, **timing}
+            found, _ = Sought(self.bench, parameter, changes, learnt).found()
         return found
 
     def around_both(self, first: RealParameter, second: RealParameter) -> list[Candidate]:
         """Return the best values of two real parameters together, with their neighbours."""
-        bench, both = self.bench, (first, second)
-
-        def pose_at(values: Floats) -> Floats | None:
-            changes = {one.field: float(at) for one, at in zip(both, values, strict=True)}
-            program = bench.program({**first.fixed, **second.fixed, **changes})
-            return None if program is None else bench.poses(program)
-
-        low, high = (np.array([getattr(one, end) for one in both]) for end in ("low", "high"))
-        best = bench.solve_together(pose_at, low, high, np.zeros(2))
         found = []
-        for (one, at), other in zip(zip(both, best, strict=True), reversed(both), strict=True):
-            beside = self.around(other, one.at(float(at), _LEAST_WIDTH))[0]
+        for one, near, other in sought_together(self.bench, first, second):
+            beside = self.around(other, near)[0]
             found += [again.beside(beside) for again in self.around(one, beside)]
         return found
-
-    def _around(
-        self, parameter: RealParameter, beside: Candidate | None, offset: Mapping[str, Any]
-    ) -> tuple[list[Candidate], bool]:
-        """Return them with this offset, and whether they give the record's bits."""
-        bench = self.bench
-        changes: Mapping[str, Any] = {} if beside is None else beside.changes
-        timing = {**offset, **({} if beside is None else beside.timing)}
-
-        def pose_at(value: float) -> Floats | None:
-            program = bench.program(
-                {**changes, **parameter.fixed, parameter.field: value}, **timing
-            )
-            return None if program is None else bench.poses(program)
-
-        best = bench.solve(pose_at, parameter.low, parameter.high)
-        if (there := pose_at(best)) is None or not bench.is_near(there):
-            again = bench.solve(
-                pose_at,
-                parameter.low,
-                parameter.high,
-                bench.nearest(pose_at, parameter.low, parameter.high),
-            )
-            # Where a word of the position runs over, places leap; turns do not.
-            turned = bench.solve(bench.turns_of(pose_at), parameter.low, parameter.high)
-            best = min(best, again, turned, key=lambda one: bench.distance(pose_at, one))
-        if abs(best) < parameter.small:
-            return [parameter.unseen()], False
-
-        def cells(value: float, pose: Floats) -> Iterator[float]:
-            low, high = cell_about(value, _same_as(pose, pose_at), parameter.low, parameter.high)
-            yield from (0.5 * (low + high) + step * (high - low) for step in _CELLS)
-
-        def equal(values: Iterable[float]) -> list[Candidate]:
-            for value in values:
-                if is_equal(value):
-                    low, high = cell_about(value, is_equal, parameter.low, parameter.high)
-                    return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
-            return []
-
-        def is_equal(value: float) -> bool:
-            pose = pose_at(value) if parameter.low <= value <= parameter.high and value else None
-            return pose is not None and bench.is_equal(pose)
-
-        values = [best]
-        if (pose := pose_at(best)) is not None and bench.is_near(pose):
-            if found := equal(chain([best], cells(best, pose))):
-                return found, True
-            best = bench.polish(pose_at, best, self._width(pose_at, best))
-            pose = pose_at(best)
-        if pose is not None and bench.is_near(pose):
-            values.append(best)
-            spread = max(abs(best), 1.0)
-            values += [best + step * spread for step in _NEIGHBOURS]
-            values += [round(best, digits) for digits in range(3, 12)]
-            if found := equal(chain(values, cells(best, pose))):
-                return found, True
-        values = [one for one in values if parameter.low <= one <= parameter.high and one]
-        # Where no value gives the record's bits, it is known as well as the misfit lets it be.
-        width = self._width(pose_at, best)
-        return [parameter.at(value, width) for value in sorted(set(values))], False
-
-    def _width(self, pose_at: Callable[[float], Floats | None], best: float) -> float:
-        """Return how far a constant may be from the best value that the misfit alone finds."""
-        return max(_LEAST_WIDTH, 2.0 * self._resolution(), self.bench.looseness(pose_at, best))
-
-    def _resolution(self) -> float:
-        """Return about how finely the record tells a constant: a digit over path and turn."""
-        windows = self.bench.windows
-        path_m = float(np.sum(np.hypot(*np.diff(windows.pose[:, :2], axis=0).T))) + 1e-9
-        turn_rad = float(np.sum(np.abs(np.diff(windows.pose[:, 2])))) + 1e-9
-        return float(min(windows.quantum[0] / path_m, windows.quantum[2] / turn_rad))
 
     def _foreign_scores(self, effect: str) -> list[Scored]:
         bench = self.bench
@@ -389,11 +305,3 @@ class Singles:
             for one in candidates
             if (program := self.bench.program(one.changes, **one.timing)) is not None
         ]
-
-
-def _same_as(pose: Floats, pose_at: Callable[[float], Floats | None]) -> Callable[[float], bool]:
-    def is_same(value: float) -> bool:
-        other = pose_at(value)
-        return other is not None and np.array_equal(other, pose, equal_nan=True)
-
-    return is_same

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -159,12 +160,20 @@ class Workbench:
             [recorded_path(known) / quantum_m, (known[:, 2] - known[0, 2]) / quantum_rad]
         )
 
-    @property
+    @cached_property
     def wanted(self) -> Floats:
         """What the record says, as `signals`."""
         recorded = np.zeros((len(self.places), 3))
         recorded[self.windows.rows] = self.windows.pose
         return self.signals(recorded)
+
+    @cached_property
+    def resolution(self) -> float:
+        """About how finely the record tells a constant: a digit over path and turn."""
+        windows = self.windows
+        path_m = float(np.sum(np.hypot(*np.diff(windows.pose[:, :2], axis=0).T))) + 1e-9
+        turn_rad = float(np.sum(np.abs(np.diff(windows.pose[:, 2])))) + 1e-9
+        return float(min(windows.quantum[0] / path_m, windows.quantum[2] / turn_rad))
 
     def distance(self, pose_at: PoseAt, value: float) -> float:
         """Return the root mean square of what a value leaves, in units of the record."""
