@@ -14,6 +14,7 @@ from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import GROSS, Term
+from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
@@ -51,6 +52,7 @@ _WINDOWS: Final = 12
 _LEAST_TIMES: Final = 2.0
 _TOLERATED_NOISE: Final = 2.0
 """A level within twice the described one is no news."""
+_LOG_NOISE: Final = (math.log(_TOLERATED_NOISE), math.log(_TOLERATED_NOISE * EVEN_OVER))
 _COARSELY: Final = 2.0
 _LOGS: Final = 4
 
@@ -77,7 +79,7 @@ def drawn_from_prior(world: World, model: MotionModel, effect: str, draw: Draw) 
     """
     if effect in NOISES:
         return {
-            name: float(world_level(model, name_of_level) * math.exp(draw.uniform(math.log(2), 3)))
+            name: world_level(model, name_of_level) * math.exp(draw.uniform(*_LOG_NOISE))
             for name, name_of_level in NOISES[effect].parameters
         }
     if effect in STEPPED:

@@ -210,6 +210,30 @@ def _step(slope: Floats, information: Floats, damping: float, is_free: NDArray[n
     return np.clip(step, -_FARTHEST, _FARTHEST)
 
 
+def along(
+    weigh: Callable[[Floats], Weighed],
+    prior: LevelPrior,
+    levels: Floats,
+    place: int,
+    *,
+    free: Sequence[int] = (),
+) -> Floats:
+    """Return how the logarithms of the best levels go with that of the one at *place*: float64[10].
+
+    One there, and what the information of all makes of the others; none of those at a floor.
+    """
+    here = np.log(np.maximum(levels, FLOORS))
+    _, information = _slopes(weigh, here, weigh(np.exp(here)))
+    information = information + np.diag(prior.restraint(free))
+    moving = here > np.log(FLOORS)
+    moving[place] = False
+    way = np.zeros(len(here))
+    way[place] = 1.0
+    inner = information[np.ix_(moving, moving)]
+    way[moving] = -np.linalg.lstsq(inner, information[moving, place], rcond=None)[0]
+    return way
+
+
 def _slopes(
     weigh: Callable[[Floats], Weighed], here: Floats, seen: Weighed
 ) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ from gap_diagnosis.motion.columns import (
 )
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
-from gap_diagnosis.motion.levels import LevelPrior, Weighed, best_levels, level_prior
+from gap_diagnosis.motion.levels import LevelPrior, Weighed, along, best_levels, level_prior
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
@@ -168,6 +168,13 @@ class MotionModel:
         *course*: with what is left to chance, if these effects leave anything to it.
         """
         return best_levels(self._of_levels(terms, course), self.level_prior, start, free=free)
+
+    def levels_along(
+        self, terms: Sequence[Term], levels: Floats, place: int, free: Sequence[int], course: Course
+    ) -> Floats:
+        """Return how the best levels go with the one at *place*, in logarithms: float64[10]."""
+        weigh = self._of_levels(terms, course)
+        return along(weigh, self.level_prior, levels, place, free=free)
 
     def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
         """Return levels that suit these effects better than *found*, which a search ended at.

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import kurtosis
 
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -26,6 +28,11 @@ _STEP: Final = 0.1
 _BURSTY: Final = 6.0
 """Excess kurtosis beyond which a larger level is no noise but something that comes and goes; the
 mean of a block of samples with Student's five degrees of freedom has half of that."""
+_DRAWN_OVER: Final = 4.0
+_DRAWN_AT: Final = 15
+_FINELY: Final = 400
+"""A level is drawn over so many standard deviations, from a curve through so many of its values,
+as finely as this."""
 _FACTORS: Final = (4.0, 16.0, 64.0)
 _OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVELS])
 _LARGER: Final = 2.0
@@ -103,14 +110,11 @@ def fit_noise(
     # The search for a noise may end at levels that suit the quiet set better than its own.
     gain = best - max(plain(levels), plain(quiet.levels))
     parameters = {}
-    rng = np.random.default_rng(0)
     for parameter, place in measured:
-        moved = [levels.copy(), levels.copy()]
-        moved[0][place] *= math.exp(-_STEP)
-        moved[1][place] *= math.exp(_STEP)
-        bend = (2 * best - value(moved[0]) - value(moved[1])) / _STEP**2
-        sd = 1 / math.sqrt(max(bend, 1.0))
-        samples = levels[place] * np.exp(sd * rng.standard_normal(DRAWS))
+        # Of several levels one may be as described; a single one is larger, or there is no effect.
+        least = _LARGER * described[place] if len(measured) == 1 else 0.0
+        way = model.levels_along(quiet.terms, levels, place, places, course)
+        samples = _drawn(value, levels, way, (least, levels[place], _LABS * described[place]))
         parameters[f"{name}.{parameter}"] = Estimate(
             float(samples.mean()), float(samples.std()), samples
         )
@@ -120,6 +124,35 @@ def fit_noise(
         quiet.log_likelihood - nothing.log_likelihood + gain,
         parameters,
     )
+
+
+def _drawn(
+    value: Callable[[Floats], float], levels: Floats, way: Floats, sizes: tuple[float, float, float]
+) -> Floats:
+    """Return draws of one level, float64[DRAWS]: *sizes* are the least, the best and the most.
+
+    The others go along the *way* on which they are best.
+
+    A level that is hardly there is told by a slope that falls off slowly on one side: no normal
+    density, not in its logarithm either.
+    """
+
+    least, middle, most = (math.log(max(one, 1e-300)) for one in sizes)
+
+    def at(log_level: float) -> float:
+        return value(levels * np.exp((log_level - middle) * way))
+
+    best = at(middle)
+    bend = (2 * best - at(middle - _STEP) - at(middle + _STEP)) / _STEP**2
+    reach = _DRAWN_OVER / math.sqrt(max(bend, 1.0))
+    low = max(middle - reach, least)
+    high = max(min(middle + reach, most), low + _STEP)
+    nodes = np.linspace(low, high, _DRAWN_AT)
+    fine = np.linspace(low, high, _FINELY)
+    heights = PchipInterpolator(nodes, [at(float(node)) for node in nodes])(fine)
+    share = cumulative_trapezoid(np.exp(heights - heights.max()), fine, initial=0.0)
+    even = np.random.default_rng(0).uniform(0.0, share[-1], DRAWS)
+    return np.asarray(np.exp(np.interp(even, share, fine)))
 
 
 def _start(

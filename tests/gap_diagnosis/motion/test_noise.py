@@ -12,7 +12,7 @@ from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.noise import fit_noise
+from gap_diagnosis.motion.noise import _drawn, fit_noise
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
@@ -52,6 +52,25 @@ def test_noise_at_all_times_is_a_noise_of_the_gyro() -> None:
     described = ROBOT.plant.gyro.noise_density_rad_per_sqrt_s
     true = np.hypot(described, DISTURBANCE_RAD_S * np.sqrt(tick_s))
     assert density.value == pytest.approx(true, rel=0.15)
+
+
+def test_a_level_is_drawn_as_its_density_has_it_and_never_one_that_is_no_effect() -> None:
+    """Draws were normal in the logarithm, on both sides: of walks of the bias that hardly showed,
+    84 of 100 95 % intervals held the truth."""
+    best, least = 1.2, 0.3
+
+    def leaning(levels: Floats) -> float:
+        over = np.log(levels[0] / best)
+        return float(2.0 * over - 2.0 * np.exp(over))
+
+    draws = _drawn(leaning, np.array([best, 5.0]), np.array([1.0, 0.0]), (least, best, 50.0))
+    over = np.linspace(np.log(least / best), np.log(50.0 / best), 5000)
+    density = np.exp(2.0 * over - 2.0 * np.exp(over))
+    mean = np.sum(over * density) / np.sum(density)
+    sd = np.sqrt(np.sum((over - mean) ** 2 * density) / np.sum(density))
+    assert draws.min() >= least
+    assert np.log(draws / best).mean() == pytest.approx(mean, abs=4.0 * sd / np.sqrt(len(draws)))
+    assert np.log(draws / best).std() == pytest.approx(sd, rel=0.1)
 
 
 def test_noise_in_one_tenth_of_the_time_is_none() -> None:
