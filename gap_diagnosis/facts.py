@@ -150,6 +150,7 @@ def notes_on(
                 f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
                 "off their neighbours and were left out."
             )
+        notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
         notes += _on_a_while(analysis, unlisted_in)
         if unlisted_in == "wheel":
@@ -176,6 +177,16 @@ def _missing(recordings: Sequence[Recording]) -> list[str]:
     if all(one.odometry_x_m is None for one in recordings):
         notes.append("No odometry frames: a replay has nothing to be compared with.")
     return notes
+
+
+def _on_the_drive(analysis: Analysis) -> list[str]:
+    """Say which limits of the description the wheels outrun."""
+    drive = analysis.drive
+    return [
+        f"{analysis.recording.name}: its wheels outrun drive.{key} of the robot's description, "
+        "which is taken for no limit of theirs."
+        for key in sorted(drive.data.limits if drive is not None else ())
+    ]
 
 
 def _on_the_reference(analysis: Analysis) -> list[str]:

@@ -27,7 +27,7 @@ from gap_diagnosis.drive.likelihood import (
     setting_of,
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
-from gap_diagnosis.drive.noise import STARTS, Levels, exact, is_inexact
+from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
 from gap_diagnosis.drive.shapes import BENT, PARAMETERS, THRESHOLDS, Shapes, drive_beside_described
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
@@ -96,8 +96,11 @@ class DriveBlock:
         setting = setting_of(
             Variant(data, np.zeros((0, *self._nominal.shape)), ()), robot, frozenset()
         )
-        found = [fitted_levels(setting, {}, start) for start in STARTS]
+        found = [fitted_levels(setting, {}, start) for start in (*STARTS, IDEAL)]
         levels, likelihood = max(found, key=lambda one: one[1])
+        # From here every effect's levels are sought: what is found there is no effect's doing.
+        again = fitted_levels(setting, {}, exact(levels))
+        levels, likelihood = max((levels, likelihood), again, key=lambda one: one[1])
         self._null = Null(setting, levels, likelihood, evidence(setting, levels)[0])
         self._fits[frozenset()] = Fit((), 0.0, 0.0)
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive.kernels import block_means
+from gap_diagnosis.drive.outrun import ACCELERATION, RATE, outrun
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
@@ -63,6 +65,7 @@ class DriveData:
         delay_sd_s: how far off any delay is between a command's row and a wheel's: by the offset
             between a command's reception by log and by drive, and where rows of a table were put
             together, or wheels say mean speeds, by a part of a row.
+        limits: what of table [drive] the wheels outrun, as they have it, by key.
         manner: float64[c, 2, m], what a drive that does as it is told adds in its own manner; every
             hypothesis has it.
     """
@@ -83,7 +86,15 @@ class DriveData:
     time_s: Floats
     tick_rad: float
     delay_sd_s: float
+    limits: Mapping[str, float] = field(default_factory=dict)
     manner: Floats | None = None
+
+    def limits_beside(self, robot: Robot) -> tuple[float, float]:
+        """Return the largest wheel rate [rad/s] and acceleration [rad/s²] of the described drive,
+        as far as its wheels keep to them."""
+        drive = robot.plant.drive
+        rate = self.limits.get(RATE, drive.max_wheel_rate_rad_s)
+        return rate, self.limits.get(ACCELERATION, drive.max_wheel_acceleration_rad_s2)
 
     def told(self, commanded: Floats) -> DriveData:
         """Return the data as they would be had the drive been told these wheel rates."""
@@ -163,7 +174,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         untold = _untold(commanded, ~(used[0] | used[1]), math.ceil(memory_s / dt_s))
         jumped = np.logical_or(jumped, untold)
     lost = np.logical_or.reduceat(jumped, start[:-1])
-    return DriveData(
+    data = DriveData(
         dt_s=dt_s,
         commanded=commanded,
         rate_0=_first_rates(angle, dt_s),
@@ -183,6 +194,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
             _RECEPTION_S, 0.5 * recording.speed_cycle_s if recording.frames else _ROW * dt_s
         ),
     )
+    return replace(data, limits=outrun(data, robot))
 
 
 def _untold(commanded: Floats, missing: NDArray[np.bool_], memory_ticks: int) -> NDArray[np.bool_]:

@@ -28,6 +28,8 @@ _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
 """Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
 
 _NOTHING: Final[Mapping[str, float]] = {}
+_SHORTLY_S: Final = 0.004
+_SHORT_OF: Final = 2.0
 _MANNER_SD: Final = 1.0
 """Weight of an answer that no described drive has, beside the described one."""
 
@@ -121,8 +123,11 @@ def _nuisances(
     if "drive_gain" not in effects:
         columns += list(shapes.gain_columns(values, angle))
         sds += [_NUISANCE_SD["gain"]] * 2
-    delays = {"drive_lag": _NUISANCE_SD["lag"], "drive_delay": variant.data.delay_sd_s}
-    for effect, step in delays.items():
+    delay_s = variant.data.delay_sd_s
+    delays = [("drive_lag", _NUISANCE_SD["lag"]), ("drive_delay", delay_s)]
+    # A chord over most of a row is not what a few milliseconds do about a step of the command.
+    delays += [("drive_delay", _SHORTLY_S)] if delay_s > _SHORT_OF * _SHORTLY_S else []
+    for effect, step in delays:
         if effect not in effects:
             columns.append((shapes.angle({**values, effect: step}) - angle) / step)
             sds.append(step)

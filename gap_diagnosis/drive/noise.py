@@ -27,8 +27,8 @@ _WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 0.5])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
 _ITERATIONS: Final = 25
-_SETTLED: Final = 3e-6
-"""Share of the log likelihood: a few hundredths of a nat of several thousand."""
+_SETTLED: Final = 0.03
+"""A step that gains less [nat] is the last, whether the log is of a minute or of an hour."""
 _STEP: Final = 0.02
 """Of a log level, over which the likelihood's slope is taken."""
 
@@ -57,6 +57,8 @@ STARTS: Final = (
     np.log([0.5, 0.01, 0.1, 0.5, 0.01]),
 )
 """Log levels from which those of a log are sought: typical, quiet and rough."""
+IDEAL: Final = np.log([0.3, 1e-4, 1e-3, 0.2, 1e-3])
+"""Those of wheels that do to the count as they are told."""
 
 
 def exact(logs: Floats) -> Floats:
@@ -128,13 +130,15 @@ def fit_levels(
         values = _losses(data, stacked, sd, np.vstack((logs, logs + np.diag(steps))))
         return float(values[0]), (values[1:] - values[0]) / steps
 
+    begin = np.clip(start, _LOW, _HIGH)
+    size = max(abs(float(_losses(data, stacked, sd, begin[np.newaxis])[0])), 1.0)
     best = minimize(
         loss,
-        np.clip(start, _LOW, _HIGH),
+        begin,
         method="L-BFGS-B",
         jac=True,
         bounds=list(zip(_LOW, _HIGH, strict=True)),
-        options={"maxiter": _ITERATIONS, "ftol": _SETTLED},
+        options={"maxiter": _ITERATIONS, "ftol": _SETTLED / size},
     )
     return np.asarray(best.x, dtype=np.float64), -float(best.fun)
 

@@ -119,8 +119,7 @@ class Shapes:
         self._data = data
         drive = robot.plant.drive
         self._lag_s, self._delay_s = drive.time_constant_s, drive.delay_s
-        self._limit_rate = drive.max_wheel_rate_rad_s
-        self._limit_acceleration = drive.max_wheel_acceleration_rad_s2
+        self._limit_rate, self._limit_acceleration = data.limits_beside(robot)
         fastest = float(np.abs(data.commanded).max())
         self._moves_rad = _WITHIN * robot.tolerance.time_offset_s * fastest
 

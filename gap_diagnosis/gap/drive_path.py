@@ -85,6 +85,7 @@ def late_s_of(data: DriveData, robot: Robot, parameters: Mapping[str, float]) ->
 def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats:
     """Return the wheels' angles at the rows, float64[2, n]."""
     drive = robot.plant.drive
+    fastest, strongest = data.limits_beside(robot)
     angles = []
     for wheel, side in enumerate(("left", "right")):
         both: Any = predict(
@@ -94,11 +95,8 @@ def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats
             drive.time_constant_s + known.get("drive_lag.time_constant", 0.0),
             drive.delay_s + known.get("drive_delay.delay", 0.0),
             known.get("drive_deadband.rate", 0.0),
-            min(drive.max_wheel_rate_rad_s, known.get("drive_saturation.limit", math.inf)),
-            min(
-                drive.max_wheel_acceleration_rad_s2,
-                known.get("drive_acceleration_limit.limit", math.inf),
-            ),
+            min(fastest, known.get("drive_saturation.limit", math.inf)),
+            min(strongest, known.get("drive_acceleration_limit.limit", math.inf)),
             1.0 + known.get(f"drive_gain.{side}", 0.0),
             0.0,
         )

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 from drive_recordings import DURATION_S, ROBOT, WIRE, drive_scenario, recording_of
+from scipy.signal import lfilter
 
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import commands_on_the_wire
+from hil_harness.robot import Robot
 from hil_harness.scenarios import Scenario
 
 TICKS_PER_RAD = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi)
@@ -106,6 +108,33 @@ def table_with_lost_rows(seed: int, share: float) -> Recording:
     counts[lost] = np.nan
     made = recording_of(np.stack([speed, turning], axis=1)[latest], counts[:, 0], counts[:, 1])
     return replace(made, tick_period_s=0.03, t_s=time_s, stamp_s=time_s)
+
+
+def table_of_even_wheels(seed: int, robot: Robot) -> Recording:
+    """Ten minutes of a robot whose wheels run even to 0.07 % and 2.5 ms late, in rows of 50 ms;
+    every few seconds it is told something new, at once."""
+    plant, step_s = robot.plant, 0.005
+    random = np.random.default_rng(seed)
+    steps = round(600.0 / step_s)
+    commands = np.zeros((steps, 2))
+    at = 800
+    while at < steps - 800:
+        until = at + 10 * int(random.uniform(30.0, 140.0))
+        told = random.uniform(0.15, 0.5), random.uniform(0.5, 2.0) * random.choice([-1.0, 1.0])
+        kind = random.choice(4, p=[0.4, 0.35, 0.15, 0.1])
+        commands[at:until] = np.array([(1, 0), (1, 1), (0, 1), (0, 0)])[kind] * told
+        at = until
+    rim = 0.5 * commands[:, 1] * plant.wheels.wheelbase_m
+    target = np.stack([commands[:, 0] - rim, commands[:, 0] + rim], axis=1) / plant.wheels.radius_m
+    share = 1.0 - np.exp(-step_s / plant.drive.time_constant_s)
+    rates = lfilter([0.0, share], [1.0, share - 1.0], target, axis=0)
+    rates *= 1.0 + lfilter([1e-4], [1.0, -0.99], random.standard_normal(rates.shape), axis=0)
+    angle = np.cumsum(step_s * rates, axis=0) - step_s * rates
+    rows = slice(None, None, 10)
+    counts = np.floor(angle[rows] * plant.encoder.ticks_per_rev / (2 * np.pi) + 0.3)
+    made = recording_of(commands[rows], counts[:, 0], counts[:, 1])
+    row_s = 0.05 * np.arange(len(counts))
+    return replace(made, tick_period_s=0.05, t_s=row_s, stamp_s=row_s)
 
 
 def table_of_executed_commands(seed: int) -> Recording:
