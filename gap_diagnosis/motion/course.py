@@ -36,6 +36,7 @@ _FOLLOW_S: Final = 0.4
 _STEADY_RAD: Final = 0.02
 """So much of it may be left in a heading about which ways are told to first order: that leaves them
 wrong by half of its square."""
+_SD_OF_MEDIAN: Final = 1.4826
 _LONGEST_S: Final = 10.0
 """Over longer, a description's own turns drift as far."""
 
@@ -46,27 +47,28 @@ def dead_reckoned(forward_m: Floats, heading: Floats) -> tuple[Floats, Floats]:
     return np.cumsum(forward_m * np.cos(middle)), np.cumsum(forward_m * np.sin(middle))
 
 
-def heading_of(
+def bent_heading(
     heading: Floats,
     t_s: Floats,
     stamps: Floats,
     reference: Reference,
     forward_m: Floats,
     step_s: float,
-) -> Floats:
-    """Return the encoders' heading bent onto the reference's heading, or onto its course."""
+) -> tuple[Floats, float]:
+    """Return the encoders' heading bent onto the reference's heading, or onto its course, and over
+    how long [s]: what lasts longer is the reference's own."""
     if reference.heading_rad is not None:
+        over_s = _heading_over_s(reference)
         residual = reference.heading_rad - np.interp(stamps, t_s, heading)
-        bent = heading + slow(stamps, residual, t_s, step_s, bent_over_s(reference))
-        return bent + _aslant(bent, t_s, stamps, reference, forward_m)
-    return heading + _course_correction(heading, t_s, stamps, reference, forward_m)
+        bent = heading + slow(stamps, residual, t_s, step_s, over_s)
+        return bent + _aslant(bent, t_s, stamps, reference, forward_m), over_s
+    over_s = _course_over_s(heading, t_s, stamps, reference, forward_m)
+    turned = _course_correction(heading, t_s, stamps, reference, forward_m, over_s)
+    return heading + turned, over_s
 
 
-def bent_over_s(reference: Reference) -> float:
-    """Return over how long headings are bent onto a reference: what lasts longer is its own."""
-    if reference.heading_rad is None:
-        return _COURSE_S
-    if len(reference.t_s) < 3:
+def _heading_over_s(reference: Reference) -> float:
+    if reference.heading_rad is None or len(reference.t_s) < 3:
         return _FOLLOW_S
     averaged = 2.0 * math.sqrt(math.pi) * _FOLLOW_S / float(np.median(np.diff(reference.t_s)))
     left_rad = noise_by_bends(np.diff(reference.heading_rad, 2)) / math.sqrt(max(averaged, 1.0))
@@ -135,8 +137,37 @@ def _measured_and_reckoned(
     return np.diff(reference.x_m + 1j * reference.y_m), reckoned
 
 
-def _course_correction(
+def _course_over_s(
     heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
+) -> float:
+    """Return over how long a course must be told [s] for positions this noisy to leave its angle
+    within `_STEADY_RAD`: by a GPS, once a second, each step is off by a third of a radian.
+
+    White noise of sd sigma, averaged as by `_averaged` over s steps of length d, leaves an angle of
+    sigma / (d sqrt(4 sqrt(pi) s^3)).
+    """
+    measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
+    way = np.abs(reckoned)
+    if len(way) < 3 or not way.any():
+        return _COURSE_S
+    between_s = float(np.median(np.diff(stamps)))
+    turn = _course_correction(heading, t_s, stamps, reference, forward_m, _COURSE_S)
+    there = np.exp(1j * np.interp(0.5 * (stamps[1:] + stamps[:-1]), t_s, turn))
+    off = measured - reckoned * there
+    usual_m = 0.5 * float(np.median(np.abs(off.real)) + np.median(np.abs(off.imag)))
+    noise_m = _SD_OF_MEDIAN * usual_m / math.sqrt(2.0)
+    step_m = float(np.sum(way**2) / np.sum(way))
+    cube = (noise_m / (_STEADY_RAD * step_m)) ** 2 / (4.0 * math.sqrt(math.pi))
+    return min(max(float(np.cbrt(cube)) * between_s, _COURSE_S), _LONGEST_S)
+
+
+def _course_correction(
+    heading: Floats,
+    t_s: Floats,
+    stamps: Floats,
+    reference: Reference,
+    forward_m: Floats,
+    over_s: float,
 ) -> Floats:
     """Return what turns the dead-reckoned course onto the reference's, where there is no heading.
 
@@ -145,7 +176,7 @@ def _course_correction(
     """
     measured, reckoned = _measured_and_reckoned(heading, t_s, stamps, reference, forward_m)
     product = measured * np.conj(reckoned)
-    width = max(_COURSE_S / float(np.median(np.diff(stamps))), 1.0)
+    width = max(over_s / float(np.median(np.diff(stamps))), 1.0)
     summed = _averaged(product, width)
     middle = 0.5 * (stamps[1:] + stamps[:-1])
     told = np.abs(summed) > _TOLD * float(np.abs(summed).max())

@@ -15,7 +15,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.reference import USUAL_S
 from gap_diagnosis.motion.counters import jumps_of
-from gap_diagnosis.motion.course import bent_over_s, dead_reckoned, heading_of, slow
+from gap_diagnosis.motion.course import bent_heading, dead_reckoned, slow
 from gap_diagnosis.motion.missing import (
     between,
     filled,
@@ -89,13 +89,13 @@ def estimate_motion(
         density = plant.gyro.noise_density_rad_per_sqrt_s
         gyro_unsure += variance_of_moments(gyro_rate, t_s, density**2 / step_s) * dt_s**2
     reference = recording.reference
-    bent = np.zeros(len(t_s))
+    bent, over_s = np.zeros(len(t_s)), 0.0
     if reference is None:
         x_m, y_m = dead_reckoned(forward_m, heading)
     else:
         stamps = reference.t_s - reference_delay_s
         bent[(t_s >= stamps[0]) & (t_s <= stamps[-1])] = 1.0
-        heading = heading_of(heading, t_s, stamps, reference, forward_m, step_s)
+        heading, over_s = bent_heading(heading, t_s, stamps, reference, forward_m, step_s)
         x_m, y_m = dead_reckoned(forward_m, heading)
         x_m = x_m + slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
         y_m = y_m + slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
@@ -152,7 +152,7 @@ def estimate_motion(
         rounding_rad=rounding_rad,
         turning_s=turning_s,
         bent=bent,
-        bent_over_s=0.0 if reference is None else bent_over_s(reference),
+        bent_over_s=over_s,
         sharp_s=sharp_smoothing_s(turning_s),
         wheel_speeds=WheelSpeeds(
             partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding_rad)

@@ -75,6 +75,23 @@ def test_a_heading_that_is_mostly_noise_bends_no_way() -> None:
     assert np.abs(estimated - true).max() < 4 * 0.02
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_positions_of_a_gps_leave_the_way_as_long_as_it_is(seed: int) -> None:
+    """Courses told over 1.5 s by positions once a second, off by a third of a step, were off by
+    0.08 rad: about those a healthy robot's way was short, a room out of scale or a slope (0.86)."""
+    noise = ReferenceNoise(0.1, 1e-3, rate_hz=1.0)
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), seed, reference=noise)
+    true = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), seed, reference=EXACT)
+    assert log.reference is not None
+    blind = replace(log, reference=replace(log.reference, heading_rad=None))
+    off = estimate_motion(blind, ROBOT).heading_rad - estimate_motion(true, ROBOT).heading_rad
+    way = np.abs(np.diff(log.left_ticks + log.right_ticks, prepend=0.0))
+    # A way is short by half the square of what its angles are off by: thrice what is aimed at, as
+    # of some stretches there is little way.
+    mean = np.average(off, weights=way)
+    assert 1.0 - np.average(np.cos(off - mean), weights=way) < 0.5 * (3 * 0.02) ** 2
+
+
 def lever_arm(x_m: float, y_m: float) -> EffectSetting:
     return EffectSetting("reference_lever_arm", (("x", x_m), ("y", y_m)))
 
