@@ -30,7 +30,7 @@ from gap_diagnosis.motion.levels import LevelPrior, Weighed, along, best_levels,
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
-from gap_diagnosis.motion.starts import starts
+from gap_diagnosis.motion.starts import is_of_a_room, starts
 from gap_diagnosis.motion.whitening import CONTACT, whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -179,7 +179,8 @@ class MotionModel:
     def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
         """Return levels that suit these effects better than *found*, which a search ended at.
 
-        None where a coarse look at the reference shows none.
+        None where a coarse look at the reference shows none. From where a GPS wanders the search
+        is worth its time: one that began in a room may have ended at wheels that skid.
         """
         weigh = self._of_levels(terms)
 
@@ -187,6 +188,9 @@ class MotionModel:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
         best = max(starts(self.nodes, self.level_prior), key=height, default=found)
+        if is_of_a_room(self.nodes) or height(best) > height(found):
+            return best if height(best) > height(found) else None
+        best = self.levels_for(terms, best)
         return best if height(best) > height(found) else None
 
     def _of_levels(

@@ -17,10 +17,17 @@ from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 
+_OF_A_ROOM_M: Final = 0.02
 _WANDERS: Final = (0.3, 3.0)
 """Slow noise over white noise,"""
 _MEMORIES_S: Final = (1.0, 15.0)
 """and how long it lasts."""
+
+
+def is_of_a_room(nodes: Nodes) -> bool:
+    """Tell whether a reference measures to a centimetre or two, as in a room, if there is one."""
+    x_m, y_m, _ = nodes.reference_noise if len(nodes.sample_t_s) >= 3 else (0.0, 0.0, 0.0)
+    return math.hypot(x_m, y_m) / math.sqrt(2.0) < _OF_A_ROOM_M
 
 
 def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
