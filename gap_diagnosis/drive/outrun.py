@@ -29,6 +29,7 @@ _APART_S: Final = 0.2
 """Over which what wheels turn is held against their commands: what they do otherwise adds up."""
 _MEMORY_S: Final = 1.0
 """A drive's errors hang together for about so long: each such while says something once."""
+_LAGS_S: Final = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
 _GRID: Final = 33
 _CLEARLY: Final = 14.5
 """Log likelihood by which two causes are told apart (half of 29 in separation)."""
@@ -41,27 +42,33 @@ def outrun(data: DriveData, robot: Robot) -> dict[str, float]:
     fastest = 2.0 * float(np.abs(data.commanded).max())
     beyond = {RATE: fastest, ACCELERATION: 2.0 * fastest / max(drive.time_constant_s, data.dt_s)}
     raised = {key: value for key, value in beyond.items() if value > getattr(drive, key)}
-    described = _left_by(data, robot, {})
-    if not raised or _left_by(data, robot, raised) == described:
+    if not raised or _left_by(data, robot, raised, 0.0) == _left_by(data, robot, {}, 0.0):
         return {}
     sets = [keys for n in range(1, len(raised) + 1) for keys in combinations(raised, n)]
     found = [_best(data, robot, {key: raised[key] for key in keys}) for keys in sets]
     whiles = float(data.seen.sum()) * data.block_s / _MEMORY_S
-    gains = [whiles * math.log(described / _left_by(data, robot, one)) for one in found]
+    described = min(_left_by(data, robot, {}, lag_s) for lag_s in _LAGS_S)
+    gains = [whiles * math.log(described / left) for _, left in found]
     if max(gains) < _CLEARLY:
         return {}
     fewest = next(place for place, gain in enumerate(gains) if gain > max(gains) - _CLEARLY)
-    return found[fewest]
+    return found[fewest][0]
 
 
-def _best(data: DriveData, robot: Robot, beyond: dict[str, float]) -> dict[str, float]:
-    """Return the limits, from described ones to *beyond*, that leave least."""
+def _best(
+    data: DriveData, robot: Robot, beyond: dict[str, float]
+) -> tuple[dict[str, float], float]:
+    """Return the limits, from described ones to *beyond*, that leave least, and what they leave.
+
+    A drive may be later than described and outrun a limit all the same.
+    """
     found = dict(beyond)
+    lag_s = min(_LAGS_S, key=lambda one: _left_by(data, robot, beyond, one))
     for key in [*beyond, *beyond] if len(beyond) > 1 else beyond:
         low, high = math.log(getattr(robot.plant.drive, key)), math.log(beyond[key])
 
         def left(log_limit: float, key: str = key) -> float:
-            return _left_by(data, robot, {**found, key: math.exp(log_limit)})
+            return _left_by(data, robot, {**found, key: math.exp(log_limit)}, lag_s)
 
         # Beyond what nothing comes near all is flat: a search from there would miss the limit.
         grid = np.linspace(low, high, _GRID).tolist()
@@ -69,18 +76,18 @@ def _best(data: DriveData, robot: Robot, beyond: dict[str, float]) -> dict[str, 
         if at < _GRID - 1:
             about = (grid[max(at - 1, 0)], grid[at + 1])
             found[key] = math.exp(minimize_scalar(left, bounds=about, method="bounded").x)
-    return found
+    return found, _left_by(data, robot, found, lag_s)
 
 
-def _left_by(data: DriveData, robot: Robot, limits: dict[str, float]) -> float:
+def _left_by(data: DriveData, robot: Robot, limits: dict[str, float], lag_s: float) -> float:
     """Return the root mean square of what wheels turn otherwise than the described drive with these
-    limits has them [rad]."""
+    limits, and so much more of a lag, has them [rad]."""
     drive = robot.plant.drive
     angles: Any = predict(
         data.commanded,
         data.rate_0,
         data.dt_s,
-        drive.time_constant_s,
+        drive.time_constant_s + lag_s,
         drive.delay_s,
         0.0,
         limits.get(RATE, drive.max_wheel_rate_rad_s),
