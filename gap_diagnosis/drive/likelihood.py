@@ -30,6 +30,7 @@ _NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
 _NOTHING: Final[Mapping[str, float]] = {}
 _SHORTLY_S: Final = 0.004
 _SHORT_OF: Final = 2.0
+"""A delay that may be more than so many times as long has a short chord besides."""
 _MANNER_SD: Final = 1.0
 """Weight of an answer that no described drive has, beside the described one."""
 

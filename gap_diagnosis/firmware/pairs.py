@@ -15,6 +15,7 @@ from gap_diagnosis.firmware.singles import P_DESCRIBED, Singles
 
 _KEPT: Final = 4
 _HIDDEN: Final = 2
+"""Of an effect so many programs are tried as they come nearest alone, and beside another."""
 _LEADERS: Final = 3
 _NEWS_NATS: Final = 5.0
 _EXPLAINED_NATS: Final = 25.0

@@ -188,9 +188,8 @@ class MotionModel:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
         best = max(starts(self.nodes, self.level_prior), key=height, default=found)
-        if is_of_a_room(self.nodes) or height(best) > height(found):
-            return best if height(best) > height(found) else None
-        best = self.levels_for(terms, best)
+        if not is_of_a_room(self.nodes) and height(best) <= height(found):
+            best = self.levels_for(terms, best)
         return best if height(best) > height(found) else None
 
     def _of_levels(

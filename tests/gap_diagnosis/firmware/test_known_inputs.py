@@ -119,7 +119,7 @@ def test_a_constant_is_found_in_a_cell_beside_the_nearest_value(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The cell that gave the record was three from the least squares' value, and fewer digits were
-    others a dozen cells away than two from it: polished, it was lost."""
+    others a dozen cells away than there: polished, it was lost."""
     runs, true = plant_runs(TICKS), 0.03635991655669131
     pose = kernel_pose(runs, constant="wheel_radius", constant_scale=true)
     block = firmware_block(recording_of(runs, pose), robot(), wire())

@@ -34,8 +34,8 @@ def test_the_wander_of_a_gps_is_the_references_and_not_the_floors() -> None:
 
 
 def test_wheels_that_skid_are_no_end_of_the_search_beside_a_gps() -> None:
-    """A search that began in a room ended at wheels that skid by 0.2 m in a metre, and no start was
-    likelier than that before it was sought from: 25 nats, and a drive's gain of -10 % was unlisted.
+    """A search that began in a room ended at wheels that skid by 0.2 m per root metre, and no start
+    was likelier than that before it was sought from: a drive's gain of -10 % was unlisted (0.61).
     """
     seldom = replace(GPS, position_m=0.4, coloured_position_m=0.5, rate_hz=1.0)
     log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 1, reference=seldom)
