@@ -20,15 +20,10 @@ of what any drive is off by, half a tolerance each."""
 _CONTINUOUS: Final = frozenset({"motion", "drive"})
 """Blocks whose explanations of what moves are good approximations, no more."""
 _EXACT_UP_TO: Final = 1000.0
-_TO_THE_COUNT: Final = frozenset({"encoder_wrap"})
+_TO_THE_COUNT: Final = frozenset({"encoder_dead", "encoder_wrap"})
 _INEXACT: Final = 0.003
 """Share of the nats beyond that which an explanation may leave for want of exactness: 5 % of its
 amplitude. At ten detection limits an effect gains 1,450."""
-_GUESSED: Final = ("encoder_dead", 0.04)
-"""Of a wheel whose turns are a guess that share is a fifth of its amplitude: what its gyro and the
-other wheel are off by, in that guess, an effect of theirs would take up."""
-_TAKEN_ALONG: Final = "gyro_bias"
-"""In the guess as in the gyro, whatever the robot does."""
 
 
 def total_of(logs: Sequence[Sequence[Block]], effects: Effects) -> tuple[float, float]:
@@ -116,8 +111,6 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
 
     Beside a dead encoder the commands tell nothing of other errors of counting.
     """
-    if block.name == "drive" and "encoder_dead" in effects:
-        effects = effects - _COUNTING
     fit = block.fit(effects)
     if block.name == "drive" and effects & _COUNTING and not effects & shown:
         fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
@@ -136,24 +129,25 @@ def _told(block: Block, effects: Effects, evidence: float) -> float:
     A clipped rate or a dead wheel of thousands of nats is not explained to the last of them, and
     what is left must not bring in effects that are not there. Neither does it speak against them:
     what gains less than that is as likely as it was before. What is put right to the last count
-    leaves nothing.
+    leaves nothing, nor does a wheel of whose turns nothing is known.
     """
     if len(effects) < 2 or block.name not in _CONTINUOUS:
         return evidence
     alone = {one: block.fit(frozenset({one})).log_evidence for one in sorted(effects)}
     inexact = max((alone[one] for one in effects - _TO_THE_COUNT), default=0.0)
+    if put_right := effects & _TO_THE_COUNT:
+        # What others would take of it alone they do not explain beside it.
+        inexact = min(inexact, evidence - block.fit(put_right).log_evidence)
     left = max(0.0, inexact - _EXACT_UP_TO)
     if left == 0.0:
         return evidence
     first = max(alone, key=lambda one: alone[one])
-    is_guess = _GUESSED[0] in effects and block.name == "motion"
     found = []
     for one in sorted(effects - {first}):
-        share = _GUESSED[1] if is_guess and one not in (_GUESSED[0], _TAKEN_ALONG) else _INEXACT
         rest = effects - {one}
         before = block.fit(rest).log_evidence
         gain = evidence - before
-        found.append(_told(block, rest, before) + gain - min(max(gain, 0.0), share * left))
+        found.append(_told(block, rest, before) + gain - min(max(gain, 0.0), _INEXACT * left))
     return min(found)
 
 

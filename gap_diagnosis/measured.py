@@ -39,6 +39,8 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.revived import revived, with_dead
+from gap_diagnosis.motion.scan import DEAD, Scan
 from gap_diagnosis.pictures import Pictures, ResidualSeries
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
@@ -284,9 +286,18 @@ def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refi
     """Fit the values of the chosen effects again on what *model* may see."""
     if not effects:
         return None
-    found = motion.scan.account(effects)
+    there = motion.scan.where_it_turns
+    if there is None or not effects > DEAD:
+        return _fitted_on(model, motion.scan, effects)
+    dead = motion.scan.account(DEAD).terms
+    turning = there.model if model is motion.model else revived(model, dead[0])
+    return with_dead(dead, _fitted_on(turning, there, effects - DEAD))
+
+
+def _fitted_on(model: MotionModel, scan: Scan, effects: Effects) -> Refitted:
+    found = scan.account(effects)
     terms = [
-        model.add(term.variant, term) if model is not motion.model else term for term in found.terms
+        model.add(term.variant, term) if model is not scan.model else term for term in found.terms
     ]
     return model.refit(terms, found.levels, free_levels=False)
 

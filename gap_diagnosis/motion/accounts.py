@@ -300,7 +300,7 @@ class Accounts:
     def _belief(self, one: Found) -> float:
         """Return the log evidence with the prior of so many effects among those of the motion."""
         count = len(one.effects)
-        prior = math.log(math.factorial(count) * self.model.prior.effects[count])
+        prior = math.log(math.factorial(count) * self.model.prior.chance_of(count))
         return self.gained(one)[0] + prior - count * math.log(max(len(self.by_effect), 1))
 
     def _ranked(self) -> list[Found]:
@@ -314,10 +314,6 @@ class Accounts:
         return Found(frozenset(), (), evidence, evidence, levels)
 
     def _refit(self, one: Found) -> None:
-        guess = frozenset(t.variant.effect for t in one.terms if t.variant.unsure is not None)
-        if guess and guess != one.effects and self.account(guess).refitted is not None:
-            self._refit_beside(self.account(guess), one)
-            return
         fitted = [each for each in self.found.values() if each.refitted is not None]
         known = max(fitted, key=lambda each: each.log_evidence, default=one).levels
         again = self.model.refit(one.terms, one.levels, known=known)
@@ -336,26 +332,6 @@ class Accounts:
             again.levels,
             again,
             max(one.log_evidence - evidence, 0.0),
-        )
-
-    def _refit_beside(self, guess: Found, one: Found) -> None:
-        """Fit a set again in which one effect puts a guess in the place of counts: the others gain
-        what they gain where the guess is not leant on."""
-        levels = one.levels
-        less = self.model.refit(guess.terms, levels, leans=False)
-        more = self.model.refit(one.terms, levels, leans=False)
-        own = [term for term in one.terms if term.variant.effect not in guess.effects]
-        self.found[one.effects] = Found(
-            one.effects,
-            one.terms,
-            guess.log_evidence
-            + more.log_evidence
-            - less.log_evidence
-            - math.fsum(map(self._cost, own))
-            - self._beyond_belief(one.terms, [v for c in more.coefficients for v in c]),
-            guess.log_likelihood + max(more.log_likelihood - less.log_likelihood, 0.0),
-            more.levels,
-            more,
         )
 
 

@@ -21,7 +21,7 @@ from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
-from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.scan import DEAD, Scan
 from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
@@ -81,11 +81,14 @@ class MotionBlock:
     name = "motion"
 
     def __init__(
-        self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
+        self,
+        model: MotionModel,
+        progress: Callable[[float], None] = lambda share: None,
+        scan: Scan | None = None,
     ) -> None:
-        """Search through all single effects and pairs."""
+        """Search through all single effects and pairs, unless *scan* has."""
         self.model = model
-        self.scan = Scan(model, progress)
+        self.scan = scan or Scan(model, progress)
         self._nothing = self.scan.found[frozenset()]
         self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
@@ -285,6 +288,12 @@ class MotionBlock:
         """Something is wrong by a sign or a factor."""
         return looks_gross(self.model.recording, self.model.robot)
 
+    @cached_property
+    def _where_it_turns(self) -> MotionBlock | None:
+        """The log in which the wheel of a dead encoder turns again."""
+        there = self.scan.where_it_turns
+        return None if there is None else MotionBlock(there.model, scan=there)
+
     @property
     def nameless(self) -> float:
         """Log evidence, less that of no effect, of the best account that is none.
@@ -361,6 +370,14 @@ class MotionBlock:
         names = tuple(sorted(effects))
         if len(noises) > 1 or quiet & GROSS:
             return Fit(names, _IMPOSSIBLE, _IMPOSSIBLE)
+        if self._where_it_turns is not None and quiet >= DEAD:
+            dead, there = self._fit(DEAD), self._where_it_turns._fit(effects - DEAD)
+            return replace(
+                there,
+                effects=names,
+                log_evidence=dead.log_evidence + there.log_evidence,
+                log_likelihood=dead.log_likelihood + there.log_likelihood,
+            )
         (name,) = noises
         if not quiet:
             return self._noise_beside(name, None)
@@ -448,10 +465,7 @@ class MotionBlock:
                 parameters={**quiet.parameters, **noisy.parameters},
                 windows=quiet.windows,
             )
-        found = self.scan.account(aliased(effects))
-        again = found.refitted or self.model.refit(found.terms, found.levels)
-        posterior = Posterior(self.model, self.scan, closely=closely)
-        parameters, windows, pareto_k = posterior.estimates(found, again)
+        parameters, windows, pareto_k = _estimates(self.scan, aliased(effects), closely)
         for effect in effects & self._mending.keys():
             parameters |= _told_by(self._mending[effect])
         for alias in effects & ALIASES.keys():
@@ -481,6 +495,21 @@ class MotionBlock:
             seen = self._fit(own).log_evidence > self._fit(own - {LATENCY}).log_evidence + 1
             own = own - {LATENCY} | ({OFFSET} if seen else frozenset())
         return aliased(frozenset(own - NOISES.keys()))
+
+
+def _estimates(
+    scan: Scan, effects: frozenset[str], closely: bool
+) -> tuple[dict[str, Estimate], list[tuple[float, float]], float | None]:
+    """Return parameters, windows and the shape of the weights' tail of a set; beside a dead encoder
+    those of the log in which its wheel turns again."""
+    there = scan.where_it_turns
+    if there is not None and effects > DEAD:
+        dead, died, _ = _estimates(scan, DEAD, closely)
+        rest, windows, pareto_k = _estimates(there, effects - DEAD, closely)
+        return dead | rest, died + windows, pareto_k
+    found = scan.account(effects)
+    again = found.refitted or scan.model.refit(found.terms, found.levels)
+    return Posterior(scan.model, scan, closely=closely).estimates(found, again)
 
 
 def _is_of(parameter: str, effect: str) -> bool:

@@ -32,10 +32,14 @@ from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import is_of_a_room, starts
 from gap_diagnosis.motion.whitening import CONTACT, whiten
+from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
+
+Unsure = Callable[[Motion], tuple[Floats, Floats]]
+"""Of a motion, how much its wheels' counts vary by chance, counts² per tick of left and right."""
 
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
@@ -59,7 +63,6 @@ class Refitted:
         log_evidence: with the density of the levels; comparable between sets.
         log_likelihood: at the best coefficients and levels, other tolerances marginalised.
         coefficients: per term, the best ones.
-        leans: whether what stands in the place of counts that were not there was trusted.
     """
 
     scored: Scored
@@ -67,7 +70,6 @@ class Refitted:
     log_evidence: float
     log_likelihood: float
     coefficients: tuple[tuple[float, ...], ...]
-    leans: bool = True
 
 
 class MotionModel:
@@ -90,12 +92,15 @@ class MotionModel:
         without: frozenset[str] = frozenset(),
         library: Mapping[str, Effect] = MappingProxyType({}),
         late_up_to_s: float | None = None,
+        unsure: Unsure | None = None,
     ) -> None:
         """Prepare; *keep* (bool[n]) are the ticks whose reference and gyro may be used;
         *without* names effects that are not to be tried, *library* are a user's own;
-        *late_up_to_s* is how late the reference may be, if not by the robot's tolerance."""
+        *late_up_to_s* is how late the reference may be, if not by the robot's tolerance; *unsure*
+        says what is not known of the wheels' counts."""
         self.recording, self.robot, self.prior = recording, robot, prior
         self.without = without
+        self._asked_keep, self._library, self._late_up_to_s = keep, library, late_up_to_s
         delay_s = coarse_delay_s(recording, robot)
         motion = unsure_where_silent(estimate_motion(recording, robot, reference_delay_s=delay_s))
         self.keep = ~silences(recording.left_ticks, recording.t_s)
@@ -103,6 +108,8 @@ class MotionModel:
             self.keep, motion = self.keep & keep, without_gyro(motion, ~keep)
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep, delay_s)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
+        if unsure is not None:
+            self.course = self.course.scattered(self.nodes, *unsure(motion))
         self.tolerances = _tolerances(robot)
         if late_up_to_s is not None:
             self.tolerances["reference_time_offset.offset"] = late_up_to_s
@@ -124,6 +131,21 @@ class MotionModel:
         )
         self.level_prior: LevelPrior = level_prior(robot)
         self._begin_at(coarse_gyro_delay_s(motion))
+
+    def of(
+        self, recording: Recording, *, without: frozenset[str], unsure: Unsure | None
+    ) -> MotionModel:
+        """Return the motion of another account of this log, *without* further effects."""
+        return MotionModel(
+            recording,
+            self.robot,
+            self.prior,
+            keep=self._asked_keep,
+            without=self.without | without,
+            library=self._library,
+            late_up_to_s=self._late_up_to_s,
+            unsure=unsure,
+        )
 
     def _begin_at(self, delay_s: float) -> None:
         """Add what makes a gyro late by *delay_s* (early, if negative), from there on."""
@@ -242,13 +264,11 @@ class MotionModel:
         free_levels: bool = True,
         steps: int = _NEWTON_STEPS,
         start: Sequence[tuple[float, ...]] | None = None,
-        leans: bool = True,
         shortens: bool = True,
         known: Floats | None = None,
     ) -> Refitted:
         """Fit *terms* again about their own best coefficients (Gauss-Newton).
 
-        *leans*: what one of them puts in the place of counts that were not there is trusted.
         *shortens*: a step that leads downhill, which takes half of a fit's time to tell.
         *known*: levels that suit another set, tried once besides those here.
         """
@@ -269,7 +289,7 @@ class MotionModel:
                 if gained < _STILL:
                     break
             values, nuisances, tangent = self.linearised(terms, coefficients, levels)
-            course = self.scattered(terms, coefficients, leans=leans)
+            course = self.scattered(terms, coefficients)
             if step > 0 and gained >= _STILL:
                 starts = [levels] if known is None else [levels, known]
                 if any(varies(term.variant, self.nodes) for term in terms):
@@ -282,8 +302,8 @@ class MotionModel:
             best = bounded(terms, split(terms, scored.means[int(np.argmax(scored.weights))]))
             if shortens:
                 if height is None:
-                    height = self._height(terms, coefficients, levels, leans)
-                best, climbed = self._no_worse(terms, coefficients, best, levels, leans, height)
+                    height = self._height(terms, coefficients, levels)
+                best, climbed = self._no_worse(terms, coefficients, best, levels, height)
                 height += climbed
             coefficients = best
         density = self.level_prior.log_density(np.log(levels))
@@ -293,7 +313,6 @@ class MotionModel:
             log_evidence=gram.log_nothing + scored.log_evidence + density,
             log_likelihood=gram.log_nothing + scored.log_likelihood + density,
             coefficients=coefficients,
-            leans=leans,
         )
 
     def at_fit(
@@ -302,7 +321,7 @@ class MotionModel:
         """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
         inverse variances float64[c] beforehand, and which of them are each effect's."""
         values, nuisances, tangent = self.linearised(terms, fit.coefficients, fit.levels)
-        course = self.scattered(terms, fit.coefficients, leans=fit.leans)
+        course = self.scattered(terms, fit.coefficients)
         white, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
         owners: dict[str, list[int]] = {}
@@ -326,13 +345,12 @@ class MotionModel:
         before: tuple[tuple[float, ...], ...],
         after: tuple[tuple[float, ...], ...],
         levels: Floats,
-        leans: bool,
         height: float,
     ) -> tuple[tuple[tuple[float, ...], ...], float]:
         """Shorten a step of Gauss and Newton until it does not lead downhill from *height*; return
         where it leads and what it gains [nat]."""
         for _ in range(_SHORTENED):
-            climbed = self._height(terms, after, levels, leans) - height
+            climbed = self._height(terms, after, levels) - height
             if climbed >= -_DOWNHILL:
                 return after, climbed
             after = tuple(
@@ -346,7 +364,6 @@ class MotionModel:
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
         levels: Floats,
-        leans: bool,
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
         change = self._exact_change(terms, coefficients, levels)
@@ -356,18 +373,15 @@ class MotionModel:
         columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        course = self.scattered(terms, coefficients, leans=leans)
+        course = self.scattered(terms, coefficients)
         return self._weigh(values, nuisances, (), levels, course).log_evidence
 
     def scattered(
         self,
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
-        *,
-        leans: bool = True,
     ) -> Course:
-        """Return the course with what rates and probabilities of these sizes leave to chance, and,
-        unless the fit *leans* on them, with what guesses leave."""
+        """Return the course with what rates and probabilities of these sizes leave to chance."""
         course = self.course
         varying = [
             (term.variant, sizes)
@@ -382,8 +396,6 @@ class MotionModel:
                 course = course.scattered(self.nodes, *variances)
             if term.variant.jumps is not None:
                 course = course.jumping(self.nodes, term.variant.jumps(self.nodes.motion))
-            if term.variant.unsure is not None and not leans:
-                course = course.scattered(self.nodes, *term.variant.unsure(self.nodes.motion))
         return course
 
     @cached_property

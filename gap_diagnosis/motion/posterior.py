@@ -113,9 +113,7 @@ class Posterior:
         self, terms: Sequence[Term], place: int, fit: Refitted, rng: np.random.Generator
     ) -> tuple[Floats, dict[str, Floats], float | None]:
         """Return the same of a set with a threshold: the sizes go with it."""
-        known = thresholds_of(
-            self.model, terms, place, fit.coefficients, fit.levels, leans=fit.leans
-        )
+        known = thresholds_of(self.model, terms, place, fit.coefficients, fit.levels)
         picked, rates = known.draw(DRAWS, self._too_sure, rng)
         draws: Floats | None = None
         for one in np.unique(picked):
@@ -153,7 +151,6 @@ class Posterior:
                     place,
                     again.coefficients,
                     again.levels,
-                    leans=again.leans,
                 )
                 start_s, stop_s, size = windows.draw(DRAWS, self._too_sure, rng)
                 effect = term.variant.effect

@@ -18,6 +18,7 @@ from gap_diagnosis.motion.dispersion import dispersion
 from gap_diagnosis.motion.evidence import Gram, score
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.off_the_grid import OffTheGrid
+from gap_diagnosis.motion.revived import beside, revived
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.motion.slips import (
     LOOSE,
@@ -32,7 +33,6 @@ from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sight, sight_of
 
-_BIAS: Final = "gyro_bias"
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
 _GREEDY: Final = 3
@@ -40,9 +40,8 @@ _EXTENDED: Final = 4
 _MORE_VARIANTS: Final = 3
 _WORTH_MORE: Final = 10.0
 """One more effect is sought beside sets that gain this much on the best smaller one [nat]."""
-_BENDING: Final = 0.1
-"""A dead encoder for more than this share of the log leaves so little of the described motion that
-beside it columns about it say little."""
+DEAD: Final = frozenset({"encoder_dead"})
+"""About a wheel that stands no column says anything of what else is wrong."""
 _ALL_PARTS: Final = 3
 """Every part of sets so large is fitted again; of larger ones those without one effect."""
 _LOOSE: Final = 0.25
@@ -69,16 +68,18 @@ class Scan(OffTheGrid):
 
     Attributes:
         foreseen: what the log can show at the described levels of noise, before any fit.
+        where_it_turns: the search through the log in which the wheel of a dead encoder turns again;
+            None where that is not at work.
     """
 
     foreseen: Sight
+    where_it_turns: Scan | None = None
 
     def __init__(
         self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
     ) -> None:
         """Search."""
         super().__init__(model)
-        self._bending = frozenset({"encoder_dead"} if self._is_dead_for_long() else ())
         self._weighed: set[Effects] = set()
         self._contradicted = 0
         self._parts_beside: dict[Effects, Refitted] = {}
@@ -87,12 +88,6 @@ class Scan(OffTheGrid):
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
         self._search(progress)
-
-    def _is_dead_for_long(self) -> bool:
-        t_s = self.model.nodes.motion.t_s
-        windows = (term.variant.fixed for term in self.by_effect.get("encoder_dead", ()))
-        least_s = _BENDING * float(t_s[-1] - t_s[0])
-        return any(one["stop_s"] - one["start_s"] > least_s for one in windows)
 
     def _search(self, progress: Callable[[float], None]) -> None:
         model = self.model
@@ -131,6 +126,29 @@ class Scan(OffTheGrid):
             self._settle()
         self._take_in_bends()
         self._hold_back_the_unfitted()
+        if self.likeliest.effects & DEAD:
+            self._seek_beside_the_dead()
+
+    def _seek_beside_the_dead(self) -> None:
+        """Seek what else is wrong beside a dead encoder in the log in which its wheel turns again,
+        and let every set be worth beside it what it is worth there."""
+        if self.account(DEAD).refitted is None:
+            self._refit(self.account(DEAD))
+        there = Scan(revived(self.model, self.account(DEAD).terms[0]))
+        self.found = {one: found for one, found in self.found.items() if not one > DEAD}
+        self.where_it_turns, self.dispersion = there, there.dispersion
+        for effects in list(there.found):
+            if effects <= self.effects:
+                self.account(effects | DEAD)
+
+    def account(self, effects: Effects) -> Found:
+        """Return the best account of a set; of a set that was not worth it, an approximate one."""
+        there = self.where_it_turns
+        if there is None or effects in self.found or not DEAD < effects <= there.effects | DEAD:
+            return super().account(effects)
+        nothing, one = there.found[frozenset()], there.account(effects - DEAD)
+        self.found[effects] = beside(self.found[DEAD], nothing, one, self.by_effect)
+        return self.found[effects]
 
     def _settle(self) -> None:
         """Fit the best set, its parts and what comes beside it, until another one is no better."""
@@ -243,7 +261,7 @@ class Scan(OffTheGrid):
         """
         fit = head.refitted
         is_clear = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
-        if fit is None or not is_clear or _is_guess(head) or head.effects in self._surrounded:
+        if fit is None or not is_clear or head.effects & DEAD or head.effects in self._surrounded:
             return False
         self._surrounded.add(head.effects)
         self._fit_parts(head, fit)
@@ -263,11 +281,11 @@ class Scan(OffTheGrid):
         their usual sizes one may seem to lack by far more than there is to tell them apart.
         """
         fit = head.refitted
-        if fit is None or _is_guess(head) or head.effects in self._compared_alike:
+        if fit is None or head.effects & DEAD or head.effects in self._compared_alike:
             return False
         self._compared_alike.add(head.effects)
         inner = self._gram_at(head.levels).full_inner
-        not_asked = head.effects | GROSS | self._bending
+        not_asked = head.effects | GROSS | DEAD
         asked = [t for t in self.model.columns.terms if t.variant.effect not in not_asked]
         for place, term in enumerate(head.terms):
             own = single_column(term)
@@ -409,7 +427,7 @@ class Scan(OffTheGrid):
                 less = max(one.log_evidence for one in ranked if len(one.effects) < size)
                 parents = [one for one in ranked if len(one.effects) == size][:_EXTENDED]
                 parents = [one for one in parents if one.log_evidence > less + _WORTH_MORE]
-                parents = [one for one in parents if not one.effects & self._bending]
+                parents = [one for one in parents if not one.effects & DEAD]
                 for parent in parents:
                     self._extend(parent)
                 best = self._ranked()[0]
@@ -435,7 +453,7 @@ class Scan(OffTheGrid):
             places = range(max(len(self._grams) - 2, 0), len(self._grams))
         for place in places:
             for effect, terms in self._kept[place].items():
-                if effect not in parent.effects | self._bending | GROSS:
+                if effect not in parent.effects | DEAD | GROSS:
                     choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
 
@@ -480,18 +498,9 @@ class Scan(OffTheGrid):
         loose = least - _LOOSE * (best - self.found[frozenset()].log_evidence)
         close = [one for one in singles[1:] if one.log_evidence > loose]
         near = singles[:1] + close + [one for one in pairs if one.log_evidence > least]
-        # A guess leans on the gyro: along a straight line beside it, nothing is said of its bias.
-        if _BIAS in self.by_effect and any(_is_guess(one) for one in near[:1]):
-            near.append(self.account(near[0].effects | {_BIAS}))
-            near = list({one.effects: one for one in near}.values())
         known = {one.effects for one in near}
         stretched = [frozenset({effect}) for effect in self._stretched()]
         return near + [self.found[one] for one in stretched if one in self.found.keys() - known]
-
-
-def _is_guess(found: Found) -> bool:
-    """Tell whether an account guesses what a wheel did."""
-    return any(term.variant.unsure is not None for term in found.terms)
 
 
 def _differ(first: Term, second: Term) -> bool:

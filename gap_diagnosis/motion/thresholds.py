@@ -108,11 +108,9 @@ def thresholds_of(
     place: int,
     coefficients: Sequence[tuple[float, ...]],
     levels: Floats,
-    *,
-    leans: bool = True,
 ) -> Thresholds:
     """Return what the log says of the threshold of ``terms[place]``, about a fit of all terms."""
-    found = _Compared(model, terms, place, coefficients, levels, leans=leans)
+    found = _Compared(model, terms, place, coefficients, levels)
     found.add(found.coarse)
     for _ in range(_ROUNDS):
         between = found.between()
@@ -156,12 +154,11 @@ class _Compared:
         coefficients: Sequence[tuple[float, ...]],
         levels: Floats,
         *,
-        leans: bool = True,
         steps: int = 1,
     ) -> None:
         self._model, self._terms, self._place = model, tuple(terms), place
         self._start, self._levels = coefficients, levels
-        self._leans, self._steps = leans, steps
+        self._steps = steps
         self._fastest_rad_s = model.nodes.motion.fastest_rad_s
         self._found: dict[float, tuple[tuple[Term, ...], Refitted]] = {}
 
@@ -189,7 +186,6 @@ class _Compared:
                 free_levels=False,
                 steps=self._steps,
                 start=self._start,
-                leans=self._leans,
                 shortens=self._steps > 1,
             )
             self._found[rate] = trial, fit

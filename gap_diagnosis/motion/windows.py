@@ -132,14 +132,13 @@ def windows_of(
     coefficients: Sequence[tuple[float, ...]],
     levels: Floats,
     *,
-    leans: bool = True,
     worth: float = -math.inf,
 ) -> Windows:
     """Return what the log says of the window of ``terms[place]``, about a fit of all terms.
 
     Where no window promises to gain *worth* [nat], none is sought more closely.
     """
-    grid = _Grid(model, terms, place, coefficients, levels, leans=leans)
+    grid = _Grid(model, terms, place, coefficients, levels)
     windows = grid.compared()
     for done in range(_ROUNDS):
         if windows.log_evidence.max() < worth * _PROMISES[min(done, len(_PROMISES) - 1)]:
@@ -196,8 +195,6 @@ class _Grid:
         place: int,
         coefficients: Sequence[tuple[float, ...]],
         levels: Floats,
-        *,
-        leans: bool,
     ) -> None:
         self._model, self._levels = model, levels
         self._variant = terms[place].variant
@@ -210,7 +207,7 @@ class _Grid:
             for term, sizes in zip(terms, coefficients, strict=True)
             if term is not terms[place]
         ]
-        self._course = model.scattered(terms, coefficients, leans=leans)
+        self._course = model.scattered(terms, coefficients)
         values, nuisances, tangent = model.linearised(terms, coefficients, levels)
         free = list(nuisances)
         for term in tangent:

@@ -11,6 +11,7 @@ from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
@@ -181,3 +182,58 @@ def test_what_is_wrong_with_the_gyro_besides_is_said_beside_a_dead_encoder(
     scan = Scan(MotionModel(log, ROBOT, default_prior(), without=others))
     best = max(scan.found.values(), key=lambda one: one.log_evidence)
     assert best.effects == {"encoder_dead", "gyro_bias"}
+
+
+THREE = (
+    DEAD,
+    EffectSetting("radius_scale", (("scale", 0.02),)),
+    EffectSetting("gyro_scale", (("scale", 0.02),)),
+)
+
+
+def with_others(effects: tuple[EffectSetting, ...]) -> Recording:
+    """Return a log of these effects."""
+    return synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("figure8"),
+        effects,
+        2,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=5e-4,
+    )
+
+
+def told(log: Recording, others: frozenset[str]) -> MotionBlock:
+    """Return what a library of these and of dead encoders tells."""
+    without = frozenset(EXPLAINED) - others - {"encoder_dead"}
+    return MotionBlock(MotionModel(log, ROBOT, default_prior(), without=without))
+
+
+def test_several_effects_are_told_beside_a_dead_encoder_with_their_sizes() -> None:
+    """About a wheel that stands no column says anything of one that turns: pairs were all that was
+    asked (a wheel 7 % too large beside a dead encoder was a drive's gain, 1.00)."""
+    block = told(with_others(THREE), frozenset({"radius_scale", "gyro_scale", "wheelbase_scale"}))
+    names = frozenset(one.effect for one in THREE)
+    assert block.scan.likeliest.effects == names
+    sizes = block.detail(names).parameters
+    assert sizes["encoder_dead.side"].value == "right"
+    for name in ("radius_scale.scale", "gyro_scale.scale"):
+        assert abs(float(sizes[name].value) - 0.02) < 4 * sizes[name].sd < 0.01
+
+
+def test_where_the_gyro_is_silent_too_a_dead_encoder_is_no_slip() -> None:
+    """Frames of 0.8 s are lost: a gyro filled in by wheels of which one stands tells half of the
+    turn, and its wheel had slipped (172 nats)."""
+    log = with_others((DEAD,))
+    lost = (log.t_s > 20.0) & (log.t_s < 20.8)
+    assert log.gyro_code is not None
+    assert log.gyro_rate_rad_s is not None
+    log = replace(
+        log,
+        left_ticks=np.where(lost, np.nan, log.left_ticks),
+        right_ticks=np.where(lost, np.nan, log.right_ticks),
+        gyro_code=np.where(lost, np.nan, log.gyro_code),
+        gyro_rate_rad_s=np.where(lost, np.nan, log.gyro_rate_rad_s),
+    )
+    assert told(log, frozenset({"one_sided_slip"})).scan.likeliest.effects == {"encoder_dead"}
