@@ -36,6 +36,7 @@ _LEAST_SHOWN: Final = 1e-4
 _LARGER: Final = 6
 _APART: Final = 2
 _BESIDE: Final = 5
+_TOGETHER: Final = 3
 _MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
 _BIT: Final = frozenset({"adc_stuck_bit"})
@@ -347,13 +348,17 @@ def _with_others_apart(
     }
     # What no effect of a set moves stands beside it, the largest too, as it stands beside none:
     # else a clock takes the place of what the wheels do.
-    beside = apart[:_BESIDE]
-    for others in (one for n in range(1, len(beside) + 1) for one in combinations(beside, n)):
-        if any(len(of_block[name].intersection(others)) > n for name, n in _MOST_OF.items()):
+    singly = apart[:_BESIDE]
+    pairs = _told_together(scored, singles, seen)
+    choices = [frozenset(one) for n in range(len(singly) + 1) for one in combinations(singly, n)]
+    beside = (one | pair for pair in (frozenset[str](), *pairs) for one in choices)
+    for others in dict.fromkeys(one for one in beside if one):
+        own = {name: others & of_block[name] for name in _MOST_OF}
+        if any(len(own[name]) > n and own[name] not in pairs for name, n in _MOST_OF.items()):
             continue
-        evidence, likelihood = total_of(logs, frozenset(others))
+        evidence, likelihood = total_of(logs, others)
         for some in [*sorted(large, key=sorted), *small[:_TRIPLED], frozenset[str]()]:
-            names = some | frozenset(others)
+            names = some | others
             if names in scored or any(_is_shared(logs, some, effect) for effect in others):
                 continue
             gained, likelier, _ = scored[some]
@@ -368,6 +373,21 @@ def _with_others_apart(
             weight = _log_prior_of(names, prior, log_prior)
             found[names] = (*total_of(logs, names), weight)
     return found
+
+
+def _told_together(
+    scored: Mapping[Effects, Score], singles: Mapping[str, tuple[float, float]], seen: set[str]
+) -> list[Effects]:
+    """Return the best pairs that the motion does not see, and of which each effect tells something
+    beside the other: two of a drive that were fitted together, a frame now and then beside a late
+    one."""
+
+    def alone(pair: Effects) -> float:
+        return max(_WORTH_ONE, *(singles[effect][0] + _WORTH_PAIRING for effect in pair))
+
+    pairs = [one for one in scored if len(one) == 2 and not one & seen]
+    pairs = [one for one in pairs if scored[one][0] > alone(one)]
+    return sorted(pairs, key=lambda one: (-scored[one][0], sorted(one)))[:_TOGETHER]
 
 
 def _log_prior_of(effects: Effects, prior: Prior, log_prior: Mapping[str, float]) -> float:

@@ -16,7 +16,7 @@ from can_bus import SENSORS
 from gap_diagnosis.bus import prior
 from gap_diagnosis.bus.counting import Rate, loss_of, rate_of
 from gap_diagnosis.bus.crowds import happened
-from gap_diagnosis.bus.events import Message, Staleness, as_sent, classify, staleness
+from gap_diagnosis.bus.events import SURE_LENGTH, Message, Staleness, as_sent, classify, staleness
 from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
@@ -248,12 +248,7 @@ class BusBlock:
     def _staleness(self) -> dict[str, Staleness]:
         sensors = [one for one in self._messages if one.is_sensor]
         gyro = self._carrier("gyro")
-        speeds = {
-            mapped.message.name
-            for role in REQUIRED
-            if (mapped := self._wire.signal_map.get(role)) is not None
-            and mapped.quantity in ("speed", "turn rate")
-        }
+        speeds = self._speed_carriers
         # To and fro across the edge of a narrow counter no wheel turns.
         counted = unwrapped(self._recording, self._robot)
         return {
@@ -263,6 +258,16 @@ class BusBlock:
             for one in sensors
         }
 
+    @property
+    def _speed_carriers(self) -> set[str]:
+        """The messages that say how fast a wheel turns, not how far."""
+        return {
+            mapped.message.name
+            for role in REQUIRED
+            if (mapped := self._wire.signal_map.get(role)) is not None
+            and mapped.quantity in ("speed", "turn rate")
+        }
+
     def _carrier(self, role: Role) -> str | None:
         mapped = self._wire.signal_map.get(role)
         return None if mapped is None else mapped.message.name
@@ -270,15 +275,19 @@ class BusBlock:
     def without_stale(self) -> Recording:
         """Return the recording without what a stale producer said again: those rows are empty.
 
-        Only where it is likelier than not that one did.
+        Counts that stood for some cycles and then leapt by what they had missed surely were; how
+        often that happens says what is wrong, not what these rows are worth. Anything else only
+        where it is likelier than not that a producer does so.
         """
         recording = self._recording
-        if self.fit(frozenset({"stale_producer"})).log_evidence < _SURELY_STALE:
-            return recording
-        rows = {
-            name: np.isin(recording.tick, _within(one.ticks))
-            for name, one in self._staleness.items()
-        }
+        is_likely = self.fit(frozenset({"stale_producer"})).log_evidence >= _SURELY_STALE
+        leaping = {self._carrier("left_count")} - self._speed_carriers
+        rows = {}
+        for name, one in self._staleness.items():
+            least = 1 if is_likely else SURE_LENGTH if name in leaping else math.inf
+            again = zip(one.ticks, one.lengths, strict=True)
+            said_again = [ticks for ticks, length in again if length >= least]
+            rows[name] = np.isin(recording.tick, _within(said_again))
         none = np.zeros(len(recording.tick), dtype=np.bool_)
         gyro = rows.get(self._carrier("gyro") or "", none)
         wheels = rows.get(self._carrier("left_count") or "", none)

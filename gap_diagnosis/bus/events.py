@@ -26,7 +26,7 @@ _CHANGING: Final = 0.8
 LONGEST_STALE_S: Final = 0.3
 """What repeats for longer is frozen: that is the sensor's fault, not its sender's."""
 _BY_CHANCE: Final = 0.01
-_SURE_LENGTH: Final = 3
+SURE_LENGTH: Final = 3
 _NO_CHANGE: Final = 1e-6
 _LEAST_STEP: Final = 4.0
 _ON_LATTICE: Final = 0.95
@@ -341,7 +341,7 @@ def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool
         usual += 0.5 * float(np.abs(wheel[until] - wheel[fresh])) / _USUAL_ROWS
         moved += float(np.abs(wheel[fresh] - wheel[last]))
     # A slow wheel shows the same count twice by itself, a steady one the same speed.
-    least = 2.0 if length >= _SURE_LENGTH else 8.0
+    least = 2.0 if length >= SURE_LENGTH else 8.0
     return bool(usual >= least and moved > 0.6 * usual * (length + 1))
 
 

@@ -30,6 +30,7 @@ STAGE = {
     "blend_weight": "firmware",
     "coarse_trig_table": "firmware",
     "frame_loss": "bus",
+    "frame_reordering": "bus",
 }
 
 

@@ -310,6 +310,28 @@ def test_two_effects_of_the_drive_may_each_hide_the_other() -> None:
     assert ranking.best.effects == both
 
 
+def test_two_effects_of_the_drive_stand_beside_those_of_the_motion() -> None:
+    """Pairs of either were asked, and no more of a drive than one effect beside others: a limit and
+    a delay beside two effects of the motion were an unlisted cause (1.00)."""
+    both = frozenset({"drive_gain", "drive_lag"})
+    drive = FakeBlock({"drive_gain": 368.0, "drive_lag": 12.0}, {both: 3316.0}, name="drive")
+    motion = FakeBlock({"gyro_bias": 900.0, "radius_scale": 900.0})
+    ranking = ranked(motion, drive, unknown={"actuation": 714.0})
+    assert ranking.best.effects == both | {"gyro_bias", "radius_scale"}
+    assert ranking.best.probability > 0.9
+
+
+def test_two_effects_of_the_bus_stand_beside_one_of_the_motion() -> None:
+    """Frames out of order now and then on a bus that is polled, each too few to stand beside others
+    by itself: a wheel too small besides was an unlisted cause in the wheel (1.00)."""
+    both = frozenset({"frame_loss", "frame_reordering"})
+    bus = FakeBlock({"frame_loss": 4665.0, "frame_reordering": 26.0}, {both: 4691.0}, name="bus")
+    unlisted = {"bus": 4659.0, "wheel": 328.0}
+    ranking = ranked(FakeBlock({"radius_scale": 332.0}), bus, unknown=unlisted)
+    assert ranking.best.effects == both | {"radius_scale"}
+    assert ranking.best.probability > 0.9
+
+
 def test_of_two_effects_of_the_firmware_one_may_hide_the_other() -> None:
     """Beside a weight of the blend that is off a coarse table shows in no digit."""
     both = frozenset({"blend_weight", "coarse_trig_table"})

@@ -254,6 +254,22 @@ def test_what_is_said_again_while_wheels_begin_to_turn_is_stale_as_well() -> Non
     assert all(empty[at : at + 12].all() for at in starts)
 
 
+def test_counts_that_stood_and_leapt_once_are_not_believed_however_seldom_that_happens() -> None:
+    """Once in a log is as often as a healthy bus may do it (1.9 nats): the rows were believed, and
+    the motion saw a leap of 108 nats that no listed effect makes (unlisted, 1.00)."""
+    made = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 3, duration_s=60.0)
+    at, stood = 3_000, 12
+    held = slice(at, at + stood)
+    left, right = made.left_ticks.copy(), made.right_ticks.copy()
+    payload = made.frames["ENCODER"].payload.copy()
+    left[held], right[held], payload[held] = left[at - 1], right[at - 1], payload[at - 1]
+    frames = {**made.frames, "ENCODER": replace(made.frames["ENCODER"], payload=payload)}
+    block = block_of(replace(made, left_ticks=left, right_ticks=right, frames=frames))
+    assert evidence(block, "stale_producer") < 3
+    empty = np.isnan(block.without_stale().left_ticks)
+    assert np.array_equal(np.flatnonzero(empty), np.arange(at, at + stood))
+
+
 @pytest.mark.parametrize("factor", [10.0, math.degrees(1.0)])
 @pytest.mark.parametrize("seed", range(1, 4))
 def test_a_slow_wheel_says_nothing_again_though_it_is_read_too_large(
