@@ -10,6 +10,7 @@ import pytest
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.analysis import Analysis, analyse
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.standstill import standstills
 from gap_diagnosis.facts import notes_on
 from gap_diagnosis.motion.estimate import estimate_motion
@@ -35,8 +36,25 @@ def standing(*windows: tuple[float, float]) -> Recording:
     return replace(WHOLE, left_ticks=WHOLE.left_ticks[0] + np.cumsum(step))
 
 
+RIVALS = frozenset(
+    {
+        "encoder_dead",
+        "gyro_scale",
+        "missed_ticks",
+        "one_sided_slip",
+        "radius_mismatch",
+        "reference_scale",
+        "turn_scrub",
+        "wheelbase_scale",
+    }
+)
+"""What passed for counts that stand, and what it might pass for: a library of all takes thrice as
+long."""
+
+
 def analysed(recording: Recording, without: frozenset[str] = frozenset()) -> Analysis:
-    return analyse(recording, ROBOT, WIRE, default_prior(), without=without)
+    others = frozenset(EXPLAINED) - RIVALS
+    return analyse(recording, ROBOT, WIRE, default_prior(), without=others | without)
 
 
 @cache
