@@ -7,6 +7,7 @@ from functools import cache
 from types import MappingProxyType
 
 from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.imitation import Effects
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
@@ -70,7 +71,13 @@ def groups(*names: str, reference: bool = True, heading: bool = True) -> tuple[E
     return tuple(alike(sights(*names, reference=reference, heading=heading), found, twins))
 
 
-def analysis_of(recording: Recording) -> Analysis:
-    """Return the analysis of the motion alone."""
-    block = MotionBlock(MotionModel(recording, ROBOT, PRIOR))
+def motion_of(recording: Recording, *few: str) -> MotionBlock:
+    """Return the motion as a library of few effects tells it, or one of all."""
+    without = frozenset(EXPLAINED).difference(few) if few else frozenset[str]()
+    return MotionBlock(MotionModel(recording, ROBOT, PRIOR, without=without))
+
+
+def analysis_of(recording: Recording, *few: str) -> Analysis:
+    """Return the analysis of the motion alone, by a library of few effects or of all."""
+    block = motion_of(recording, *few)
     return Analysis(recording, block, (block,), (), {})

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import norm
-from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
+from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive, motion_of
 from typer.testing import CliRunner
 
 from chiplog.cli import app
@@ -32,6 +32,8 @@ from hil_harness.signal_map import REQUIRED
 from hil_harness.signal_roles import Role
 
 LESSON_SPEED_M_S = 0.6
+GROUP = ("lateral_slip", "reference_lever_arm", "reference_time_offset")
+"""What the lesson's run cannot tell apart."""
 
 
 def named(effects, *others):
@@ -67,7 +69,7 @@ def driven(advised: Advice, folder: Path, *effects: EffectSetting, heading: bool
     )  # fmt: skip
     if recording.reference is not None and not heading:
         recording = replace(recording, reference=replace(recording.reference, heading_rad=None))
-    return MotionBlock(MotionModel(recording, ROBOT, PRIOR))
+    return motion_of(recording, *GROUP)
 
 
 def advice(winner: Candidate, analysis: Analysis, wire: Wire = WIRE) -> tuple[Advice, ...]:
@@ -157,7 +159,7 @@ def test_the_drive_that_is_proposed_does_tell_them_apart(tmp_path):
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=5e-4,
     )
-    block = MotionBlock(MotionModel(recording, ROBOT, PRIOR))
+    block = motion_of(recording, *GROUP)
     slip, lever = (block.fit(frozenset({e})) for e in ("lateral_slip", "reference_lever_arm"))
     assert 2 * (lever.log_likelihood - slip.log_likelihood) > 29
 
@@ -177,7 +179,7 @@ def test_after_the_lessons_run_the_drive_that_is_advised_tells_slip_lever_arm_an
     tmp_path,
 ):
     """Twice as large as the lesson's run shows it, slip is what no other of the group explains."""
-    group = {"lateral_slip", "reference_lever_arm", "reference_time_offset"}
+    group = set(GROUP)
     (only,) = (
         one
         for one in of_the_log("lesson", heading=False)

@@ -18,6 +18,9 @@ from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
+FEW = ("gyro_bias", "gyro_scale", "one_sided_slip", "radius_mismatch", "wheelbase_scale")
+"""The effects that are asked for: which of all it is, other tests ask."""
+
 
 def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     wrong = EffectSetting("firmware_constant", (("constant", "wheel_radius"), ("scale", 0.01)))
@@ -25,7 +28,7 @@ def test_a_program_that_is_found_closes_the_gap_of_the_firmware() -> None:
     log = synthetic_recording(
         ROBOT, WIRE, figure8, (wrong,), 3, reference=ReferenceNoise(), duration_s=30.0
     )
-    motion, firmware = analysis_of(log), firmware_block(log, ROBOT, WIRE)
+    motion, firmware = analysis_of(log, *FEW), firmware_block(log, ROBOT, WIRE)
     assert firmware is not None
     analysis = replace(motion, blocks=(*motion.blocks, firmware))
     shrunk = shrink(analysis, frozenset({"firmware_constant"}), "firmware", ROBOT, WIRE, None)
@@ -53,7 +56,7 @@ def test_each_effect_of_a_drive_takes_its_part_off_the_gap_on_commands() -> None
         ROBOT, WIRE, replace(scenario("calibration"), effects=()), wrong, 3,
         reference=ReferenceNoise(), duration_s=30.0,
     )  # fmt: skip
-    motion, commands = analysis_of(log), drive_block(log, ROBOT)
+    motion, commands = analysis_of(log, *FEW), drive_block(log, ROBOT)
     assert commands is not None
     analysis = replace(motion, blocks=(*motion.blocks, commands))
     both = frozenset({"drive_lag", "drive_gain"})
@@ -80,7 +83,7 @@ def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> No
         ROBOT, WIRE, replace(scenario("calibration"), effects=()), wrong, 3,
         reference=ReferenceNoise(), duration_s=60.0,
     )  # fmt: skip
-    motion, bus = analysis_of(log), bus_block(log, ROBOT, WIRE)
+    motion, bus = analysis_of(log, *FEW), bus_block(log, ROBOT, WIRE)
     assert bus is not None
     analysis = replace(motion, blocks=(*motion.blocks, bus))
     both = frozenset({"clock_skew", "frame_jitter"})
@@ -104,7 +107,7 @@ def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> No
 def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
     wider = EffectSetting("wheelbase_scale", (("scale", 0.02),))
     shrunk = shrink(
-        analysis_of(drive("figure8", wider)), frozenset({"wheelbase_scale"}), "wheel",
+        analysis_of(drive("figure8", wider), *FEW), frozenset({"wheelbase_scale"}), "wheel",
         ROBOT, WIRE, None,
     )  # fmt: skip
     assert shrunk.gap is not None
@@ -120,7 +123,11 @@ def test_the_gap_of_several_logs_is_over_all_their_windows_and_each_has_its_own(
         for name, effects in (("good.log", ()), ("bad.log", (mismatch,)))
     ]
     found, (good, bad) = shrink_each(
-        [analysis_of(log) for log in logs], frozenset({"radius_mismatch"}), "wheel", ROBOT, WIRE
+        [analysis_of(log, *FEW) for log in logs],
+        frozenset({"radius_mismatch"}),
+        "wheel",
+        ROBOT,
+        WIRE,
     )
     assert bad["turn_difference_rad"].before > 10 * good["turn_difference_rad"].before
     assert found.gap is not None
@@ -148,7 +155,7 @@ def test_on_a_held_out_log_the_values_are_of_the_log_that_tells_most_of_them() -
         replace(drive(way, wider), name=f"{way}.log") for way in ("straight", "figure8")
     )
     found = shrink_on(
-        [analysis_of(blind), analysis_of(telling)],
+        [analysis_of(blind, *FEW), analysis_of(telling, *FEW)],
         frozenset({"wheelbase_scale"}),
         "wheel",
         ROBOT,
@@ -172,7 +179,7 @@ def test_a_log_on_which_nothing_is_held_out_takes_no_part_in_the_gap_and_says_so
         for duration_s in (12.0, 60.0)
     ]  # fmt: skip
     found, (short, long) = shrink_each(
-        [analysis_of(log) for log in logs], frozenset(), "none", ROBOT, WIRE
+        [analysis_of(log, *FEW) for log in logs], frozenset(), "none", ROBOT, WIRE
     )
     assert not short
     assert found.gap is not None
@@ -182,7 +189,7 @@ def test_a_log_on_which_nothing_is_held_out_takes_no_part_in_the_gap_and_says_so
 
 
 def test_without_a_gap_no_stage_carries_it() -> None:
-    shrunk = shrink(analysis_of(drive("figure8")), frozenset(), "none", ROBOT, WIRE, None)
+    shrunk = shrink(analysis_of(drive("figure8"), *FEW), frozenset(), "none", ROBOT, WIRE, None)
     assert shrunk.gap is not None, "how large it is with noise alone is measured all the same"
     assert not shrunk.stages
     assert not shrunk.segments
@@ -213,7 +220,9 @@ def slip_of_the_left_wheel(start_s: float, stop_s: float) -> EffectSetting:
 def test_of_an_effect_in_a_window_a_part_is_held_out() -> None:
     """The one stretch held out of this drive lay behind the slip, which closed 0 % of its gap."""
     log = drive("figure8", slip_of_the_left_wheel(10.0, 20.0))
-    shrunk = shrink(analysis_of(log), frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE, None)
+    shrunk = shrink(
+        analysis_of(log, *FEW), frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE, None
+    )
     assert shrunk.gap is not None
     assert shrunk.gap.closed == pytest.approx(1.0, abs=0.05)
     assert shrunk.notes == ()
@@ -229,7 +238,7 @@ def by_wall_clock(log: Recording) -> Recording:
 def test_a_window_of_which_nothing_is_held_out_is_told_from_the_log_s_start() -> None:
     log = by_wall_clock(drive("figure8", slip_of_the_left_wheel(12.0, 13.5)))
     slip = frozenset({"one_sided_slip"})
-    (why,) = shrink(analysis_of(log), slip, "wheel", ROBOT, WIRE, None).notes
+    (why,) = shrink(analysis_of(log, *FEW), slip, "wheel", ROBOT, WIRE, None).notes
     assert "one_sided_slip acts from 12 to 13.5 s." in why
 
 
@@ -237,7 +246,7 @@ def test_where_nothing_of_an_effect_s_window_is_held_out_no_share_is_told_but_wh
     """Of 1.5 s no part can be held out and another one fitted; what is the same before and after
     there is not 0 % closed."""
     log = drive("figure8", slip_of_the_left_wheel(12.0, 13.5))
-    analysis = analysis_of(log)
+    analysis = analysis_of(log, *FEW)
     shrunk = shrink(analysis, frozenset({"one_sided_slip"}), "wheel", ROBOT, WIRE, None)
     assert shrunk.gap is not None
     assert shrunk.gap.after is not None
