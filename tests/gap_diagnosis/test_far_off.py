@@ -9,9 +9,28 @@ import pytest
 from diagnosed import ROBOT, WIRE, number
 
 from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
+
+RIVALS = frozenset(
+    {
+        "gyro_bias",
+        "gyro_lag",
+        "gyro_scale",
+        "lateral_slip",
+        "one_sided_slip",
+        "radius_scale",
+        "reference_clock_skew",
+        "reference_lever_arm",
+        "reference_scale",
+        "reference_time_offset",
+        "reference_yaw",
+        "wheelbase_scale",
+    }
+)
+"""What each passed for, and what else it might pass for; those of the drive besides."""
 
 
 @pytest.mark.parametrize(
@@ -41,7 +60,8 @@ def test_an_effect_far_beyond_its_usual_size_is_told(
         contact_noise_m_per_sqrt_m=5e-4,
         duration_s=60.0,
     )
-    diagnosis = diagnose_recordings([recording], ROBOT, WIRE).diagnosis
+    others = frozenset(EXPLAINED) - RIVALS
+    diagnosis = diagnose_recordings([recording], ROBOT, WIRE, without=others).diagnosis
     best = diagnosis.which[0]
     assert best.effects == (effect,)
     assert best.group_probability > 0.9
