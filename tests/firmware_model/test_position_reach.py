@@ -47,11 +47,12 @@ def test_no_drive_leaves_the_reach_of_its_counts(
     steps = rng.integers(-fastest, fastest, endpoint=True, size=(300, 2))
     if rng.random() < 0.5:
         steps = np.abs(steps)  # straight on: all of the way is in x
-    kernel, moving = Kernel(config), 0
-    for ticks, (left, right) in enumerate(np.cumsum(steps, axis=0).tolist()):
+    ways = np.abs(steps.sum(axis=1))
+    ways[0] = 0
+    kernel, counts = Kernel(config), np.cumsum(steps, axis=0).tolist()
+    for ticks, ((left, right), moving) in enumerate(zip(counts, np.cumsum(ways), strict=True)):
         kernel.step(left, right, FRESH, 32768, FRESH)
-        moving = int(np.abs(steps[1 : ticks + 1].sum(axis=1)).sum())
-        reach = position_reach(config, replace(Demand.believed(config, ticks), counts=moving))
+        reach = position_reach(config, replace(Demand.believed(config, ticks), counts=int(moving)))
         assert max(abs(kernel.x_m_q), abs(kernel.y_m_q)) <= reach
 
 
