@@ -55,6 +55,10 @@ class World:
     room: Mapping[str, float]
 
 
+_NOWHERE: Final = World(0.0, {}, 0, {})
+"""For sides and angles, which depend on no drive."""
+
+
 def world_of(scenario: Scenario, robot: Robot, wire: Wire) -> World:
     """Return what the draws must know of a drive."""
     period_us = wire.tick_period_us
@@ -195,10 +199,35 @@ _NOMINAL: Final[tuple[tuple[str, str, Callable[[Robot], float]], ...]] = (
 )
 
 
-def draw_nominal(robot: Robot, effects: frozenset[str], draw: Draw) -> dict[str, Values]:
+_BELIEVED: Final = (
+    "cross_slope_drift",
+    "encoder_eccentricity",
+    "grade_slip",
+    "gyro_asymmetry",
+    "gyro_g_sensitivity",
+    "gyro_lag",
+    "gyro_nonlinearity",
+    "gyro_temperature_bias",
+    "gyro_temperature_scale",
+    "gyro_vibration",
+    "lateral_slip",
+    "longitudinal_slip",
+    "reference_clock_skew",
+    "reference_lever_arm",
+    "reference_scale",
+    "reference_yaw",
+    "tyre_drift",
+)
+"""What else the diagnosis believes any robot to be off by, within tolerance."""
+
+
+def draw_nominal(
+    robot: Robot, effects: frozenset[str], stratum: Stratum, draw: Draw
+) -> dict[str, Values]:
     """Return errors of the description within tolerance: half of it is their standard deviation.
 
-    What is drawn as an effect, by whichever of its names, has no further error.
+    In stratum *prior* all of those that the diagnosis believes in: without them its intervals held
+    too often. What is drawn as an effect, by whichever of its names, has no further error.
     """
     taken = frozenset[str]().union(*(class_of(one) for one in effects))
     if "payload" in effects:
@@ -209,7 +238,30 @@ def draw_nominal(robot: Robot, effects: frozenset[str], draw: Draw) -> dict[str,
         value = float(np.clip(draw.normal(0.0, 0.5 * limit), -limit, limit))
         if effect not in taken:
             found[effect] = {parameter: value}
+    for effect in _BELIEVED if stratum == "prior" else ():
+        values = _within_tolerance(effect, draw)
+        if effect not in taken:
+            found[effect] = values
     return found
+
+
+def _within_tolerance(effect: str, draw: Draw) -> Values:
+    """Return the parameters of an effect that is no news."""
+    values: Values = {}
+    for name, drawn in SIZES[effect].items():
+        if not isinstance(drawn, Size):
+            values[name] = _other(drawn, _NOWHERE, draw)
+            continue
+        sd = 0.5 * drawn.tolerance
+        # An amplitude, or a slope, is the length of two such errors at right angles.
+        size = math.hypot(*draw.normal(0.0, sd, 2)) if _has_angle(effect) else draw.normal(0.0, sd)
+        size = float(np.clip(size, -drawn.tolerance, drawn.tolerance))
+        values[name] = size if drawn.signed else abs(size)
+    return values
+
+
+def _has_angle(effect: str) -> bool:
+    return any(name in _POLAR for name in SIZES[effect])
 
 
 def draw_surroundings(draw: Draw) -> dict[str, Values]:

@@ -183,7 +183,9 @@ class _Maker:
             effects=effects,
             over_limit={},
             without=one.without,
-            nominal=draw_nominal(self.robot, frozenset(effects), secret.generator("nominal")),
+            nominal=draw_nominal(
+                self.robot, frozenset(effects), one.stratum, secret.generator("nominal")
+            ),
             surroundings=draw_surroundings(secret.generator("surroundings")),
             drive=one.drive,
             robot=one.robot,

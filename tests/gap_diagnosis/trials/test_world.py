@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.motion.levels import FLOORS, level_prior
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recording
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from gap_diagnosis.trials import drives, reference_noise, robots
 from gap_diagnosis.trials.case import STRATA, Stratum
-from gap_diagnosis.trials.draw import draw_values, is_credible, world_of
+from gap_diagnosis.trials.draw import draw_nominal, draw_values, is_credible, world_of
 from gap_diagnosis.trials.engine import finer
 from gap_diagnosis.trials.logs import write_log
 from gap_diagnosis.trials.reference_noise import (
@@ -164,6 +166,32 @@ def test_every_effect_of_the_catalogue_can_be_drawn_within_what_it_admits() -> N
                     assert value in parameter.choices
                 elif parameter.kind != "message":
                     assert parameter.minimum <= float(value) <= parameter.maximum
+
+
+def test_in_stratum_prior_all_is_drawn_that_the_diagnosis_leaves_free_within_tolerance() -> None:
+    """Six of 23 were: what it allowed for the others was nowhere, and its 50 % intervals held in
+    58 of 100 cases."""
+    robot = load_robot()
+    warm = (EffectSetting("warm_up", (("rise", 10.0), ("time_constant", 30.0))),)
+    log = synthetic_recording(
+        robot, WIRE, scenario("calibration"), warm, 3, reference=ReferenceNoise()
+    )
+    model = MotionModel(log, robot, default_prior())
+    sds = {
+        (variant.effect, variant.coefficients[place]): sd
+        for index, sd in model.columns.nuisances
+        for variant, place in [model.columns.little[index]]
+    }
+    draw = np.random.default_rng(1)
+    drawn = [draw_nominal(robot, frozenset(), "prior", draw) for _ in range(1000)]
+    assert {effect for effect, _ in sds} == drawn[0].keys()
+    for (effect, name), sd in sds.items():
+        if name in drawn[0][effect]:  # polar ones go by a size and an angle
+            squares = np.square([float(one[effect][name]) for one in drawn])
+            # Of a normal density that is cut at two standard deviations.
+            assert 0.7 < squares.mean() / sd**2 < 1.0
+    assert len(draw_nominal(robot, frozenset(), "field", draw)) == 6
+    assert "gyro_scale" not in draw_nominal(robot, frozenset({"adc_gain"}), "prior", draw)
 
 
 def test_a_command_in_a_wrong_unit_is_one_that_the_bus_carries() -> None:
