@@ -35,6 +35,8 @@ from hil_harness.signal_roles import Role
 Draw = np.random.Generator
 Values = dict[str, Value]
 
+_INTO_STEP_S: Final = 1e-6
+"""Not at the step's very beginning: that is the end of the one before."""
 _POLAR: Final = ("phase", "direction")
 
 
@@ -171,6 +173,15 @@ def _size(effect: str, name: str, size: Size, stratum: Stratum, draw: Draw) -> f
 
 def _log_even(low: float, high: float, draw: Draw) -> float:
     return math.exp(draw.uniform(math.log(low), math.log(high)))
+
+
+def as_stepped(effect: str, values: Values, step_s: float) -> Values:
+    """Return an effect as a plant in steps has it: an encoder counts nothing of the step in which
+    it dies, and what a fast wheel did not count tells of its death to less than that."""
+    if effect != "encoder_dead":
+        return values
+    begun = math.floor(float(values["start_s"]) / step_s)
+    return values | {"start_s": begun * step_s + _INTO_STEP_S}
 
 
 def _other(drawn: Drawn, world: World, draw: Draw) -> Value:

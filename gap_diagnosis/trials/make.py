@@ -21,6 +21,7 @@ from gap_diagnosis.recording import Recording
 from gap_diagnosis.trials import drives, reference_noise
 from gap_diagnosis.trials.case import OWN_ENGINE, Case, Effects
 from gap_diagnosis.trials.draw import (
+    as_stepped,
     draw_nominal,
     draw_surroundings,
     draw_values,
@@ -173,8 +174,11 @@ class _Maker:
         one, secret = self._one, self._secret
         draw = secret.generator("effects")
         world = world_of(self._scenario, self.robot, self._wire)
+        steps = int(secret.generator("steps").choice(_STEPS))
+        step_s = 1e-6 * self._wire.tick_period_us / steps
         effects: Effects = {
-            name: draw_values(name, one.stratum, world, draw) for name in one.effects
+            name: as_stepped(name, draw_values(name, one.stratum, world, draw), step_s)
+            for name in one.effects
         }
         case = Case(
             name=self._home.name,
@@ -190,7 +194,7 @@ class _Maker:
             drive=one.drive,
             robot=one.robot,
             noise=self._noise(one, secret),
-            steps=int(secret.generator("steps").choice(_STEPS)),
+            steps=steps,
             secret=secret.word.hex(),
         )
         if one.stratum == "limit" and effects:
