@@ -26,7 +26,7 @@ _CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3, 0.01])
 _WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 0.5])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
-_ITERATIONS: Final = 25
+_ITERATIONS: Final = 100
 _SETTLED: Final = 0.03
 """A step that gains less [nat] is the last, whether the log is of a minute or of an hour."""
 _STEP: Final = 0.02

@@ -246,7 +246,7 @@ def draw_nominal(
     found: dict[str, Values] = {}
     for effect, parameter, tolerance in _NOMINAL:
         limit = tolerance(robot)
-        value = float(np.clip(draw.normal(0.0, 0.5 * limit), -limit, limit))
+        value = _believed(limit, draw)
         if effect not in taken:
             found[effect] = {parameter: value}
     for effect in _BELIEVED if stratum == "prior" else ():
@@ -263,12 +263,20 @@ def _within_tolerance(effect: str, draw: Draw) -> Values:
         if not isinstance(drawn, Size):
             values[name] = _other(drawn, _NOWHERE, draw)
             continue
-        sd = 0.5 * drawn.tolerance
-        # An amplitude, or a slope, is the length of two such errors at right angles.
-        size = math.hypot(*draw.normal(0.0, sd, 2)) if _has_angle(effect) else draw.normal(0.0, sd)
-        size = float(np.clip(size, -drawn.tolerance, drawn.tolerance))
+        size = _believed(drawn.tolerance, draw, at_right_angles=_has_angle(effect))
         values[name] = size if drawn.signed else abs(size)
     return values
+
+
+def _believed(tolerance: float, draw: Draw, *, at_right_angles: bool = False) -> float:
+    """Return an error within tolerance, of which half is its standard deviation: drawn again where
+    it is beyond, so that none is just at it. An amplitude, or a slope, is the length of two at
+    right angles."""
+    while True:
+        error = draw.normal(0.0, 0.5 * tolerance, 2)
+        size = math.hypot(*error) if at_right_angles else float(error[0])
+        if abs(size) < tolerance:
+            return size
 
 
 def _has_angle(effect: str) -> bool:
