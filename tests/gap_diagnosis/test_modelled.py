@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
 
+from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.answer import unknown_part
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.explanations import predict
@@ -26,26 +28,29 @@ from hil_harness.effects import EffectSetting
 SLIP = EffectSetting("lateral_slip", (("compliance", 0.05),))
 SLIDES = Alternative("wheel", "lateral_acceleration", 0.0, 0.0, 1.0)
 NOTHING: frozenset[str] = frozenset()
+FEW = ("lateral_slip", "reference_lever_arm")
+"""The effects that are asked for: no test here asks which of all it is."""
+
+
+@cache
+def analysed(*effects: EffectSetting) -> Analysis:
+    """Return the analysis of a drive with these effects; made once."""
+    return analysis_of(drive("calibration", *effects), *FEW)
 
 
 class Nameless(MotionBlock):
     """The motion of a log of which no listed effect tells anything: its levels hold the cause."""
 
-    def __init__(self, model: MotionModel, levels: Floats) -> None:
-        super().__init__(model)
-        self._risen = levels
-
     @property
     def levels(self) -> Floats:
         """Those of no effect."""
-        return self._risen
+        return self.model.no_effect_levels
 
 
 def modelled(
-    log: Recording, stage: StageOrNone, held: Recording | None = None
+    motion: Analysis, stage: StageOrNone, held: Recording | None = None
 ) -> tuple[Modelled | None, str | None]:
     """Return what is measured where no listed effect is taken for the cause."""
-    motion = analysis_of(log)
     assert motion.motion is not None
     model = motion.motion.model
     found = alternatives(model, model.no_effect_levels)
@@ -54,7 +59,7 @@ def modelled(
 
 
 def test_what_slides_with_the_pull_across_slides_less_where_the_model_never_saw_it() -> None:
-    model, why_not = modelled(drive("calibration", SLIP), "wheel")
+    model, why_not = modelled(analysed(SLIP), "wheel")
     assert why_not is None
     assert model is not None
     assert model.variable == "lateral_acceleration"
@@ -69,13 +74,10 @@ def test_what_slides_with_the_pull_across_slides_less_where_the_model_never_saw_
 
 def test_what_noise_alone_leaves_is_told_without_the_cause_in_the_noise() -> None:
     """Levels that had risen with a slip without a name told a floor of 3.5 mm as 15."""
-    log = drive("calibration", EffectSetting("lateral_slip", (("compliance", 0.3),)))
-    motion = analysis_of(log)
+    motion = analysed(EffectSetting("lateral_slip", (("compliance", 0.3),)))
     assert motion.motion is not None
-    model = motion.motion.model
-    risen = model.no_effect_levels
-    nameless = Nameless(model, risen)
-    found = alternatives(model, risen)
+    nameless = Nameless(motion.motion.model, scan=motion.motion.scan)
+    found = alternatives(nameless.model, nameless.levels)
     told = replace(motion, motion=nameless, alternatives=tuple(found))
     gap = shrink(told, NOTHING, "wheel", ROBOT, WIRE).gap
     assert gap is not None
@@ -84,15 +86,14 @@ def test_what_noise_alone_leaves_is_told_without_the_cause_in_the_noise() -> Non
 
 
 def test_where_nothing_is_wrong_no_model_is_said_to_close_anything() -> None:
-    model, why_not = modelled(drive("calibration"), "wheel")
+    model, why_not = modelled(analysed(), "wheel")
     assert model is None
     assert why_not == "it goes with no variable"
 
 
 def test_what_a_model_of_noise_closes_may_be_chance() -> None:
     """Told that noise goes with the turn rate, it finds nothing there on the other stretches."""
-    made = analysis_of(drive("calibration"))
-    told = replace(made, alternatives=(Alternative("wheel", "turn_rate", 5.0, 9.0, 0.5),))
+    told = replace(analysed(), alternatives=(Alternative("wheel", "turn_rate", 5.0, 9.0, 0.5),))
     shrunk = shrink(told, NOTHING, "wheel", ROBOT, WIRE, None)
     assert shrunk.modelled is not None
     found = shrunk.modelled
@@ -101,12 +102,11 @@ def test_what_a_model_of_noise_closes_may_be_chance() -> None:
 
 
 def test_without_a_stretch_held_out_nothing_is_claimed() -> None:
-    log = drive("calibration", SLIP)
-    model, why_not = modelled(log, "wheel", held=log)
+    analysis = analysed(SLIP)
+    model, why_not = modelled(analysis, "wheel", held=analysis.recording)
     assert model is None
     assert why_not is not None
     assert why_not.startswith("another log was held out")
-    analysis = analysis_of(log)
     of_the_drive = shrink(analysis, NOTHING, "actuation", ROBOT, WIRE, None)
     assert of_the_drive.modelled is None
     assert unknown_part([analysis], "actuation", None, of_the_drive.why_not).closes is None
@@ -123,10 +123,9 @@ def test_a_drive_without_a_name_is_modelled_where_no_fit_has_seen_it(
     effect: EffectSetting, variable: str
 ) -> None:
     """It was said that nothing stands in for it."""
-    log = drive("calibration", effect)
-    block = drive_block(log, ROBOT)
+    motion = analysed(effect)
+    block = drive_block(motion.recording, ROBOT)
     assert block is not None
-    motion = analysis_of(log)
     made = replace(motion, blocks=(*motion.blocks, block))
     shrunk = shrink(made, NOTHING, "actuation", ROBOT, WIRE, None)
     found = shrunk.modelled

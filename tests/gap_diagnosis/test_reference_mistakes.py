@@ -16,11 +16,13 @@ from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting, parse_effect
 from hil_harness.scenarios import scenario
 
+LASTS_S = 30.0
+
 
 @cache
 def drive(*effects: EffectSetting) -> Recording:
     return synthetic_recording(
-        ROBOT, WIRE, scenario("random"), effects, 3, reference=ReferenceNoise(), duration_s=60.0
+        ROBOT, WIRE, scenario("random"), effects, 3, reference=ReferenceNoise(), duration_s=LASTS_S
     )
 
 
@@ -89,7 +91,7 @@ def test_what_is_wrong_elsewhere_is_not_laid_to_the_reference(
 def healthy(name: str) -> tuple[Recording, Reference, Floats]:
     """Return a drive without any effect, its reference, and the headings of that."""
     recording = synthetic_recording(
-        ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=60.0
+        ROBOT, WIRE, scenario(name), (), 4, reference=ReferenceNoise(), duration_s=LASTS_S
     )
     reference = recording.reference
     assert reference is not None
@@ -162,7 +164,7 @@ def with_positions(name: str, noise_m: float, rate_hz: float) -> Recording:
     """Return a drive beside a reference without orientation."""
     noise = ReferenceNoise(position_m=noise_m, rate_hz=rate_hz)
     recording = synthetic_recording(
-        ROBOT, WIRE, scenario(name), (), 3, reference=noise, duration_s=60.0
+        ROBOT, WIRE, scenario(name), (), 3, reference=noise, duration_s=LASTS_S
     )
     assert recording.reference is not None
     return replace(recording, reference=replace(recording.reference, heading_rad=None))

@@ -14,10 +14,12 @@ from gap_diagnosis.explanations.variant import Setting, Value
 from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
+from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness import load_robot, load_wire
@@ -54,6 +56,15 @@ def nodes_of(recording: Recording, robot: Robot = ROBOT) -> Nodes:
     delay_s = coarse_delay_s(recording, robot)
     motion = estimate_motion(recording, robot, reference_delay_s=delay_s)
     return make_nodes(motion, recording.reference, np.ones(len(motion.t_s), dtype=np.bool_))
+
+
+def model_of(log: Recording, *listed: str, robot: Robot = ROBOT) -> MotionModel:
+    """Return the model of a log by a library of these effects alone.
+
+    What lies within tolerance is free in it all the same, and causes without a name are weighed as
+    beside any other.
+    """
+    return MotionModel(log, robot, default_prior(), without=frozenset(EXPLAINED).difference(listed))
 
 
 def misfit(

@@ -131,6 +131,25 @@ def recordings() -> dict[str, tuple[Recording, Recording]]:
     return {name: (run, plain[surroundings(name)]) for name, run in zip(chosen, runs, strict=False)}
 
 
+@cache
+def as_it_is(effect: str) -> Floats:
+    """Return what the description leaves of the recording with an effect; worked out once."""
+    return misfit(recordings()[effect][0])
+
+
+@cache
+def undone(effect: str, sign: float = 1.0) -> Floats:
+    """Return what is left of it with the effect, or its opposite, taken into account."""
+    return explained(recordings()[effect][0], effect, {**SIZED, **WHOLE}[effect], sign)
+
+
+@cache
+def floor_of(around: tuple[EffectSetting, ...]) -> float:
+    """Return the energy of what is left of the drive without any effect."""
+    plain = next(plain for name, (_, plain) in recordings().items() if surroundings(name) == around)
+    return energy(misfit(plain))
+
+
 def explained(recording: Recording, effect: str, values: Values, sign: float = 1.0) -> Floats:
     def settings(motion):  # type: ignore[no-untyped-def]
         return [
@@ -151,19 +170,17 @@ def test_every_effect_that_is_explained_is_tried_here():
 
 @pytest.mark.parametrize("effect", [*SIZED, *WHOLE])
 def test_the_effect_explained_leaves_what_the_drive_without_it_leaves(effect):
-    recording, plain = recordings()[effect]
-    floor = energy(misfit(plain))
-    gap = energy(misfit(recording)) - floor
-    left = energy(explained(recording, effect, {**SIZED, **WHOLE}[effect])) - floor
+    floor = floor_of(surroundings(effect))
+    gap = energy(as_it_is(effect)) - floor
+    left = energy(undone(effect)) - floor
     assert gap > 100.0
     assert left < LEFT.get(effect, 0.08) * gap
 
 
 @pytest.mark.parametrize("effect", [name for name in SIZED if name != "gyro_lag"])
 def test_the_opposite_effect_makes_it_worse_or_at_least_no_better(effect):
-    recording, _ = recordings()[effect]
-    gap = energy(misfit(recording))
-    opposite = energy(explained(recording, effect, SIZED[effect], sign=-1.0))
+    gap = energy(as_it_is(effect))
+    opposite = energy(undone(effect, -1.0))
     assert opposite > 0.8 * gap
 
 
@@ -174,13 +191,13 @@ def test_the_size_that_fits_best_is_the_size_that_was_simulated(effect):
     Two percent more are allowed for rounding, smoothing and lost counts' chance; spurious counts
     are as many as expected but for a root of their number, of which four are allowed.
     """
-    recording, _ = recordings()[effect]
-    nominal = misfit(recording)
-    column = nominal - explained(recording, effect, SIZED[effect])
+    nominal = as_it_is(effect)
+    column = nominal - undone(effect)
     best = float(nominal @ column / (column @ column))
     by_chance = 0.0
     if effect == "extra_ticks":
-        by_chance = 4.0 / np.sqrt(SIZED[effect]["rate"] * recording.duration_s)
+        lasts_s = recordings()[effect][0].duration_s
+        by_chance = 4.0 / np.sqrt(SIZED[effect]["rate"] * lasts_s)
     assert abs(best - 1.0) < 0.02 + by_chance + 0.2 / np.sqrt(energy(column))
 
 
@@ -223,10 +240,9 @@ def test_a_way_is_no_shorter_where_the_reported_heading_is_far_off():
 
 
 def test_lost_counts_at_rest_are_told_from_spurious_ones():
-    recording, plain = recordings()["extra_ticks"]
-    floor = energy(misfit(plain))
-    gap = energy(misfit(recording)) - floor
-    backwards = energy(explained(recording, "extra_ticks", SIZED["extra_ticks"], -1.0)) - floor
+    floor = floor_of(())
+    gap = energy(as_it_is("extra_ticks")) - floor
+    backwards = energy(undone("extra_ticks", -1.0)) - floor
     assert backwards > 2.0 * gap
 
 

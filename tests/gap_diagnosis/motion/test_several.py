@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from motion_cases import LEVELS, ROBOT, WIRE
+from motion_cases import LEVELS, ROBOT, WIRE, model_of
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.beside import gains_beside
@@ -23,6 +23,17 @@ WRONG = {
     "reference_time_offset": ("offset", 0.04),
     "wheelbase_scale": ("scale", 0.02),
 }
+RIVALS = (
+    "gyro_asymmetry",
+    "gyro_lag",
+    "lateral_slip",
+    "radius_scale",
+    "reference_clock_skew",
+    "reference_lever_arm",
+    "reference_scale",
+    "turn_scrub",
+)
+"""What else might be told beside constants that are off."""
 NO_NEWS = 6.0
 """Below this gain [nat] a sixth effect has not become likelier than none, with the prior."""
 
@@ -32,7 +43,7 @@ def test_five_constants_that_are_off_are_five_effects_of_the_right_sizes() -> No
     log = synthetic_recording(
         ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise()
     )
-    found = Scan(MotionModel(log, ROBOT, default_prior())).found
+    found = Scan(model_of(log, *WRONG, *RIVALS)).found
     told = found[frozenset(WRONG)]
     assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
     smaller = (one.log_evidence for one in found.values() if len(one.effects) < len(WRONG))
@@ -81,7 +92,14 @@ def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> N
         reference=ReferenceNoise(),
         duration_s=50.0,
     )
-    found = Scan(MotionModel(log, ROBOT, default_prior())).found
+    company = (
+        "frame_latency",
+        "grade_slip",
+        "longitudinal_slip",
+        "one_sided_slip",
+        "radius_mismatch",
+    )
+    found = Scan(model_of(log, *wrong, *RIVALS, *company)).found
     told = found[frozenset(wrong)]
     assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
 

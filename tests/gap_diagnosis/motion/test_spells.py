@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, model_of
 
 from gap_diagnosis.analysis import _for_a_while as for_a_while
 from gap_diagnosis.analysis import analyse
@@ -54,14 +54,21 @@ FEW = frozenset(EXPLAINED) - {
 """What a library lacks of which these alone are asked: what a slip without its name passed for."""
 
 
-def model_of(log: Recording, without: frozenset[str] = SLIP) -> MotionModel:
-    return MotionModel(log, ROBOT, default_prior(), without=without)
+LISTED = ("radius_mismatch", "radius_scale", "wheelbase_scale")
+"""What else is listed of what may act for a while: a cause without a name is none of these."""
+
+
+def without_slip(log: Recording) -> MotionModel:
+    return model_of(log, *LISTED)
+
+
+def with_slip(log: Recording) -> MotionModel:
+    return model_of(log, *LISTED, *SLIP)
 
 
 def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
     """A slip of 20 s was missed ticks, a load and a wider track, > 0.999."""
-    log = drive(slip(21.0, 38.0))
-    model = model_of(log)
+    model = without_slip(drive(slip(21.0, 38.0)))
     found = spells(model, model.no_effect_levels, lay_out_ways(model))
     ((start_s, stop_s),) = found["wheel"].cause.windows
     assert (start_s, stop_s) == pytest.approx((21.0, 38.0), abs=0.3)
@@ -73,7 +80,7 @@ def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
 def test_a_strong_one_is_weighed_in_the_window_in_which_it_acts() -> None:
     """On a grid of 24 parts, a slip of 4 % lacked 700 nats of what its window explains, and counts
     lost at some speed for a while were .99."""
-    model = model_of(drive(slip(21.8, 28.5, 0.04)))
+    model = without_slip(drive(slip(21.8, 28.5, 0.04)))
     levels = model.no_effect_levels
     found = spells(model, levels, lay_out_ways(model))["wheel"].cause
     assert found.windows[0] == pytest.approx((21.8, 28.5), abs=0.05)
@@ -88,7 +95,7 @@ def test_a_finer_grid_about_the_likeliest_window_is_worth_a_finer_grid_everywher
     monkeypatch: pytest.MonkeyPatch, start_s: float, stop_s: float, ratio: float
 ) -> None:
     """So is what so little of it explains that it is no gap: with that a healthy robot competes."""
-    model = model_of(drive(slip(start_s, stop_s, ratio)))
+    model = without_slip(drive(slip(start_s, stop_s, ratio)))
     levels = model.no_effect_levels
     monkeypatch.setattr(module, "_STRONG", 0.0)
     monkeypatch.setattr(module, "_TIMES", 1)
@@ -122,7 +129,7 @@ def test_it_is_likelier_than_listed_effects_together() -> None:
 
 
 def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
-    model = model_of(drive(slip(21.0, 38.0)), frozenset())
+    model = with_slip(drive(slip(21.0, 38.0)))
     laid = lay_out_ways(model)
     for way, admitted in zip(laid.ways, laid.admitted, strict=True):
         lasting = admitted[0].any() or admitted[:, -1].any()
@@ -135,7 +142,7 @@ def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
 def test_nothing_is_told_of_a_healthy_robot(name: str, reference: ReferenceNoise | None) -> None:
     for seed in range(2):
         log = synthetic_recording(ROBOT, WIRE, scenario(name), (), seed, reference=reference)
-        model = model_of(log)
+        model = without_slip(log)
         found = spells(model, model.no_effect_levels, lay_out_ways(model))
         assert all(one.cause.log_evidence < 2.0 for one in found.values())
 
@@ -145,7 +152,7 @@ def test_a_stage_that_shows_at_some_levels_of_noise_only_is_told_of_by_those(
 ) -> None:
     """At the levels that suit the likeliest of all, another left no trace: a crash in 1 of 532
     sealed cases."""
-    block = MotionBlock(model_of(drive(slip(21.0, 38.0)), FEW))
+    block = MotionBlock(without_slip(drive(slip(21.0, 38.0))))
     asked: list[int] = []
 
     def seldom(*known: Any) -> dict[str, Spell]:
@@ -173,7 +180,7 @@ def test_a_gyro_that_says_too_little_for_a_while_is_told_with_its_sense() -> Non
     t_s = log.t_s
     less = np.where((t_s > 20.0) & (t_s < 35.0), 40.0, 0.0)
     log = replace(log, gyro_code=log.gyro_code - less, gyro_rate_rad_s=rate_less(log, less))
-    model = model_of(log, frozenset())
+    model = with_slip(log)
     found = spells(model, model.no_effect_levels, lay_out_ways(model))["gyro"].cause
     assert found.log_evidence > 50
     per_rad_s = ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
@@ -192,7 +199,7 @@ def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it(
 ) -> None:
     """Equal to the digits, though no window has a column of its own."""
     monkeypatch.setattr(module, "_TIMES", 0)
-    model = model_of(drive(slip(21.0, 38.0)))
+    model = without_slip(drive(slip(21.0, 38.0)))
     levels, laid = model.no_effect_levels, lay_out_ways(model)
     first, last = 5, 13
     for place, way in enumerate(laid.ways):
@@ -219,6 +226,6 @@ def test_what_is_over_in_a_moment_is_no_effect_that_acts_all_the_time() -> None:
     share = np.random.default_rng(1).uniform(0.0, 0.2, len(inside)) * inside
     lost = np.cumsum(share * np.diff(log.right_ticks, prepend=log.right_ticks[0]))
     log = replace(log, right_ticks=np.rint(log.right_ticks - lost))
-    block = MotionBlock(model_of(log, FEW - SLIP))
+    block = MotionBlock(model_of(log, "missed_ticks", "one_sided_slip"))
     assert block.fit(frozenset({"one_sided_slip"})).log_evidence > 20
     assert block.fit(frozenset({"missed_ticks"})).log_evidence < 0

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, nodes_of
+from motion_cases import ROBOT, WIRE, model_of, nodes_of
 
 from gap_diagnosis.motion.bases import basis, turns
 from gap_diagnosis.motion.evidence import score
-from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, levels_beside
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -31,7 +30,7 @@ def test_each_wheels_slip_when_speeding_up_is_a_function_of_its_own_acceleration
     log = synthetic_recording(
         ROBOT, WIRE, scenario("calibration"), (slip,), 3, reference=ReferenceNoise()
     )
-    model = MotionModel(log, ROBOT, default_prior(), without=frozenset({"longitudinal_slip"}))
+    model = model_of(log)
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("wheel", "acceleration")
     assert best.log_evidence > 50
@@ -41,7 +40,7 @@ def test_each_wheels_slip_when_speeding_up_is_a_function_of_its_own_acceleration
 def test_a_caster_that_turns_over_is_a_function_of_the_way_after_a_reversal() -> None:
     """Kicks of a degree passed for a rough floor: 0 nats, and no gap was told."""
     kick = EffectSetting("caster_kick", (("angle", 0.015), ("length", 0.1)))
-    model = MotionModel(drive(kick), ROBOT, default_prior())
+    model = model_of(drive(kick))
     best = alternatives(model, model.no_effect_levels)[0]
     assert (best.stage, best.variable) == ("wheel", "reversal")
     assert best.log_evidence > 50
@@ -56,7 +55,7 @@ def test_play_without_its_name_is_a_function_of_the_way_after_a_wheels_reversal(
     """Two steps of a degree passed for counts that came in half a second (extra_ticks, 0.97); a
     third of a degree, laid over ten times its way, for nothing (no gap, 0.93)."""
     play = EffectSetting("backlash", (("side", side), ("width", width_rad)))
-    model = MotionModel(drive(play), ROBOT, default_prior(), without=frozenset({"backlash"}))
+    model = model_of(drive(play))
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("encoder", "reversal")
     assert best.log_evidence > 50
@@ -69,7 +68,7 @@ def test_what_drifts_with_the_supply_may_be_the_gyros_scale() -> None:
     log = synthetic_recording(
         ROBOT, WIRE, scenario("calibration"), (sagging, ratio), 3, reference=ReferenceNoise()
     )
-    model = MotionModel(log, ROBOT, default_prior(), without=frozenset({"supply_ratio"}))
+    model = model_of(log)
     best = alternatives(model, model.no_effect_levels)[0]
     assert best.stage == "gyro"
     assert best.variable in {"supply", "time"}
@@ -83,7 +82,7 @@ def test_a_scale_that_drifts_by_several_tolerances_is_no_healthy_robots() -> Non
     share = 5 * prior.of("supply_ratio", "coefficient").tolerance
     ratio = EffectSetting("supply_ratio", (("coefficient", -share),))
     log = drive(EffectSetting("supply_change", (("offset", -0.1), ("rate", -0.004))), ratio)
-    model = MotionModel(log, ROBOT, prior, without=frozenset({"supply_ratio"}))
+    model = model_of(log)
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert best.stage == "gyro"
     assert best.log_evidence > NO_GAP_OVER_STAGE + math.log(4.0)
@@ -95,7 +94,7 @@ def test_tyres_that_wear_by_several_tolerances_are_no_healthy_robots() -> None:
     prior = default_prior()
     rate = 5 * prior.of("tyre_drift", "rate").tolerance
     log = drive(EffectSetting("tyre_drift", (("rate", rate),)))
-    model = MotionModel(log, ROBOT, prior, without=frozenset({"tyre_drift"}))
+    model = model_of(log)
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert (best.stage, best.variable) == ("wheel", "time")
     assert best.log_evidence > NO_GAP_OVER_STAGE + math.log(4.0)
@@ -105,7 +104,7 @@ def test_tyres_that_wear_by_a_tolerance_are() -> None:
     prior = default_prior()
     rate = prior.of("tyre_drift", "rate").tolerance
     log = drive(EffectSetting("tyre_drift", (("rate", rate),)))
-    model = MotionModel(log, ROBOT, prior, without=frozenset({"tyre_drift"}))
+    model = model_of(log)
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert best.log_evidence < NO_GAP_OVER_STAGE - math.log(4.0)
 
@@ -117,7 +116,7 @@ def test_counts_that_are_lost_without_a_name_depend_on_how_fast_their_own_wheel_
     """A wheel that lost 0.7 % above 4 rad/s was a smaller one and a wrong scale, 0.99."""
     lost = (("side", "right"), ("probability", 0.007), ("threshold", threshold_rad_s))
     log = drive(EffectSetting("missed_ticks", lost))
-    model = MotionModel(log, ROBOT, default_prior(), without=frozenset({"missed_ticks"}))
+    model = model_of(log)
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("encoder", "speed")
     assert best.log_evidence > second.log_evidence + 3
@@ -129,8 +128,7 @@ def test_a_robot_that_speeds_up_once_and_brakes_once_shows_what_goes_with_that()
     feels = EffectSetting("gyro_g_sensitivity", (("x", 0.004), ("y", 0.006)))
     driven = trial_drive("weave", np.random.default_rng(3), 0.6)
     log = synthetic_recording(ROBOT, WIRE, driven, (feels,), 3, reference=ReferenceNoise())
-    without = frozenset({"gyro_g_sensitivity"})
-    model = MotionModel(log, ROBOT, default_prior(), without=without)
+    model = model_of(log)
     speeding_up = np.abs(model.nodes.smooth.acceleration_m_s2) > 0.05
     assert 0.005 < speeding_up.mean() < 0.05
     best = alternatives(model, model.no_effect_levels)[0]
@@ -144,7 +142,7 @@ def test_a_robot_that_speeds_up_once_and_brakes_once_shows_what_goes_with_that()
 def test_a_counts_own_noise_is_no_function_of_the_speed_that_they_say(name: str, seed: int) -> None:
     """Without a reference a healthy robot's encoder had an unlisted cause, by 10 to 293 nats."""
     log = synthetic_recording(ROBOT, WIRE, scenario(name), (), seed, reference=None)
-    model = MotionModel(log, ROBOT, default_prior())
+    model = model_of(log, "missed_ticks")
     found = alternatives(model, model.no_effect_levels)
     by_speed = [one for one in found if (one.stage, one.variable) == ("encoder", "speed")]
     assert all(one.log_evidence < 2.0 for one in by_speed)
@@ -154,14 +152,14 @@ def test_one_wheel_that_counts_too_little_everywhere_is_listed() -> None:
     """With its name in the library the same shape is not weighed again."""
     log = drive(EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.01))))
 
-    def evidence(without: frozenset[str]) -> float:
-        model = MotionModel(log, ROBOT, default_prior(), without=without)
+    def evidence(*listed: str) -> float:
+        model = model_of(log, *listed)
         found = alternatives(model, model.no_effect_levels)
         return next(
             one.log_evidence for one in found if (one.stage, one.variable) == ("encoder", "speed")
         )
 
-    assert evidence(frozenset()) < evidence(frozenset({"missed_ticks"})) - 3
+    assert evidence("missed_ticks") < evidence() - 3
 
 
 def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
@@ -170,7 +168,7 @@ def drive(*effects: EffectSetting, name: str = "calibration") -> Recording:
 
 def test_a_gyro_that_lags_depends_on_how_fast_the_turning_changes() -> None:
     lag = EffectSetting("gyro_lag", (("time_constant", 0.02),))
-    model = MotionModel(drive(lag), ROBOT, default_prior(), without=frozenset({"gyro_lag"}))
+    model = model_of(drive(lag))
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("gyro", "acceleration")
     assert best.log_evidence > second.log_evidence + 20
@@ -189,8 +187,7 @@ def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_h
 ) -> None:
     """Against its own name it loses the choice of a shape, of 25 at most, and of ten columns of
     hats and four ways nothing: no more than the prior's other steps make."""
-    log = drive(EffectSetting(effect, ((coefficient, size),)))
-    model = MotionModel(log, ROBOT, default_prior())
+    model = model_of(drive(EffectSetting(effect, ((coefficient, size),))), effect)
     levels = model.no_effect_levels
     (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
     named = score(model.gram(levels), [term], model.prior)
@@ -213,9 +210,7 @@ def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on
 ) -> None:
     """A point beside the middle turns with the robot, a room's scale goes with the place, a clock
     that runs off with time; hats that add up to the same pay for the bends that are not there."""
-    without = frozenset({effect})
-    log = drive(EffectSetting(effect, values))
-    model = MotionModel(log, ROBOT, default_prior(), without=without)
+    model = model_of(drive(EffectSetting(effect, values)))
     best, second = alternatives(model, model.no_effect_levels)[:2]
     assert (best.stage, best.variable) == ("reference", variable)
     assert best.log_evidence > second.log_evidence + 10
@@ -236,7 +231,7 @@ def test_a_cause_with_a_way_of_its_own_loses_little_for_want_of_its_name(
     """Hats alone left a third of a gyro's bend to noise, a pull across three quarters of one
     aslant, slip half of what counts come with time, and sliding while a robot spins on the spot
     most of what slides as it drives across a slope: wrong names came before them."""
-    model = MotionModel(drive(EffectSetting(effect, values)), ROBOT, default_prior())
+    model = model_of(drive(EffectSetting(effect, values)), effect)
     levels = model.no_effect_levels
     terms = [one for one in model.columns.terms if one.variant.effect == effect]
     gram = model.gram(levels)
@@ -251,7 +246,7 @@ def test_wheels_that_back_up_a_slope_go_as_far_as_forward_down_it() -> None:
     log = drive(EffectSetting("grade_slip", (("ratio", 0.004), ("direction", 1.0))))
     assert log.v_command_m_s is not None
     assert np.mean(log.v_command_m_s < 0) > 0.1
-    model = MotionModel(log, ROBOT, default_prior())
+    model = model_of(log, "grade_slip")
     levels = model.no_effect_levels
     (term,) = (one for one in model.columns.terms if one.variant.effect == "grade_slip")
     named = score(model.gram(levels), [term], model.prior)
@@ -265,7 +260,7 @@ def test_wheels_that_tremble_on_a_straight_do_not_turn() -> None:
     of lost counts away (2,000 nats). A rate's weight is its square over that and 0.05² rad²/s²."""
     lost = EffectSetting("missed_ticks", (("side", "right"), ("probability", 0.005)))
     log = drive(lost, name="square")
-    motion = MotionModel(log, ROBOT, default_prior()).nodes.smooth
+    motion = model_of(log).nodes.smooth
     assert log.v_command_m_s is not None
     assert log.w_command_rad_s is not None
     straight = (np.abs(log.v_command_m_s) > 0.1) & (log.w_command_rad_s == 0.0)
@@ -278,8 +273,7 @@ def test_wheels_that_tremble_on_a_straight_do_not_turn() -> None:
 def test_a_slow_reference_does_not_keep_a_cause_from_its_levels() -> None:
     """No effect's levels wander for minutes instead: from there the way back is long."""
     toe = EffectSetting("reference_yaw", (("angle", 0.01),))
-    without = frozenset({"reference_yaw"})
-    model = MotionModel(drive(toe, name="random"), ROBOT, default_prior(), without=without)
+    model = model_of(drive(toe, name="random"))
     wandering = model.level_prior.median.copy()
     wandering[-2:] = 0.005, 100.0
     evenly = next(one for one in alternatives(model, wandering) if one.variable == "direction")
@@ -291,7 +285,7 @@ def test_a_slow_reference_does_not_keep_a_cause_from_its_levels() -> None:
 def test_a_cause_without_a_name_gets_noise_levels_of_its_own() -> None:
     """At those of no effect, noise has taken most of what it explains."""
     slip = EffectSetting("lateral_slip", (("compliance", 0.1),))
-    model = MotionModel(drive(slip), ROBOT, default_prior(), without=frozenset({"lateral_slip"}))
+    model = model_of(drive(slip))
     start = model.no_effect_levels
     best = alternatives(model, start)[0]
     levels = levels_beside(model, best, start)
@@ -304,7 +298,7 @@ def test_a_cause_without_a_name_gets_noise_levels_of_its_own() -> None:
 
 
 def test_where_nothing_is_wrong_no_levels_are_sought() -> None:
-    model = MotionModel(drive(), ROBOT, default_prior())
+    model = model_of(drive())
     start = model.no_effect_levels
     assert levels_beside(model, alternatives(model, start)[0], start) is None
 
@@ -330,7 +324,7 @@ def test_when_in_a_tick_a_reference_samples_makes_no_wheel_slip(phase_s: float) 
     )
     x_m, y_m, heading_rad = truth + noise
     seen = replace(true, t_s=t_s, x_m=x_m, y_m=y_m, heading_rad=heading_rad)
-    model = MotionModel(replace(log, reference=seen), robot, default_prior())
+    model = model_of(replace(log, reference=seen), robot=robot)
     found = alternatives(model, model.no_effect_levels)
     (slip,) = [one for one in found if (one.stage, one.variable) == ("wheel", "acceleration")]
     assert slip.log_evidence < 3.0
@@ -370,12 +364,11 @@ def test_an_arm_straight_ahead_is_an_unlisted_cause_only_where_no_arm_is_listed(
     listed one may lie aside as well, and it paid for that."""
     effect = "reference_lever_arm"
     arm = EffectSetting(effect, (("x", 0.05), ("y", 0.0)))
-    without = frozenset() if is_listed else frozenset({effect})
-    model = MotionModel(drive(arm), ROBOT, default_prior(), without=without)
+    whole = model_of(drive(arm), effect)
+    model = whole if is_listed else model_of(drive(arm))
     levels = model.no_effect_levels
     unlisted = alternatives(model, levels)[0]
     assert (unlisted.stage, unlisted.variable) == ("reference", "heading")
-    whole = MotionModel(drive(arm), ROBOT, default_prior())
     (term,) = [one for one in whole.columns.terms if one.variant.effect == effect]
     listed = score(whole.gram(levels), [term], whole.prior)
     assert (listed.log_evidence > unlisted.log_evidence) == is_listed
@@ -393,7 +386,7 @@ def test_a_good_reference_of_a_healthy_robot_has_no_delay_that_wanders(seed: int
         seed,
         reference=ReferenceNoise(1e-4, 1e-4, 0.0, 0.0, rate_hz=120.0),
     )
-    model = MotionModel(log, ROBOT, default_prior())
+    model = model_of(log)
     found = alternatives(model, model.no_effect_levels)
     (wandering,) = (one for one in found if (one.stage, one.variable) == ("reference", "time"))
     assert wandering.log_evidence < 0

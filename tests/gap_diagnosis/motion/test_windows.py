@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, model_of
 
 from gap_diagnosis.explanations.choices import LEFT_OUT
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged, best_edges
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.windows import SHORTEST_S, Windows, windows_of
-from gap_diagnosis.priors import default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
+FEW = ("gyro_bias", "one_sided_slip", "radius_mismatch", "radius_scale", "wheelbase_scale")
+"""The effects that are asked for, but where what others cost is the question."""
 RATIO = 0.02
 SHARP_S = (20.303, 27.794)
 
 
-def slipping(start_s: float, stop_s: float) -> MotionModel:
+def slipping(start_s: float, stop_s: float, listed: Iterable[str] = FEW) -> MotionModel:
     """Return the log of a drive on which the left wheel slips in a window."""
     window = (("start_s", start_s), ("stop_s", stop_s))
     slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", RATIO), *window))
-    return driven(slip)
+    return driven(slip, listed)
 
 
 def told_to_the_tick() -> tuple[MotionModel, Windows]:
@@ -41,7 +44,7 @@ def told_to_the_tick() -> tuple[MotionModel, Windows]:
     return model, windows_of(model, (term,), 0, ((0.5,),), model.level_prior.median)
 
 
-def driven(effect: EffectSetting) -> MotionModel:
+def driven(effect: EffectSetting, listed: Iterable[str] = FEW) -> MotionModel:
     """Return the log of a drive with an effect."""
     recording = synthetic_recording(
         ROBOT,
@@ -52,7 +55,7 @@ def driven(effect: EffectSetting) -> MotionModel:
         reference=ReferenceNoise(),
         duration_s=40.0,
     )
-    return MotionModel(recording, ROBOT, default_prior())
+    return model_of(recording, *listed)
 
 
 def nearest(model: MotionModel, start_s: float, stop_s: float) -> Term:
@@ -97,7 +100,7 @@ def test_a_window_is_sought_again_where_its_effect_is_fitted() -> None:
     recording = synthetic_recording(
         ROBOT, WIRE, scenario("calibration"), [slip], 7, reference=ReferenceNoise(), duration_s=40.0
     )
-    scan = Scan(MotionModel(recording, ROBOT, default_prior()))
+    scan = Scan(model_of(recording, *FEW))
     (term,) = scan.account(frozenset({"one_sided_slip"})).terms
     assert abs(term.variant.fixed["stop_s"] - stop_s) < recording.tick_s
 
@@ -173,7 +176,7 @@ def test_no_edges_are_sought_of_an_effect_that_gains_nothing_beside_a_better_one
 
     monkeypatch.setattr("gap_diagnosis.motion.off_the_grid.best_edges", asking)
     monkeypatch.setattr("gap_diagnosis.motion.scan.thresholds_of", asking)
-    scan = Scan(slipping(20.3, 27.7))
+    scan = Scan(slipping(20.3, 27.7, EXPLAINED))
     singles = sorted(
         (one for one in scan.found.values() if len(one.effects) == 1),
         key=lambda one: -one.log_evidence,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motion_cases import model_of
 from scipy.ndimage import uniform_filter1d
 from wandering import wandering_by
 
@@ -29,6 +30,8 @@ from hil_harness.robot import Robot, load_robot
 from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
+FOR_A_WHILE = ("one_sided_slip", "radius_mismatch", "radius_scale", "wheelbase_scale")
+"""What is listed of what may act for a while: an unlisted cause is none of these."""
 PRECISE = ReferenceNoise(2e-4, 2e-4, 1e-4, 1e-4)
 
 
@@ -60,15 +63,13 @@ def test_a_stamp_late_by_its_tolerance_is_no_news_to_a_precise_reference() -> No
     Three nats are odds of 20, against prior odds of 1 in 60."""
     tolerance_s = ROBOT.tolerance.time_offset_s
     recording = drive_with(f"reference_time_offset.offset={tolerance_s}")
-    assert gain_of("reference_time_offset", MotionModel(recording, ROBOT, default_prior())) < 3.0
+    assert gain_of("reference_time_offset", model_of(recording, "reference_time_offset")) < 3.0
 
 
 def test_a_wheel_within_tolerance_is_no_news_though_it_may_not_be_named() -> None:
     """Else the next best name, here the reference's scale, would take it over."""
     recording = drive_with(f"radius_scale.scale={0.9 * ROBOT.tolerance.radius_scale}")
-    model = MotionModel(
-        recording, ROBOT, default_prior(), without=frozenset({"radius_scale", "ticks_per_rev"})
-    )
+    model = model_of(recording, "reference_scale")
     assert all(one.variant.effect != "radius_scale" for one in model.columns.terms)
     assert gain_of("reference_scale", model) < 3.0
 
@@ -78,7 +79,7 @@ def test_a_disc_within_tolerance_is_no_unlisted_cause() -> None:
     tolerance = default_prior().of("encoder_eccentricity", "amplitude").tolerance
     values = (("amplitude", 0.7 * tolerance), ("phase", 2.8), ("side", "right"))
     recording = drive_with(EffectSetting("encoder_eccentricity", values))
-    model = MotionModel(recording, ROBOT, default_prior())
+    model = model_of(recording)
     best = alternatives(model, model.no_effect_levels)[0]
     assert best.log_evidence < 3.0
 
@@ -93,7 +94,7 @@ def wandering(size: float) -> Recording:
 
 def unlisted_beyond_tolerance(size: float) -> tuple[float, float]:
     """Return the best unlisted cause's evidence as it is, and beyond what may be off anyway."""
-    model = MotionModel(wandering(size), ROBOT, default_prior())
+    model = model_of(wandering(size))
     found = alternatives(model, model.no_effect_levels)
     beyond = beyond_tolerance(found)
     return found[0].log_evidence, beyond[0].log_evidence
@@ -120,9 +121,8 @@ def early_by(lead_s: float, robot: Robot = ROBOT) -> float:
     way_m = (log.right_ticks - log.left_ticks) * tick_rad * wheels.radius_m
     rate = uniform_filter1d(np.gradient(way_m), 15) / (wheels.wheelbase_m * log.tick_s)
     lead = lead_s * np.gradient(rate) / log.tick_s
-    model = MotionModel(
-        replace(log, gyro_rate_rad_s=log.gyro_rate_rad_s + lead), robot, default_prior()
-    )
+    ahead = replace(log, gyro_rate_rad_s=log.gyro_rate_rad_s + lead)
+    model = model_of(ahead, robot=robot)
     return beyond_tolerance(alternatives(model, model.no_effect_levels))[0].log_evidence
 
 
@@ -144,7 +144,7 @@ def test_a_slope_of_four_tolerances_is_a_gap_though_it_has_no_name() -> None:
     within it. Eight nats are odds of 3,000, against prior odds of 1 in 60."""
     tolerance = default_prior().of("grade_slip", "ratio").tolerance
     slope = EffectSetting("grade_slip", (("ratio", 4 * tolerance), ("direction", 1.0)))
-    model = MotionModel(drive_with(slope), ROBOT, default_prior())
+    model = model_of(drive_with(slope))
     best = beyond_tolerance(alternatives(model, model.no_effect_levels))[0]
     assert best.variable == "heading"
     assert best.log_evidence > 8
@@ -153,7 +153,7 @@ def test_a_slope_of_four_tolerances_is_a_gap_though_it_has_no_name() -> None:
 def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
     """Another engine's healthy robot was an unlisted wheel (125 nats of 2 mm/s that a caster's drag
     makes its tyres creep), as a scrub of one tolerance explained 28 of them."""
-    model = MotionModel(wandering(0.8 * ROBOT.tolerance.radius_mismatch), ROBOT, default_prior())
+    model = model_of(wandering(0.8 * ROBOT.tolerance.radius_mismatch), *FOR_A_WHILE)
     motion = SimpleNamespace(
         model=model,
         levels=model.no_effect_levels,
@@ -176,8 +176,7 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
     log = synthetic_recording(
         ROBOT, load_wire(), scenario("calibration"), (toe,), 3, reference=ReferenceNoise()
     )
-    without = frozenset({"reference_yaw", "wheel_toe"})
-    model = MotionModel(log, ROBOT, default_prior(), without=without)
+    model = model_of(log, *FOR_A_WHILE)
     suiting = model.no_effect_levels
     wandering = suiting * np.array([1, 1, 1, 1, 1, 1, 1, 2.0, 20.0, 90.0])
 
@@ -202,7 +201,7 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each takes a prediction of the whole log, and levels of noise change none."""
-    model = MotionModel(drive_with("wheel_toe.angle=0.002"), ROBOT, default_prior())
+    model = model_of(drive_with("wheel_toe.angle=0.002"), *FOR_A_WHILE)
     calls: list[int] = []
 
     def counted(*given: Any) -> Any:
@@ -238,7 +237,7 @@ def test_levels_are_sought_anew_only_where_some_noise_is_louder_than_described(
 ) -> None:
     """Where none is, none can stand in the place of an unlisted cause; a search from the described
     levels took a seventh of a diagnosis and ended beside the first one's end."""
-    model = MotionModel(drive_with("wheel_toe.angle=0.002"), ROBOT, default_prior())
+    model = model_of(drive_with("wheel_toe.angle=0.002"), *FOR_A_WHILE)
     levels = 0.5 * model.level_prior.median
     levels[list(changed)] *= 5.0
     sought: list[np.ndarray] = []
@@ -264,12 +263,24 @@ def test_effects_must_explain_more_than_what_is_tolerated() -> None:
 
 def test_no_effect_takes_the_levels_that_were_found_beside_an_unlisted_cause() -> None:
     """A search for its own may have ended early: 28 nats short on a car's log."""
-    model = MotionModel(drive_with("radius_scale.scale=0"), ROBOT, default_prior())
+    model = model_of(drive_with("radius_scale.scale=0"))
     levels = model.level_prior.median
     motion = SimpleNamespace(model=model, log_evidence_of_levels=lambda _: 28.0)
     plain = alternatives(model, levels)
     better = _at(motion, levels, plain)
     assert [one.log_evidence for one in better] == [one.log_evidence for one in plain]
+
+
+LATE = (
+    "frame_latency",
+    "gyro_lag",
+    "lateral_slip",
+    "reference_clock_skew",
+    "reference_lever_arm",
+    "reference_scale",
+    "reference_time_offset",
+)
+"""What a late reference may pass for."""
 
 
 @pytest.mark.parametrize("offset_s", [-0.008, -0.011])
@@ -291,7 +302,7 @@ def test_what_no_gap_takes_beyond_tolerance_is_fitted_whatever_a_straight_line_s
         contact_noise_m_per_sqrt_m=1e-4,
         duration_s=65.0,
     )
-    scan = Scan(MotionModel(log, ROBOT, default_prior()))
+    scan = Scan(model_of(log, *LATE))
     best = max(scan.found.values(), key=lambda one: one.log_evidence)
     assert best.effects == {"reference_time_offset"}
     assert best.log_evidence > scan.account(frozenset()).log_evidence + 20.0
