@@ -35,7 +35,9 @@ def test_any_two_effects_that_bend_the_drive_are_found_however_narrow_their_peak
     named = {one: dict([BENDING[one]]) for one in (first, second)}
     settings = [EffectSetting(one, tuple(values.items())) for one, values in named.items()]
     drive = replace(scenario("calibration"), effects=())
-    block = drive_block(synthetic_recording(ROBOT, WIRE, drive, settings, 900), ROBOT)
+    block = drive_block(
+        synthetic_recording(ROBOT, WIRE, drive, settings, 900, duration_s=60.0), ROBOT
+    )
     assert block is not None
     both = block.fit(frozenset(named))
     assert both.log_evidence > max(block.fit(frozenset({one})).log_evidence for one in named) + 20

@@ -1,6 +1,8 @@
 """A drive that answers in a way of its own has no name, and one that does as told needs none."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,10 +23,26 @@ from foreign_drives import (
     velocity_loop,
 )
 
-from gap_diagnosis.drive import drive_block
+from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.recording import Recording
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
+
+
+def acting(effects: Mapping[str, Mapping[str, float]]) -> DriveBlock:
+    """Return the block of a drive with these effects; made once."""
+    return _acting(tuple((name, tuple(values.items())) for name, values in effects.items()))
+
+
+@cache
+def _acting(effects: tuple[tuple[str, tuple[tuple[str, float], ...]], ...]) -> DriveBlock:
+    return block_of(simulated({name: dict(values) for name, values in effects}, seed=3))
+
+
+@cache
+def as_described() -> DriveBlock:
+    """Return the block of a drive that does as it is told; made once."""
+    return block_of(simulated(seed=2))
 
 
 def test_a_foreign_motor_is_better_left_unexplained_than_named() -> None:
@@ -68,7 +86,7 @@ def test_a_row_that_tells_what_was_carried_out_in_it_is_no_cause_without_a_name(
 
 
 def test_a_described_drive_leaves_nothing_unexplained() -> None:
-    assert block_of(simulated(seed=2)).unexplained().log_evidence < 0
+    assert as_described().unexplained().log_evidence < 0
 
 
 @pytest.mark.parametrize(
@@ -85,7 +103,7 @@ def test_a_drive_that_answers_otherwise_is_seen_without_a_name_for_it(
     effect: dict[str, dict[str, float]],
 ) -> None:
     """And the name, where there is one, is likelier."""
-    block = block_of(simulated(effect, seed=3))
+    block = acting(effect)
     assert 10 < block.unexplained().log_evidence < evidence(block, *effect) - 3
 
 
@@ -142,7 +160,7 @@ def test_a_leftover_without_a_name_goes_first_with_what_makes_it(
 ) -> None:
     """Late answers show while the speed changes, a gain or a limit in the speed, a dead band in
     slow commands; nothing was told of what any of them goes with."""
-    first = block_of(simulated(effect, seed=3)).goes_with[0]
+    first = acting(effect).goes_with[0]
     assert first.variable == variable
     assert first.share > 0.5
 
@@ -166,7 +184,7 @@ def test_poles_of_one_wheel_go_with_its_angle_alone() -> None:
 
 
 def test_a_described_drive_has_no_leftover_that_goes_with_anything() -> None:
-    assert block_of(simulated(seed=2)).goes_with == []
+    assert as_described().goes_with == []
 
 
 def test_a_loop_that_gives_way_on_a_slope_is_no_unlisted_cause() -> None:
