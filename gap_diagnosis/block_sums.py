@@ -108,8 +108,6 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
     """Return what a block says; a mistake of the set-up may lie where it cannot see.
 
     Commands count for errors of counting that the motion has *shown*, else only if they are clear.
-
-    Beside a dead encoder the commands tell nothing of other errors of counting.
     """
     fit = block.fit(effects)
     if block.name == "drive" and effects & _COUNTING and not effects & shown:

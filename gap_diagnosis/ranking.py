@@ -340,7 +340,7 @@ def _with_others_apart(
     apart.sort(key=lambda effect: -singles[effect][0])
     large = {one for one in several if one in scored}
     small = [one for one in scored if 0 < len(one) < 3 and one <= seen]
-    small.sort(key=lambda one: -scored[one][0] - scored[one][2])
+    small.sort(key=lambda one: -scored[one][0])
     found: Scores = {}
     of_block = {
         name: {e for blocks in logs for b in blocks if b.name == name for e in b.effects}

@@ -246,7 +246,7 @@ def draw_nominal(
     found: dict[str, Values] = {}
     for effect, parameter, tolerance in _NOMINAL:
         limit = tolerance(robot)
-        value = _believed(limit, draw)
+        value = _error_within(limit, draw)
         if effect not in taken:
             found[effect] = {parameter: value}
     for effect in _BELIEVED if stratum == "prior" else ():
@@ -263,12 +263,12 @@ def _within_tolerance(effect: str, draw: Draw) -> Values:
         if not isinstance(drawn, Size):
             values[name] = _other(drawn, _NOWHERE, draw)
             continue
-        size = _believed(drawn.tolerance, draw, at_right_angles=_has_angle(effect))
+        size = _error_within(drawn.tolerance, draw, at_right_angles=_has_angle(effect))
         values[name] = size if drawn.signed else abs(size)
     return values
 
 
-def _believed(tolerance: float, draw: Draw, *, at_right_angles: bool = False) -> float:
+def _error_within(tolerance: float, draw: Draw, *, at_right_angles: bool = False) -> float:
     """Return an error within tolerance, of which half is its standard deviation: drawn again where
     it is beyond, so that none is just at it. An amplitude, or a slope, is the length of two at
     right angles."""
