@@ -212,6 +212,9 @@ _NOMINAL: Final[tuple[tuple[str, str, Callable[[Robot], float]], ...]] = (
 
 _BELIEVED: Final = (
     "cross_slope_drift",
+    "drive_delay",
+    "drive_gain",
+    "drive_lag",
     "encoder_eccentricity",
     "grade_slip",
     "gyro_asymmetry",
