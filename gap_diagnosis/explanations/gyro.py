@@ -53,12 +53,13 @@ def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
 def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the true rate by so little that only the mean delay shows.
 
-    With those details of the rate that are no counting errors: what smoothing rounds off a turn's
-    beginning looks like wheels that slip as they speed up. Not in a table, whose rows are means or
-    moments: what may be a whole row there would be told from a delay by its sharpness.
+    As sharply as the wheels turn: what smoothing rounds off a turn's beginning looks like wheels
+    that slip as they speed up, and a lag within tolerance like one that is news. Not in a table,
+    whose rows are means or moments: what may be a whole row there would be told from a delay by
+    its sharpness.
     """
     m = p.motion
-    rate = turn_rate_with_details(m) if m.has_counters else m.turn_rate_rad_s
+    rate = wheels_turn_rate(p) if m.has_counters else m.turn_rate_rad_s
     if np.any(p.turned_rad_s != m.turn_rate_rad_s):
         # What an encoder makes up no body turns, nor a gyro trails: it is the turn explained.
         rate = p.turn_rad / m.tick_s

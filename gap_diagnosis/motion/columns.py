@@ -224,8 +224,12 @@ def _near(
     """
     to_both = not variant.is_positive
     if variant.little is not None:
+        # In the detail in which the effect itself is compared: along a smoother line what is within
+        # tolerance is not all explained, and the rest speaks for news.
         acts = replace(variant, act=variant.little)
-        return _change(nodes, acts, steps, nominal, to_both=to_both) / max(steps)
+        sharp = replace(nodes, smooth=nodes.sharp)
+        nominal = residuals(sharp, predict(sharp.smooth))
+        return _change(sharp, acts, steps, nominal, to_both=to_both) / max(steps)
     small = [limit * (one > 0) for one in steps]
     return _change(nodes, variant, small, nominal, to_both=to_both) / limit
 
