@@ -11,6 +11,7 @@ from scipy.special import ndtr
 from gap_diagnosis.explanations.reference import (
     detailed_turn_rate,
     seen,
+    sharp_turn_rate_by_wheels,
     turn_rate_with_details,
     wheels_turn_rate,
 )
@@ -53,13 +54,12 @@ def _trail(p: Prediction, time_constant: float, rate: Floats) -> None:
 def little_gyro_lag(p: Prediction, *, time_constant: float) -> None:
     """Trail the true rate by so little that only the mean delay shows.
 
-    As sharply as the wheels turn: what smoothing rounds off a turn's beginning looks like wheels
-    that slip as they speed up, and a lag within tolerance like one that is news. Not in a table,
-    whose rows are means or moments: what may be a whole row there would be told from a delay by
-    its sharpness.
+    As sharply as turns begin: what smoothing rounds off there looks like wheels that slip as they
+    speed up, and a lag within tolerance like one that is news. Not in a table, whose rows are means
+    or moments: what may be a whole row there would be told from a delay by its sharpness.
     """
     m = p.motion
-    rate = wheels_turn_rate(p) if m.has_counters else m.turn_rate_rad_s
+    rate = sharp_turn_rate_by_wheels(p) if m.has_counters else m.turn_rate_rad_s
     if np.any(p.turned_rad_s != m.turn_rate_rad_s):
         # What an encoder makes up no body turns, nor a gyro trails: it is the turn explained.
         rate = p.turn_rad / m.tick_s

@@ -119,11 +119,29 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     if motion.sharp_s == np.inf:
         return smooth
     step_s = motion.tick_s
-    # Smoothed once by more, the more noise there is, and then once by the usual.
-    width_s = USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S))
+    width_s = _smoothed_by_s(motion)
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = counting_slope(width_s / step_s) * (per_count / step_s) ** 2
     return with_details(smooth, width_s / step_s, noise, step_s)
+
+
+def _smoothed_by_s(motion: Motion) -> float:
+    """Return over how long the turn rate is smooth: once by more, the more noise there is, and then
+    once by the usual."""
+    return USUAL_S * math.hypot(1.0, math.sqrt(motion.sharp_s / SHARP_S))
+
+
+def sharp_turn_rate_by_wheels(p: Prediction) -> Floats:
+    """Return the smooth turn rate with those details that the wheels have of it, float64[n].
+
+    Of a wheel whose encoder died nothing but the details is believed: what lasts is estimated.
+    """
+    motion = p.motion
+    if motion.sharp_s == np.inf:
+        return motion.turn_rate_rad_s
+    by_wheels = wheels_turn_rate(p)
+    lasting = gaussian_filter1d(by_wheels, _smoothed_by_s(motion) / motion.tick_s, mode="nearest")
+    return np.asarray(motion.turn_rate_rad_s + by_wheels - lasting)
 
 
 def wheels_turn_rate(p: Prediction) -> Floats:

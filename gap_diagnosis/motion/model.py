@@ -416,15 +416,15 @@ class MotionModel:
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
             return columns
-        sharp = self.nodes.sharp
-        settings = [(t.variant.in_detail, c) for t, c in zip(terms, coefficients, strict=True)]
-        there = residuals(self.nodes, predict(sharp, settings))
+        smooth = self.nodes.smooth
+        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
+        there = residuals(self.nodes, predict(smooth, settings))
         for place, (index, sd) in enumerate(free):
             variant, own = self.columns.little.get(index, (None, 0))
             if variant is not None and variant.effect in told:
                 sizes = [0.0] * len(variant.coefficients)
                 sizes[own] = sd
-                beside = residuals(self.nodes, predict(sharp, [*settings, (variant, sizes)]))
+                beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))
                 columns[place] = (there - beside) / sd
         return columns
 
