@@ -40,9 +40,10 @@ Floats = NDArray[np.float64]
 _LOOKED_AT_AGAIN: Final = 3
 _HOPELESS: Final = 50.0
 _BENDS: Final = 3
-"""So often the line of a gain or of braking is laid anew beside a threshold,"""
+"""So often lines of a gain, of braking, of what is within tolerance are laid anew beside what bends
+the drive's answer,"""
 _STRAIGHT: Final = 0.005
-"""where it is one for less than that."""
+"""where they are straight for less than that, of a gain or as a share of what bends."""
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -193,13 +194,18 @@ class DriveBlock:
             point = quick[best][1].best
         setting = settings[best]
         levels, free = self._levels_of(setting, setting.values(point))
-        for _ in range(_BENDS if effects & THRESHOLDS else 0):
+        for _ in range(_BENDS if effects & set(BENT) else 0):
             # A larger step takes longer to the limit: what a gain adds there is no straight line.
+            # Nor is a little delay beside a lag what it is beside none.
             there, before = about(setting, levels, point), setting.about
-            setting = laid_at(setting, setting.values(point), there)
-            point = likeliest(setting, levels, setting.values(point))
+            values = setting.values(point)
+            setting = laid_at(setting, values, there)
+            point = likeliest(setting, levels, values)
             levels, free = self._levels_of(setting, setting.values(point))
-            if max(abs(a - b) for a, b in zip(there, before, strict=True)) < _STRAIGHT:
+            changes = [abs(a - b) for a, b in zip(there, before, strict=True)]
+            bends = setting.values(point)
+            settled = all(abs(bends[one] - was) <= _STRAIGHT * was for one, was in values.items())
+            if settled and max(changes) < _STRAIGHT:
                 break
         total, grid, scale_weights = evidence(setting, levels, start=point)
         estimates = parameters(setting, levels, grid, scale_weights)

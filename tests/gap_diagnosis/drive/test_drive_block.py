@@ -196,6 +196,26 @@ def test_lag_and_delay_together_are_separated() -> None:
     assert both.pareto_k < 0.7
 
 
+@pytest.mark.parametrize(
+    ("named", "size_s", "beside", "within_s"),
+    [
+        ("drive_lag.time_constant", 0.055, "drive_delay.delay", 0.003),
+        ("drive_delay.delay", 0.02, "drive_lag.time_constant", 0.006),
+    ],
+)
+def test_of_a_lag_and_a_delay_the_one_that_is_no_news_does_not_bend_the_other(
+    named: str, size_s: float, beside: str, within_s: float
+) -> None:
+    """A little of it is no straight line about a drive as described: a lag was 1.2 ms too long,
+    sixteen standard deviations, and one just within tolerance was told (3 of 101 healthy)."""
+    of = {key.split(".")[0]: key.split(".")[1] for key in (named, beside)}
+    sizes = {named: size_s, beside: within_s}
+    recording = simulated({one: {name: sizes[f"{one}.{name}"]} for one, name in of.items()})
+    found = block_of(recording).fit(frozenset({named.split(".")[0]})).parameters[named]
+    assert found.value == pytest.approx(size_s, abs=4 * found.sd)
+    assert found.sd < 3e-4
+
+
 def test_intervals_of_lag_cover_under_disturbance() -> None:
     inside = 0
     runs = 12
