@@ -28,7 +28,7 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
-from gap_diagnosis.drive.shapes import BENT, PARAMETERS, THRESHOLDS, Shapes, drive_beside_described
+from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_described
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
