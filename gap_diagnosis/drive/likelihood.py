@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 _SAMPLES: Final = 2000
 _FREE_SD: Final = 0.3
 """Of linear coefficients while noise levels and best likelihoods are sought."""
-_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.005}
+_NUISANCE_SD: Final = {"gain": 0.5 * prior.GAIN.tolerance, "lag": 0.5 * prior.LAG_S.tolerance}
 """Deviations that every hypothesis may have, beside that of the delay: half the tolerances."""
 
 _NOTHING: Final[Mapping[str, float]] = {}

@@ -204,7 +204,7 @@ def test_a_large_effect_is_fitted_within_half_a_standard_deviation(effect: str) 
     fit = model.refit([term], levels, free_levels=False, start=[(size,)])
     likeliest = int(np.argmax(fit.scored.weights))
     sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
-    assert abs(fit.coefficients[0][0] - size) < sd
+    assert abs(fit.coefficients[0][0] - size) < 0.5 * sd
 
 
 def late_reference(effect: str, offset_s: float, skew: float) -> tuple[MotionModel, Term]:
@@ -241,7 +241,7 @@ def test_how_late_a_reference_is_and_how_its_clock_runs_are_told_apart_where_bot
     fit = model.refit([term], levels, free_levels=False, start=[(size,)])
     likeliest = int(np.argmax(fit.scored.weights))
     sd = float(np.sqrt(fit.scored.covariances[likeliest][0, 0]))
-    assert abs(fit.coefficients[0][0] - size) < sd
+    assert abs(fit.coefficients[0][0] - size) < 0.5 * sd
 
 
 def test_a_large_skew_is_found_from_where_a_straight_line_led() -> None:
@@ -331,7 +331,7 @@ def test_a_turn_that_changes_sides_is_no_straight() -> None:
 
 def test_a_lag_within_tolerance_is_no_slip_of_wheels_that_speed_up() -> None:
     """It is free beside the slip, as sharply as turns begin: along a smooth rate, three
-    milliseconds of it were told as 1.2 standard deviations of slip."""
+    milliseconds of it were told as 1.2 standard deviations of slip. They are 0.7 yet."""
     size = 0.02
     settings = (
         EffectSetting("gyro_lag", (("time_constant", 0.003),)),

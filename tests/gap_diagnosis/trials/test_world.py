@@ -200,8 +200,17 @@ def test_in_stratum_prior_all_is_drawn_that_the_diagnosis_leaves_free_within_tol
     }
     draw = np.random.default_rng(1)
     drawn = [draw_nominal(robot, frozenset(), "prior", draw) for _ in range(4000)]
-    of_drives = {"drive_delay", "drive_gain", "drive_lag"}
-    assert {effect for effect, _ in sds} | of_drives == drawn[0].keys()
+    of_drives = {
+        (effect, name): 0.5 * default_prior().of(effect, name).tolerance
+        for effect, *names in (
+            ("drive_delay", "delay"),
+            ("drive_gain", "left", "right"),
+            ("drive_lag", "time_constant"),
+        )
+        for name in names
+    }
+    sds |= of_drives
+    assert {effect for effect, _ in sds} == drawn[0].keys()
     for (effect, name), sd in sds.items():
         if name in drawn[0][effect]:  # polar ones go by a size and an angle
             squares = np.square([float(one[effect][name]) for one in drawn])
