@@ -60,8 +60,8 @@ class Motion:
         warm_k: temperature over 298.15 K; None where not recorded.
         supply_error: supply over the described one - 1; None where not recorded.
         radius_m, wheelbase_m, rad_per_count: of the description.
-        rounding_rad: to what a reading of a wheel's turn is rounded: a count, or hardly at all
-            where wheels say how fast they are.
+        wheel_rounding_rad: float64[2], to what a reading of each wheel's turn is rounded: a count,
+            or hardly at all where wheels say how fast they are.
         turning_s: over how long turn rates were averaged.
         bent: float64[n], 1 where headings are bent onto a reference, 0 where they are the wheels'.
         bent_over_s: over how long: the turn is the reference's in what lasts longer.
@@ -106,7 +106,7 @@ class Motion:
     rad_per_count: float
     wheel_unsure_rad2: Floats
     gyro_unsure_rad2: Floats
-    rounding_rad: float
+    wheel_rounding_rad: Floats
     turning_s: float
     bent: Floats
     bent_over_s: float
@@ -120,6 +120,11 @@ class Motion:
         return float(np.median(self.dt_s[1:]))
 
     @cached_property
+    def rounding_rad(self) -> float:
+        """To what the reading of the coarser wheel is rounded."""
+        return float(self.wheel_rounding_rad.max())
+
+    @cached_property
     def told(self) -> dict[Callable[[Motion], Any], Any]:
         """What was told of the motion so far, by what told it (`told_once`)."""
         return {}
@@ -127,12 +132,12 @@ class Motion:
     @cached_property
     def left_motor_rad(self) -> Floats:
         """Turns of the left motor, of which a play behind it takes its share."""
-        return motor_steps(self.left_steady_rad, self.rounding_rad, self.tick_s)
+        return motor_steps(self.left_steady_rad, float(self.wheel_rounding_rad[0]), self.tick_s)
 
     @cached_property
     def right_motor_rad(self) -> Floats:
         """Turns of the right motor."""
-        return motor_steps(self.right_steady_rad, self.rounding_rad, self.tick_s)
+        return motor_steps(self.right_steady_rad, float(self.wheel_rounding_rad[1]), self.tick_s)
 
     @cached_property
     def fastest_rad_s(self) -> float:

@@ -93,6 +93,8 @@ class Recording:
         frames: per message name, the reception stamps of its frames; empty for tables.
         rejected: frames that failed a check, by reason.
         counter_bits: width at which the counts were unwrapped.
+        counts_per_step: by how many counts the reading of each wheel steps, left and right: more
+            than one where a wrong unit is undone.
         reference: measured from outside, or None.
         clock_skew, clock_skew_sd: ECU clock rate over log clock rate - 1 from stamps against ticks,
             and its standard deviation (NaN where the log does not tell).
@@ -123,6 +125,7 @@ class Recording:
     frames: Mapping[str, FrameTimes] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     counter_bits: int = 16
+    counts_per_step: tuple[float, float] = (1.0, 1.0)
     reference: Reference | None = None
     clock_skew: float = float("nan")
     clock_skew_sd: float = float("nan")

@@ -13,6 +13,7 @@ from scipy.stats import fisher_exact
 
 from gap_diagnosis.bus.counting import Runs
 from gap_diagnosis.recording import FrameTimes, Recording
+from gap_diagnosis.trembling import trembles
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -242,7 +243,8 @@ def staleness(
     A run counts where the payload changes nearly always around it and the wheels turn before and
     after; where the counts themselves stood still, they must leap by what they missed, and where a
     message has the wheels' speeds, these: a steady wheel says the same speed by itself. A gyro at
-    the end of its range says the same for another reason.
+    the end of its range says the same for another reason, and one that hardly trembles wherever a
+    turn is steady.
     """
     counts = [recording.left_ticks, recording.right_ticks]
     wheels = counts if has_speeds else [_in_steps(one) for one in counts]
@@ -255,12 +257,14 @@ def staleness(
     near = _around(changes & moving) / _around(np.ones(len(changes)))
     chances = int(np.count_nonzero(moving & (near > _CHANGING / 2)))
     edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
-    at_limit = _at_limit(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
+    repeats = (
+        _repeats_itself(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
+    )
     longest = LONGEST_STALE_S / (message.cycle * recording.tick_period_s)
     found: list[tuple[int, int, int]] = []
     for start, stop in edges.reshape(-1, 2):
         length = int(stop - start)
-        if length > longest or stop >= len(changes) - 1 or start < 2 or at_limit[row[start]]:
+        if length > longest or stop >= len(changes) - 1 or start < 2 or repeats[row[start]]:
             continue
         before = slice(max(0, start - _CONTEXT), start)
         after = slice(stop, stop + _CONTEXT)
@@ -283,11 +287,15 @@ def staleness(
     )
 
 
-def _at_limit(recording: Recording) -> Bools:
-    """Mark rows in which the gyro says the highest or the lowest that it ever says."""
+def _repeats_itself(recording: Recording) -> Bools:
+    """Mark rows in which the gyro says the same by itself: the highest and the lowest that it ever
+    says, and all where it does not tremble.
+    """
     code = recording.gyro_code
     if code is None or not np.isfinite(code).any():
         return np.zeros(len(recording.tick), dtype=np.bool_)
+    if not trembles(code):
+        return np.ones(len(recording.tick), dtype=np.bool_)
     return np.asarray((code == np.nanmax(code)) | (code == np.nanmin(code)))
 
 

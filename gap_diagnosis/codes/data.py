@@ -17,6 +17,9 @@ Bools = NDArray[np.bool_]
 
 _SMOOTH_S: Final = 0.05
 _LEAST: Final = 100
+_SURELY: Final = 4.0
+"""Standard deviations of a turn rate by counts: less is that of rest."""
+_LEAST_LSB: Final = 20.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
     if np.count_nonzero(known) < _LEAST:
         return None
     plant = robot.plant
-    rate = _wheel_rate(recording, robot)
+    rate, rounded = _wheel_rate(recording, robot)
     code = recording.gyro_code[known]
     expected = plant.gyro.zero_rate_code + plant.gyro.sensitivity_lsb_per_rad_s * rate[known]
     away = code - expected
@@ -68,7 +71,9 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
     second = code[2:] - 2 * code[1:-1] + code[:-2]
     noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6)
     low, high = plant.gyro_code_limits
-    turning = np.abs(rate[known]) * plant.gyro.sensitivity_lsb_per_rad_s
+    # Not against the spread: of a gyro that reads a tenth, every turn would be within it.
+    per_rad_s = plant.gyro.sensitivity_lsb_per_rad_s
+    turns = np.abs(np.nan_to_num(rate[known])) > max(_SURELY * rounded, _LEAST_LSB / per_rad_s)
     return CodeData(
         t_s=recording.t_s[known],
         tick=recording.tick[known],
@@ -76,29 +81,32 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
         expected=expected + offset,
         spread=max(spread, 0.5),
         noise=noise,
-        turns=np.nan_to_num(turning) > max(4 * spread, 20.0),
+        turns=turns,
         is_whole=bool(np.all(code == np.rint(code))),
         zero_code=float(plant.gyro.zero_rate_code),
-        per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
+        per_rad_s=per_rad_s,
         low=float(low),
         high=float(high),
         bits=plant.adc.bits,
     )
 
 
-def _wheel_rate(recording: Recording, robot: Robot) -> Floats:
-    """Return the turn rate that the counts say, over a few ticks about each tick's middle."""
+def _wheel_rate(recording: Recording, robot: Robot) -> tuple[Floats, float]:
+    """Return the turn rate that the counts say, over a few ticks about each tick's middle, and its
+    standard deviation by their rounding."""
     wheels = robot.plant.wheels
     per_tick = math.tau * wheels.radius_m / robot.plant.encoder.ticks_per_rev / wheels.wheelbase_m
     heading = (recording.right_ticks - recording.left_ticks) * per_tick
     there = np.isfinite(heading)
     if np.count_nonzero(there) < 2:
-        return np.full(len(heading), np.nan)
+        return np.full(len(heading), np.nan), math.inf
     time_s = recording.tick * recording.tick_s
     half = max(recording.tick_s, 0.5 * _SMOOTH_S)
     middle = time_s - 0.5 * recording.tick_s
     sides = [np.interp(middle + way * half, time_s[there], heading[there]) for way in (-1, 1)]
-    return np.asarray((sides[1] - sides[0]) / (2 * half), dtype=np.float64)
+    # Two counts at either end.
+    rounded = per_tick * math.sqrt(4 / 12) / (2 * half)
+    return np.asarray((sides[1] - sides[0]) / (2 * half), dtype=np.float64), rounded
 
 
 def stretches(mask: Bools) -> list[tuple[int, int]]:

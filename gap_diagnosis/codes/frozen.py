@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.codes.data import CodeData, stretches
+from gap_diagnosis.trembling import trembles
 
 _LEAST_S: Final = 0.3
 """What repeats for less is a stale producer: the bus tells."""
@@ -31,7 +32,8 @@ def frozen_run(data: CodeData) -> Frozen | None:
     """Return the most suspicious run of equal codes; None where no code repeats for long.
 
     How likely a code repeats once it has is counted on the rest of the log, at rest and in turns
-    apart: a noiseless sensor of a robot that rests repeats for ever and is not frozen.
+    apart: a noiseless sensor of a robot that rests repeats for ever and is not frozen. Of a sensor
+    that does not tremble elsewhere, only wheels that turn meanwhile say that it is.
     """
     same = (data.code[1:] == data.code[:-1]) & (np.diff(data.tick) == 1)
     again = same[1:] & same[:-1]
@@ -45,7 +47,8 @@ def frozen_run(data: CodeData) -> Frozen | None:
         inside = np.zeros(len(again), dtype=np.bool_)
         inside[max(start - 1, 0) : stop - 1] = True
         ratio = 0.0
-        for state in (turning, ~turning):
+        elsewhere = np.delete(data.code, slice(start, stop + 1))
+        for state in (turning, ~turning) if trembles(elsewhere) else ():
             held = int(np.count_nonzero(inside & state))
             rest = state & ~inside & same[:-1]
             repeated = int(np.count_nonzero(again & rest))

@@ -180,7 +180,7 @@ class DriveBlock:
         best, others, point = 0, 0.0, np.zeros(0)
         weights = np.ones(1)
         if len(settings) == 1:
-            (exactly, *_) = self._levels_before(settings[0])
+            (exactly, *_) = self._undisturbed_levels
             point = likeliest(settings[0], exactly, self._alone(effects))
         else:
             # The variant is chosen at the noise levels of no effect, then they are estimated anew.
@@ -305,28 +305,15 @@ class DriveBlock:
     def _quick(self, settings: Sequence[Setting]) -> list[tuple[float, Weighted, Floats]]:
         """Return the evidence of each variant, all at those noise levels of no effect that suit the
         best of them better."""
-        each = zip(*(self._levels_before(setting) for setting in settings), strict=True)
         found = [
-            [
-                evidence(setting, one, rough=True)
-                for setting, one in zip(settings, levels, strict=True)
-            ]
-            for levels in each
+            [evidence(setting, levels, rough=True) for setting in settings]
+            for levels in self._undisturbed_levels
         ]
         return max(found, key=lambda some: max(one[0] for one in some))
 
-    def _levels_before(self, setting: Setting) -> list[Floats]:
-        """Return the noise levels at which variants are chosen: those of no effect, whether what
-        goes astray by it is the variant's or not, and where counts have been put right that read
-        too little, their rounding has grown with them."""
-        found = self._undisturbed_levels
-        if setting.variant.log_constant > 0 and "factor" in setting.variant.values:
-            for levels in found:
-                levels[0] -= math.log(float(setting.variant.values["factor"]))
-        return found
-
     @property
     def _undisturbed_levels(self) -> list[Floats]:
+        """The noise levels of no effect, whether what goes astray by it is another's or not."""
         own = self._null.levels
         return [exact(own), *([own.copy()] if is_inexact(own) else ())]
 

@@ -55,7 +55,7 @@ class DriveData:
         block_s: time from block to block.
         angle: float64[2, m], mean measured wheel angle of each block [rad].
         seen: bool[2, m], blocks that count as an observation.
-        count: int64[2, m], rows averaged.
+        count: float64[2, m], rows averaged, or as many as it is worth.
         turning: float64[2, m], how fast the wheel turns by its counts [rad/s].
         activity: float64[2, m], how fast the wheel turns or ought to [rad/s].
         astray: float64[2, m], how far the wheel's rate is from that of the described drive [rad/s].
@@ -78,7 +78,7 @@ class DriveData:
     block_s: float
     angle: Floats
     seen: NDArray[np.bool_]
-    count: NDArray[np.int64]
+    count: Floats
     turning: Floats
     activity: Floats
     astray: Floats
@@ -162,7 +162,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     if not np.any(np.abs(commanded) > 0):
         return None
     means = block_means(np.nan_to_num(angle), used, start)
-    count = np.add.reduceat(used, start[:-1], axis=1)[:, : len(start) - 1].astype(np.int64)
+    count = np.add.reduceat(used, start[:-1], axis=1)[:, : len(start) - 1].astype(np.float64)
     block_s = every * dt_s
     turning = _turning(means, block_s)
     jumped = np.concatenate(([False], np.diff(recording.tick[rows]) > 1))
@@ -183,7 +183,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         block_s=block_s,
         angle=np.nan_to_num(means),
         seen=np.isfinite(means) & ~_repeats_at_rest(means, commanded[:, start[:-1]], tick_rad),
-        count=np.maximum(count, 1),
+        count=np.maximum(count, 1.0),
         turning=turning,
         activity=_activity(commanded[:, start[:-1]], turning, block_s),
         astray=np.zeros(means.shape),

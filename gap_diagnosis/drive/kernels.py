@@ -128,7 +128,7 @@ def whiten(
     Args:
         columns: float64[c, 2, m].
         seen: bool[2, m], which are observed. The first of each wheel sets the unknown start angle.
-        count: int64[2, m], rows averaged in each.
+        count: float64[2, m], rows averaged in each.
         activity: float64[2, m], rate scale of the errors [rad/s].
         lost: bool[m], the angle is unknown again from this block on.
         dt_s: time from block to block.

@@ -79,11 +79,15 @@ def _read_wrong(
         return Mistake(data.told(np.stack([speed - turn, speed + turn])), values)
     scale = np.ones(2)
     scale[list(_WHEELS[signal])] = 1 / factor
+    # What read a tenth was rounded to counts as well: undone, it goes by tens, and is worth as many
+    # readings less as its variance is larger.
+    coarse = np.maximum(1.0, np.abs(scale))[:, np.newaxis]
     right_data = replace(
         data,
         angle=data.angle * scale[:, np.newaxis],
         rate_0=data.rate_0 * scale,
         turning=data.turning * np.abs(scale)[:, np.newaxis],
+        count=data.count / coarse**2,
     )
     told = data.seen.sum(axis=1) - 1
     log_scale = float(np.sum(told * np.log(np.abs(scale))))

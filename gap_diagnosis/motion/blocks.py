@@ -30,9 +30,10 @@ _HARMONIC: Final = math.sqrt(2.0) * math.pi
 class Course:
     """What the filter must know of the motion, per block: float64[m] each.
 
-    *quantum_m* is the standard deviation of one reading of a wheel's way, *beat_m* that of its part
-    which beats with the samples: of a rounding error after noise of sigma counts, the first
-    harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008, chapter 4).
+    *quantum_m* float64[2] is the standard deviation of one reading of each wheel's way, *beat_m*
+    that of its part which beats with the samples: of a rounding error after noise of sigma counts,
+    the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
+    chapter 4).
     """
 
     dt_s: Floats
@@ -50,8 +51,8 @@ class Course:
     right_astray_m: Floats
     cosine: Floats
     sine: Floats
-    quantum_m: float
-    beat_m: float
+    quantum_m: Floats
+    beat_m: Floats
     wheelbase_m: float
     samples: Floats
     gyro_floor_rad: Floats
@@ -93,17 +94,18 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
     samples = np.zeros(nodes.count)
     samples[nodes.sample_node] = nodes.samples
-    per_count_m = radius * motion.rounding_rad
+    per_count_m = radius * motion.wheel_rounding_rad
     heading = nodes.mean(motion.heading_rad)
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
-    moved = [path / per_count_m for path in (left_path, right_path)]
-    slow = [nodes.mean(_creep(motion, step)) * block_s for step in signed]
+    moved = [path / one for path, one in zip((left_path, right_path), per_count_m, strict=True)]
+    counted = list(zip(signed, motion.wheel_rounding_rad, strict=True))
+    slow = [nodes.mean(_creep(motion, *one)) * block_s for one in counted]
     if noise_ticks > 0:
-        creeps = [nodes.mean(_creep_beside_jitter(motion, step)) * block_s for step in signed]
+        creeps = [nodes.mean(_creep_beside_jitter(motion, *one)) * block_s for one in counted]
         # What settles goes on for a while, ever more slowly.
         creeps = [np.maximum(one, 0.5 * np.append(0.0, one[:-1])) for one in creeps]
         slow = [np.maximum(one, creep) for one, creep in zip(slow, creeps, strict=True)]
-    if _is_finer(nodes, per_count_m):
+    if _is_finer(nodes, float(per_count_m.min())):
         slow = [np.maximum(one, seen) for one, seen in zip(slow, _seen(nodes), strict=True)]
     unsure = [nodes.mean(np.cumsum(one)) * radius**2 for one in motion.wheel_unsure_rad2]
     scatter = [np.diff(one, prepend=one[0]) for one in unsure]
@@ -147,10 +149,10 @@ def _seen(nodes: Nodes) -> list[Floats]:
     along_m = np.cos(heading) * np.diff(x_m, prepend=x_m[0])
     along_m += np.sin(heading) * np.diff(y_m, prepend=y_m[0])
     around_m = 0.5 * motion.wheelbase_m * np.diff(heading, prepend=heading[0])
-    per_count_m = motion.radius_m * motion.rounding_rad
+    per_count_m = motion.radius_m * motion.wheel_rounding_rad
     return [
-        np.abs(uniform_filter1d(along_m + side * around_m, _AROUND)) / per_count_m
-        for side in (-1.0, 1.0)
+        np.abs(uniform_filter1d(along_m + side * around_m, _AROUND)) / one
+        for side, one in zip((-1.0, 1.0), per_count_m, strict=True)
     ]
 
 
@@ -164,7 +166,7 @@ def _kept(moved: Floats, slow: Floats) -> Floats:
     return np.asarray(np.clip(np.minimum(1.0 - moved, 1.0 - 6.0 * share * (1 - share)), 0.0, 1.0))
 
 
-def _creep(motion: Motion, step_rad: Floats) -> Floats:
+def _creep(motion: Motion, step_rad: Floats, rounding_rad: float) -> Floats:
     """Return how fast a wheel goes between two counts [counts/s], float64[n].
 
     Its count stands meanwhile, but the wheel does not, unless the next count is one back: a wheel
@@ -172,7 +174,7 @@ def _creep(motion: Motion, step_rad: Floats) -> Floats:
     by its next count much later than by those around. Where it came to a stop, or turned round, it
     went on for some part of a count, and did so before the first.
     """
-    count = np.rint(np.cumsum(step_rad) / motion.rounding_rad)
+    count = np.rint(np.cumsum(step_rad) / rounding_rad)
     change = np.diff(count, prepend=count[0])
     at = np.flatnonzero(change)
     rate = np.zeros(len(count))
@@ -195,14 +197,14 @@ def _creep(motion: Motion, step_rad: Floats) -> Floats:
     return rate
 
 
-def _creep_beside_jitter(motion: Motion, step_rad: Floats) -> Floats:
+def _creep_beside_jitter(motion: Motion, step_rad: Floats, rounding_rad: float) -> Floats:
     """Return how fast a wheel goes by its counts over a while [counts/s], float64[n].
 
     Where readings jitter, a wheel that comes to a stop counts to and fro before, and tells as
     little by its next count whether it still goes as one that stands on an edge.
     """
     width = max(USUAL_S / motion.tick_s, 0.5)
-    rate = np.abs(gaussian_filter1d(step_rad / motion.rounding_rad, width)) / motion.tick_s
+    rate = np.abs(gaussian_filter1d(step_rad / rounding_rad, width)) / motion.tick_s
     noise = math.sqrt(counting_slope(width)) / motion.tick_s
     return np.asarray(np.where(rate > _SURELY * noise, rate, 0.0))
 

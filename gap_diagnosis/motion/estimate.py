@@ -74,10 +74,15 @@ def estimate_motion(
     accelerations = [gaussian_filter1d(np.gradient(rate, t_s), width) for rate in rates]
     radius_m, wheelbase_m = plant.wheels.radius_m, plant.wheels.wheelbase_m
     left_step, right_step = np.diff(left, prepend=0.0), np.diff(right, prepend=0.0)
-    rounding_rad = rad_per_count if recording.unsure_ticks2 is None else FINE_RAD
+    is_counted = recording.unsure_ticks2 is None
+    rounding = (
+        rad_per_count * np.array(recording.counts_per_step) if is_counted else np.full(2, FINE_RAD)
+    )
     steady = [
         np.where(standing(angle, step_s, rounding_rad), 0.0, step)
-        for angle, step in ((left, left_step), (right, right_step))
+        for angle, step, rounding_rad in zip(
+            (left, right), (left_step, right_step), rounding, strict=True
+        )
     ]
     forward_m = 0.5 * radius_m * (left_step + right_step)
     heading = radius_m * (right - left) / wheelbase_m
@@ -149,13 +154,13 @@ def estimate_motion(
         radius_m=radius_m,
         wheelbase_m=wheelbase_m,
         rad_per_count=rad_per_count,
-        rounding_rad=rounding_rad,
+        wheel_rounding_rad=rounding,
         turning_s=turning_s,
         bent=bent,
         bent_over_s=over_s,
         sharp_s=sharp_smoothing_s(turning_s),
         wheel_speeds=WheelSpeeds(
-            partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding_rad)
+            partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding)
         ),
         has_counters=has_counters,
     )
@@ -166,7 +171,7 @@ def _wheel_speeds(
     t_s: Floats,
     gyro_turn: Floats | None,
     robot: Robot,
-    rounding_rad: float,
+    rounding: Floats,
 ) -> tuple[WheelSpeed, WheelSpeed]:
     """Return what is known of both wheels' speeds beside their own counts."""
     plant, tick_s = robot.plant, float(np.median(np.diff(t_s)))
@@ -174,7 +179,7 @@ def _wheel_speeds(
     turning = None if gyro_turn is None else _slope(gyro_turn, t_s) * per_turn
     left, right = (_slope(angle, t_s) for angle in angles)
 
-    def of(own: Floats, other: Floats, sign: float) -> WheelSpeed:
+    def of(own: Floats, other: Floats, sign: float, rounding_rad: float) -> WheelSpeed:
         return wheel_speed(
             own,
             other,
@@ -185,7 +190,7 @@ def _wheel_speeds(
             rounding_rad=rounding_rad,
         )
 
-    return of(left, right, -1.0), of(right, left, 1.0)
+    return of(left, right, -1.0, rounding[0]), of(right, left, 1.0, rounding[1])
 
 
 def _slope(values: Floats, t_s: Floats) -> Floats:

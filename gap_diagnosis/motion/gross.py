@@ -29,6 +29,10 @@ matters little."""
 _LEAST_STEPS: Final = 8
 _SHORT_M: Final = 0.01
 _SURE: Final = 2.0
+_SURELY: Final = 4.0
+"""Standard deviations of what one wheel adds: what a turn leaves is not white."""
+_ALIKE: Final = 1e4
+_LITTLE: Final = 0.05
 _TOGETHER: Final = 0.3
 _LOUD: Final = 3.0
 """Correlation over blocks: three times what chance makes in a minute. Where noise has three times
@@ -36,8 +40,10 @@ the energy, half is left of it, and beyond that it is not asked for."""
 
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
-    """Tell whether turns or ways of two sources differ by more than any effect makes likely."""
-    return any(one.is_gross for one in _sources(recording, robot))
+    """Tell whether turns or ways of two sources differ by more than any effect makes likely, or
+    what one wheel adds to the turn does."""
+    sources = _sources(recording, robot)
+    return any(one.is_gross or one.is_of_one_wheel for one in sources)
 
 
 def is_in_order(recording: Recording, robot: Robot) -> bool:
@@ -66,11 +72,13 @@ class _Pair:
     Attributes:
         cause, effect: float64[n].
         unsure: how much of the sum of the cause's squares is noise, at most.
+        wheels: float64[2, n], what either wheel adds to the cause, where it is the wheels' turn.
     """
 
     cause: Floats
     effect: Floats
     unsure: float = 0.0
+    wheels: Floats | None = None
 
     @property
     def slope(self) -> float | None:
@@ -92,6 +100,23 @@ class _Pair:
         return max(slope, without_noise) < _LOW or min(slope, without_noise) > _HIGH
 
     @property
+    def is_of_one_wheel(self) -> bool:
+        """What one wheel adds is surely far from what it should: counts of half the size on one
+        side leave a turn that is three quarters of it."""
+        if self.wheels is None or self.unsure > _LITTLE * _power(self.cause):
+            return False
+        rows = self.wheels - self.wheels.mean(axis=1, keepdims=True)
+        away = self.effect - self.effect.mean()
+        inner = rows @ rows.T
+        # Wheels that only ever go together say nothing of one.
+        if np.linalg.cond(inner) > _ALIKE:
+            return False
+        found = np.linalg.solve(inner, rows @ away)
+        left = away - found @ rows
+        sd = np.sqrt(np.diag(np.linalg.inv(inner)) * (left @ left) / (len(away) - 2))
+        return bool(np.any((found + _SURELY * sd < _LOW) | (found - _SURELY * sd > _HIGH)))
+
+    @property
     def is_clear(self) -> bool:
         """No more than half of the cause is noise."""
         return 2.0 * self.unsure <= _power(self.cause)
@@ -106,12 +131,19 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         return []
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
     unsure = float(motion.wheel_unsure_rad2.sum()) * (motion.radius_m / motion.wheelbase_m) ** 2
-    pairs = [_Pair(turn, one, unsure) for one in gyro]
+    per_rad = motion.radius_m / motion.wheelbase_m
+    wheels = np.array(
+        [
+            sign * per_rad * np.diff(np.interp(t_s, motion.t_s, angle))
+            for sign, angle in ((-1.0, motion.left_angle_rad), (1.0, motion.right_angle_rad))
+        ]
+    )
+    pairs = [_Pair(turn, one, unsure, wheels) for one in gyro]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
         if reference.heading_rad is not None:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
-            pairs.append(_Pair(turn, heading, unsure))
+            pairs.append(_Pair(turn, heading, unsure, wheels))
             pairs += [_Pair(one, heading) for one in gyro]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
@@ -186,7 +218,17 @@ def put_right(
             ticks / factor if is_wrong else ticks
             for ticks, is_wrong in zip((left, right), wrong, strict=True)
         )
-        return replace(recording, left_ticks=left, right_ticks=right), 0.0
+        # What read a tenth was rounded to counts as well: undone, it goes by tens.
+        left_step, right_step = (
+            max(1.0, 1.0 / abs(factor)) if is_wrong else 1.0 for is_wrong in wrong
+        )
+        undone = replace(
+            recording,
+            left_ticks=left,
+            right_ticks=right,
+            counts_per_step=(left_step, right_step),
+        )
+        return undone, 0.0
     rate = recording.gyro_rate_rad_s
     if rate is None:
         return recording, 0.0

@@ -95,8 +95,8 @@ def _whiten(
     right_astray: Floats,
     cosine: Floats,
     sine: Floats,
-    quantum_m: float,
-    beat_m: float,
+    quantum_m: Floats,
+    beat_m: Floats,
     wheelbase_m: float,
     samples: Floats,
     gyro_floor: Floats,
@@ -123,7 +123,6 @@ def _whiten(
     covariance[117] = slow_heading**2
     covariance[130] = inexact**2
     covariance[143] = inexact**2
-    quantum_variance = quantum_m**2
     out = np.empty((4 * nodes, width))
     log_variance = np.empty(4 * nodes)
     rows = 0
@@ -210,11 +209,12 @@ def _whiten(
         few = 0.0
         for q in range(5, 7):
             moved = left_moved[k] if q == 5 else right_moved[k]
+            quantum_variance, beat_variance = quantum_m[q - 5] ** 2, beat_m[q - 5] ** 2
             # In motion a block averages its readings' errors. At one speed in so many as a block
             # has ticks, they beat more slowly than blocks follow each other.
             averaged = min(max(moved, 1.0), ticks[k])
             mean_variance = quantum_variance / averaged
-            in_step = stays * min(beat_m * beat_m / mean_variance, 1.0) / ticks[k]
+            in_step = stays * min(beat_variance / mean_variance, 1.0) / ticks[k]
             kept = left_kept[k] if q == 5 else right_kept[k]
             keep = 0.0 if k == 0 else max(kept, in_step)
             for j in range(width):

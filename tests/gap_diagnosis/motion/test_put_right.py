@@ -9,16 +9,21 @@ import pytest
 from motion_cases import EXACT, ROBOT, WIRE
 
 from gap_diagnosis.analysis import analyse
+from gap_diagnosis.bus import bus_block
+from gap_diagnosis.codes import codes_block
+from gap_diagnosis.drive import drive_block
+from gap_diagnosis.drive.mistakes import COUNTS
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
+from gap_diagnosis.motion.gross import _Pair, is_in_order, looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import CONTACT, LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.setup_mistakes import FACTORS, LEAST_GAIN
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from gap_diagnosis.trials.drives import drive as trial_drive
+from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 FASTEST_M_S = ROBOT.plant.drive.max_wheel_rate_rad_s * ROBOT.plant.wheels.radius_m
@@ -208,3 +213,55 @@ def test_wheel_speeds_whose_noise_is_as_large_as_their_turns_say_nothing_of_a_fa
     assert looks_gross(noisy, ROBOT)
     known = replace(noisy, unsure_ticks2=np.full(steps.shape, sd**2))
     assert not looks_gross(known, ROBOT)
+
+
+def test_half_the_counts_of_one_wheel_are_gross() -> None:
+    """Where a robot turns half of its way, either turn is three quarters of what it should be, as
+    far as any effect makes it: the counts were lost by chance, one in two, it was said (.97)."""
+    random = np.random.default_rng(1)
+    ahead, turn = random.standard_normal((2, 400))
+    # Of wheels that go together as far as apart, half the counts of one are 0.6 of the turn.
+    left, right = ahead - 1.3 * turn, ahead + 1.3 * turn
+    assert not _Pair(right - left, right - left, wheels=np.array([-left, right])).is_of_one_wheel
+    halved = _Pair(0.5 * right - left, right - left, wheels=np.array([-left, 0.5 * right]))
+    assert not halved.is_gross
+    assert halved.is_of_one_wheel
+
+
+@pytest.mark.parametrize("signal", ["left_ticks", "ticks"])
+def test_counts_in_a_unit_of_57_are_known_to_57_counts_when_it_is_undone(signal: str) -> None:
+    """They were taken for as fine as any: what rounding had left of them no set-up explained, and
+    a drive of a gain and a lag of no drive was 2,000 to 5,000 nats likelier (unlisted, 1.0)."""
+    driven = trial_drive("squares", np.random.default_rng(3), FASTEST_M_S)
+    settings = [EffectSetting("setup_unit", (("signal", signal), ("factor", np.pi / 180)))]
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(driven, effects=()), settings, 1, reference=EXACT
+    )
+    drive = drive_block(log, ROBOT, COUNTS)
+    assert drive is not None
+    wrong_unit, of_no_drive = (
+        drive.fit(frozenset(one)).log_evidence
+        for one in ({"setup_unit"}, {"drive_gain", "drive_lag"})
+    )
+    assert wrong_unit > max(of_no_drive, drive.unexplained().log_evidence) + LEAST_GAIN
+    undone, _ = put_right(log, "setup_unit", {"signal": signal, "factor": np.pi / 180})
+    motion = MotionModel(undone, ROBOT, default_prior(), gross=True, without=FEW)
+    # No floor is rough for it, and no gyro noisy.
+    louder = motion.no_effect_levels / motion.level_prior.median
+    assert louder[CONTACT] < 1.0
+    assert louder[LEVELS.index("gyro_noise_rad_per_sqrt_s")] < 1.0
+
+
+@pytest.mark.parametrize(("name", "seed"), [("tour", 5), ("weave", 5), ("weave", 6)])
+def test_a_gyro_of_so_small_a_unit_that_its_noise_is_rounded_off_repeats_itself(
+    name: str, seed: int
+) -> None:
+    """It was frozen for a second, and its producer stale now and then (.999)."""
+    settings = [EffectSetting("setup_unit", (("signal", "gyro"), ("factor", np.pi / 180)))]
+    driven = replace(trial_drive(name, np.random.default_rng(seed), FASTEST_M_S), effects=())
+    log = synthetic_recording(ROBOT, WIRE, driven, settings, 1, reference=None)
+    codes, bus = codes_block(log, ROBOT), bus_block(log, ROBOT, WIRE)
+    assert codes is not None
+    assert bus is not None
+    assert codes.fit(frozenset({"gyro_frozen"})).log_evidence < 0
+    assert bus.fit(frozenset({"stale_producer"})).log_evidence < 0
