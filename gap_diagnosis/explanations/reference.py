@@ -197,11 +197,6 @@ def counting_slope(width: float) -> float:
     return _COUNT_SD**2 * min(2.0, 1.0 / (4.0 * math.sqrt(math.pi) * width**3))
 
 
-def counting_bend(width: float) -> float:
-    """Return the same of their second differences [counts² per tick⁴]."""
-    return _COUNT_SD**2 * min(6.0, 3.0 / (8.0 * math.sqrt(math.pi) * width**5))
-
-
 def rounded_off(smooth: Floats, width: float) -> tuple[Floats, Floats]:
     """Return the first two terms of what a Gaussian of *width* ticks rounded off.
 

@@ -11,7 +11,6 @@ from gap_diagnosis.explanations.gyro import sharp_turn_rate
 from gap_diagnosis.explanations.reference import (
     SHARP_S,
     USUAL_S,
-    counting_bend,
     counting_slope,
     likely_signal,
     with_details,
@@ -149,24 +148,6 @@ def creep_in_turns(p: Prediction, *, compliance: float) -> None:
     _lag_behind(p, compliance, -apart, apart)
 
 
-def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
-    """Let the wheels over-read when speeding up as sharply as they do."""
-    _lag_behind(p, compliance, *_sharp_accelerations(p.motion))
-
-
-@told_once
-def _sharp_accelerations(m: Motion) -> tuple[Floats, Floats]:
-    """Return the wheels' accelerations [rad/s²] as sharp as they are, float64[n] each."""
-    tick_s = m.tick_s
-    width = math.sqrt(2.0) * USUAL_S / tick_s  # rate and acceleration were smoothed, each once
-    noise = counting_bend(width) * (m.rounding_rad / tick_s**2) ** 2
-    left, right = (
-        with_details(one, width, noise, tick_s)
-        for one in (m.left_acceleration_rad_s2, m.right_acceleration_rad_s2)
-    )
-    return left, right
-
-
 def _lag_behind(
     p: Prediction, compliance: float, left_rad_s2: Floats, right_rad_s2: Floats
 ) -> None:
@@ -175,6 +156,29 @@ def _lag_behind(
     right = m.radius_m * right_rad_s2 * np.sign(m.right_rate_rad_s)
     p.left_m = p.left_m * (1 - compliance * left)
     p.right_m = p.right_m * (1 - compliance * right)
+
+
+def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
+    """Let the wheels over-read when speeding up as sharply as they do.
+
+    By speeds, which are told better than accelerations: over a while c * a * |v| dt adds up to
+    c * v * |v| / 2.
+    """
+    m = p.motion
+    left, right = (
+        compliance * _growth_of_half_square(m.radius_m * step / m.tick_s)
+        for step in (m.left_step_rad, m.right_step_rad)
+    )
+    p.left_m = p.left_m - left
+    p.right_m = p.right_m - right
+
+
+def _growth_of_half_square(mean: Floats) -> Floats:
+    """Return by how much half the signed square of a speed, told as each tick's mean, grows from
+    end to end; the ends by the cubic through the way at four ticks about each."""
+    around = np.concatenate((mean[:1], mean, mean[-1:], mean[-1:]))
+    at_end = (7.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 12.0
+    return np.diff(0.5 * at_end * np.abs(at_end), prepend=0.0)
 
 
 def slip_left(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:

@@ -311,7 +311,8 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
     "reference_lever_arm": MOVES_IN_TIME | {"reference_scale"},
     "lateral_slip": MOVES_IN_TIME | _OF_WHEELS,
     **dict.fromkeys(
-        ("encoder_eccentricity", "wheel_eccentricity"), _OF_WHEELS | {"gyro_lag", "gyro_scale"}
+        ("backlash", "encoder_eccentricity", "wheel_eccentricity"),
+        _OF_WHEELS | {"gyro_lag", "gyro_scale"},
     ),
     **dict.fromkeys(("gyro_asymmetry", "gyro_lag"), _OF_WHEELS | _OF_GYRO),
     **dict.fromkeys(("adc_stuck_bit", "gyro_saturation"), _OF_CODES),

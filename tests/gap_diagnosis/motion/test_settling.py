@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
@@ -81,3 +83,21 @@ def test_what_stretches_contradict_is_not_fitted_with_all_its_parts_first(
     Scan(drive_with(*WHEELS, *GYRO))
     assert len(contradicted) > 3
     assert surrounded_after.count(2) + surrounded_after.count(3) == 0
+
+
+def test_the_best_few_single_effects_are_fitted_whatever_straight_lines_say_of_them() -> None:
+    """Along chords to its usual sizes a play of 0.15 rad gained 156 nats of 2,600, less than pairs
+    of what it was not; only these were fitted, and an unlisted cause was likelier (1.0)."""
+    without = frozenset(EXPLAINED) - {"gyro_bias", "lateral_slip", "radius_mismatch"}
+    scan = Scan(MotionModel(drive_with(*WHEELS).recording, ROBOT, default_prior(), without=without))
+    gain = {
+        effects: 1e4 if len(effects) > 1 else 1.0 + len(min(effects, default=""))
+        for effects in scan.found
+    }
+    scan.found = {
+        effects: replace(one, log_evidence=gain[effects]) for effects, one in scan.found.items()
+    }
+    asked = [one.effects for one in scan._to_refit()]
+    assert {one for one in asked if len(one) == 1} == {
+        frozenset({one}) for one in ("gyro_bias", "lateral_slip", "radius_mismatch")
+    }

@@ -121,12 +121,12 @@ def dense_covariance() -> Floats:
         few = 0.0
         for wheel in (0, 1):
             averaged = min(max(moved[wheel], 1.0), NODES.ticks[k])
-            whole = COURSE.quantum_m**2 / averaged
-            share = min(COURSE.beat_m**2 / whole, 1.0) / NODES.ticks[k]
+            whole = COURSE.quantum_m[wheel] ** 2 / averaged
+            share = min(COURSE.beat_m[wheel] ** 2 / whole, 1.0) / NODES.ticks[k]
             in_step = share * math.exp(-COURSE.dt_s[k] / QUANTUM_S)
             keep = max((COURSE.left_kept, COURSE.right_kept)[wheel][k], in_step) if k else 0.0
             quantum[wheel] = plus((keep, quantum[wheel]), (1.0, draw((1 - keep**2) * whole)))
-            few += COURSE.quantum_m**2 / min(max(COURSE.samples[k], 1.0), averaged) - whole
+            few += COURSE.quantum_m[wheel] ** 2 / min(max(COURSE.samples[k], 1.0), averaged) - whole
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
         midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
         white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
