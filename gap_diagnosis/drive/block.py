@@ -64,9 +64,9 @@ def drive_block(
     data = drive_beside_described(recording, robot)
     if data is None:
         return None
-    block = DriveBlock(data, robot, doubted)
-    own = block.manner(without)
-    return block if own is None else DriveBlock(data, robot, doubted, own)
+    block = DriveBlock(data, robot, doubted, without)
+    own = block.manner()
+    return block if own is None else DriveBlock(data, robot, doubted, without, own)
 
 
 class DriveBlock:
@@ -79,13 +79,20 @@ class DriveBlock:
     name = "drive"
 
     def __init__(
-        self, data: DriveData, robot: Robot, doubted: frozenset[str], own: Manner | None = None
+        self,
+        data: DriveData,
+        robot: Robot,
+        doubted: frozenset[str],
+        without: frozenset[str] = frozenset(),
+        own: Manner | None = None,
     ) -> None:
-        """Prepare; *own* is the drive's manner of answering, which every hypothesis has."""
+        """Prepare; *without* are effects that nobody will ask for, *own* is the drive's manner of
+        answering, which every hypothesis has."""
         data = data if own is None else replace(data, manner=own.columns)
         self._left = 0.0 if own is None else own.leaves
         self._data = data
         self._doubted = doubted
+        self._without = without
         self._robot = robot
         shapes = self._shapes = Shapes(data, robot)
         # What scales with the counts is what a gain adds: a column that bent otherwise would let
@@ -133,10 +140,10 @@ class DriveBlock:
             self._fits[wanted] = self._fit(wanted)
         return self._fits[wanted]
 
-    def manner(self, without: frozenset[str]) -> Manner | None:
+    def manner(self) -> Manner | None:
         """Return the manner in which a drive that does as it is told answers, if it has one that no
-        effect explains as well but those in *without*."""
-        listed = self.effects - set(SETUP) - without
+        listed effect explains as well."""
+        listed = self.effects - set(SETUP) - self._without
         return manner(
             self._null,
             self._robot,
@@ -151,7 +158,7 @@ class DriveBlock:
         """
         for mistake in self.effects & set(SETUP):
             self.fit(frozenset({mistake}))
-        found, likelihood = unlisted(self._null, self._robot)
+        found, likelihood = unlisted(self._null, self._robot, self._without)
         found = self._beside_manner(found, frozenset())
         return Fit((), max(found, self._nameless), max(likelihood, self._nameless))
 
@@ -260,7 +267,7 @@ class DriveBlock:
             turning=np.where(kept, self._data.turning, 0.0),
         )
         data = data.told(data.commanded).beside(self._shapes.angle({}))
-        return DriveBlock(data, self._robot, self._doubted)
+        return DriveBlock(data, self._robot, self._doubted, self._without)
 
     @property
     def data(self) -> DriveData:

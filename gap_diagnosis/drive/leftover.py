@@ -106,11 +106,10 @@ def _ways(null: Null, robot: Robot) -> dict[str, list[Foreign]]:
     does_as_told = as_told(null.data, robot)
     found: dict[str, list[Foreign]] = {}
     if not does_as_told:
-        lags_and_bend, late, *bent, by_command = shapes.foreign()
+        lags_and_bend, late, gains, bent, by_command = shapes.foreign()
         lags, bend = lags_and_bend[:-1], lags_and_bend[-1:]
         found["acceleration"] = [foreign(null, robot, one) for one in (lags, late)]
-        gains = shapes.gain_columns({}, shapes.angle({}))  # proportional: exact, as no hats are
-        found["speed"] = [foreign(null, robot, one) for one in (gains, bend, *bent, by_command[:1])]
+        found["speed"] = [foreign(null, robot, one) for one in (gains, bend, bent, by_command[:1])]
         found["turn_rate"] = [foreign(null, robot, by_command[1:])]
     slow = shapes.slow()
     if len(slow):

@@ -217,14 +217,15 @@ class Shapes:
             [self.angle(values, gain, braking)[wheel] for wheel, gain in enumerate((left, right))]
         )
 
-    def foreign(self) -> list[Floats]:
+    def foreign(self, *, has_gains: bool = True) -> list[Floats]:
         """Return what a drive other than the described one would add, in several ways:
         float64[c, 2, m] each.
 
         Responses with other lags less the described one (weighted, they make any stable linear
         response of no overshoot or some), and a speed that bends with its size; responses that come
-        late, weighted; a gain of each wheel; one that is any smooth function of its speed; and one
-        of driving and of turning, as of a controller that takes another track for its own.
+        late, weighted; a gain of each wheel, where asked, exact as no hats are; one that is any
+        smooth function of its speed; and one of driving and of turning, as of a controller that
+        takes another track for its own.
         """
         nominal = self.angle({})
         lags = [self.angle({"drive_lag": more}) - nominal for more in _FOREIGN_LAGS_S]
@@ -239,7 +240,7 @@ class Shapes:
         made = [
             np.stack([*lags, bend]),
             np.stack(late),
-            bent.sum(axis=1),
+            *([self.gain_columns({}, nominal)] if has_gains else []),
             bent.reshape(2 * _HATS, *rates.shape),
             self.driving_and_turning(),
         ]

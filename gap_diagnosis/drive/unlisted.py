@@ -100,20 +100,20 @@ class Manner:
         return _LEFT * self.gained
 
 
-def unlisted(null: Null, robot: Robot) -> tuple[float, float]:
+def unlisted(null: Null, robot: Robot, without: frozenset[str]) -> tuple[float, float]:
     """Return logarithms of evidence and best likelihood of a drive without a name, less those of
     no effect.
 
     Linear dynamics of other time constants with a speed that bends with the command, answers
-    that come late, or a gain of each wheel, steady or some function of its speed, or of driving and
-    of turning, all of unknown size: what is left to a motor, a velocity loop or an engine not in
-    the library. Or one that answers slow commands in a way of their own, or whose poles show in its
-    rate.
+    that come late, or a gain of each wheel, some function of its speed, or of driving and of
+    turning, all of unknown size: what is left to a motor, a velocity loop or an engine not in the
+    library. Or one that answers slow commands in a way of their own, or whose poles show in its
+    rate. A steady gain is a listed effect, unless the library is *without* it.
     """
     shapes = Shapes(null.data, robot)
     does_as_told = as_told(null.data, robot)
     found = []
-    for columns in shapes.foreign():
+    for columns in shapes.foreign(has_gains="drive_gain" in without):
         one = foreign(null, robot, columns)
         found.append(replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one)
     slow = shapes.slow()

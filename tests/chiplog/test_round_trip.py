@@ -41,7 +41,7 @@ def test_found_effects_make_the_simulator_drift_as_the_robot_does(
     assert first.verdict == "radius_mismatch"
     drive(chiplog, "again", effect, seed=2)
     drive(chiplog, "described", "radius_mismatch.mismatch=0", seed=2)
-    words = "run --scenario calibration --effects explained.toml --seed 2 --out explained"
+    words = "run --scenario calibration --duration-s 60 --effects explained.toml --seed 2 --out explained"
     assert chiplog(*words.split()).status == 0
     again, described, explained = (
         np.loadtxt(tmp_path / name / "reference.tum")[-1, 1:3]
@@ -81,7 +81,9 @@ def tell_the_same(first: Diagnosis, second: Diagnosis) -> None:
 
 
 def drive(chiplog: Chiplog, name: str, effect: str, *more: str, seed: int) -> None:
-    words = f"run --scenario calibration --effect {effect} --seed {seed} --out {name}"
+    words = (
+        f"run --scenario calibration --duration-s 60 --effect {effect} --seed {seed} --out {name}"
+    )
     assert chiplog(*words.split(), *more).status == 0
 
 

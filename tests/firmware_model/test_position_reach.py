@@ -44,7 +44,7 @@ def test_no_drive_leaves_the_reach_of_its_counts(
     config = build_config(FirmwareDescription.from_table(table), ROBOT)
     rng = np.random.default_rng(seed)
     fastest = int(rng.choice([1, 2, config.max_step_ticks]))
-    steps = rng.integers(-fastest, fastest, endpoint=True, size=(300, 2))
+    steps = rng.integers(-fastest, fastest, endpoint=True, size=(100, 2))
     if rng.random() < 0.5:
         steps = np.abs(steps)  # straight on: all of the way is in x
     ways = np.abs(steps.sum(axis=1))
