@@ -35,14 +35,14 @@ def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_pa
 def test_found_effects_make_the_simulator_drift_as_the_robot_does(
     chiplog: Chiplog, tmp_path: Path, size: str
 ) -> None:
-    effect = "radius_mismatch.mismatch=0.006"
-    drive(chiplog, "real", effect, seed=1)
+    effect, minute = "radius_mismatch.mismatch=0.006", ("--duration-s", "60")
+    drive(chiplog, "real", effect, *minute, seed=1)
     first = diagnosed(chiplog, "real", "--write-effects", "explained.toml")
     assert first.verdict == "radius_mismatch"
-    drive(chiplog, "again", effect, seed=2)
-    drive(chiplog, "described", "radius_mismatch.mismatch=0", seed=2)
-    words = "run --scenario calibration --duration-s 60 --effects explained.toml --seed 2 --out explained"
-    assert chiplog(*words.split()).status == 0
+    drive(chiplog, "again", effect, *minute, seed=2)
+    drive(chiplog, "described", "radius_mismatch.mismatch=0", *minute, seed=2)
+    words = "run --scenario calibration --effects explained.toml --seed 2 --out explained"
+    assert chiplog(*words.split(), *minute).status == 0
     again, described, explained = (
         np.loadtxt(tmp_path / name / "reference.tum")[-1, 1:3]
         for name in ("again", "described", "explained")
@@ -82,7 +82,7 @@ def tell_the_same(first: Diagnosis, second: Diagnosis) -> None:
 
 def drive(chiplog: Chiplog, name: str, effect: str, *more: str, seed: int) -> None:
     words = (
-        f"run --scenario calibration --duration-s 60 --effect {effect} --seed {seed} --out {name}"
+        f"run --scenario calibration --effect {effect} --seed {seed} --out {name}"
     )
     assert chiplog(*words.split(), *more).status == 0
 
