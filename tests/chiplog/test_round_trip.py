@@ -81,9 +81,7 @@ def tell_the_same(first: Diagnosis, second: Diagnosis) -> None:
 
 
 def drive(chiplog: Chiplog, name: str, effect: str, *more: str, seed: int) -> None:
-    words = (
-        f"run --scenario calibration --effect {effect} --seed {seed} --out {name}"
-    )
+    words = f"run --scenario calibration --effect {effect} --seed {seed} --out {name}"
     assert chiplog(*words.split(), *more).status == 0
 
 
