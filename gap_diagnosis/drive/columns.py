@@ -57,7 +57,7 @@ def variants(
     effects: Sequence[str],
     doubted: frozenset[str] = frozenset(),
 ) -> list[Variant]:
-    """Return every variant of a set of effects; *nominal* is what a gain of both wheels adds,
+    """Return every variant of a set of effects; *nominal* are the described wheel angles,
     *doubted* the signals of which a mistake of the set-up may be."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
