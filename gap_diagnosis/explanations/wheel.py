@@ -178,7 +178,8 @@ def _growth_of_half_square(mean: Floats) -> Floats:
     end to end; the ends by the cubic through the way at four ticks about each."""
     around = np.concatenate((mean[:1], mean, mean[-1:], mean[-1:]))
     at_end = (7.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 12.0
-    return np.diff(0.5 * at_end * np.abs(at_end), prepend=0.0)
+    half = 0.5 * at_end * np.abs(at_end)
+    return np.diff(half, prepend=half[:1])  # a log may begin in motion
 
 
 def slip_left(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:

@@ -32,7 +32,9 @@ _SURE: Final = 2.0
 _SURELY: Final = 4.0
 """Standard deviations of what one wheel adds: what a turn leaves is not white."""
 _ALIKE: Final = 1e4
+"""Condition of both wheels' ways above which neither is told by itself."""
 _LITTLE: Final = 0.05
+"""Share of noise in the wheels' turn up to which one wheel is asked for."""
 _TOGETHER: Final = 0.3
 _LOUD: Final = 3.0
 """Correlation over blocks: three times what chance makes in a minute. Where noise has three times
