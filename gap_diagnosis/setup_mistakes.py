@@ -9,3 +9,11 @@ byte, degrees."""
 
 LEAST_GAIN: Final = 30.0
 """A mistake of the set-up is gross: what gains less than this [nat] is not one."""
+
+
+def counts_per_step(factor: float) -> float:
+    """Return by how many counts a reading steps once a wrong factor is undone.
+
+    What read a tenth was rounded to counts as well, and then goes by tens.
+    """
+    return max(1.0, 1.0 / abs(factor))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.trembling import tremble_lsb
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -68,8 +69,6 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
     seen = np.isfinite(away)
     offset = float(np.median(away[seen])) if seen.any() else 0.0
     spread = 1.4826 * float(np.median(np.abs(away[seen] - offset))) if seen.any() else math.inf
-    second = code[2:] - 2 * code[1:-1] + code[:-2]
-    noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6)
     low, high = plant.gyro_code_limits
     # Not against the spread: of a gyro that reads a tenth, every turn would be within it.
     per_rad_s = plant.gyro.sensitivity_lsb_per_rad_s
@@ -80,7 +79,7 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
         code=code,
         expected=expected + offset,
         spread=max(spread, 0.5),
-        noise=noise,
+        noise=tremble_lsb(code),
         turns=turns,
         is_whole=bool(np.all(code == np.rint(code))),
         zero_code=float(plant.gyro.zero_rate_code),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive.data import DriveData
-from gap_diagnosis.setup_mistakes import FACTORS
+from gap_diagnosis.setup_mistakes import FACTORS, counts_per_step
 
 Floats = NDArray[np.float64]
 
@@ -79,14 +79,14 @@ def _read_wrong(
         return Mistake(data.told(np.stack([speed - turn, speed + turn])), values)
     scale = np.ones(2)
     scale[list(_WHEELS[signal])] = 1 / factor
-    # What read a tenth was rounded to counts as well: undone, it goes by tens, and is worth as many
-    # readings less as its variance is larger.
-    coarse = np.maximum(1.0, np.abs(scale))[:, np.newaxis]
+    coarse = np.ones((2, 1))
+    coarse[list(_WHEELS[signal])] = counts_per_step(factor)
     right_data = replace(
         data,
         angle=data.angle * scale[:, np.newaxis],
         rate_0=data.rate_0 * scale,
         turning=data.turning * np.abs(scale)[:, np.newaxis],
+        # worth as many readings less as the variance of each is larger
         count=data.count / coarse**2,
     )
     told = data.seen.sum(axis=1) - 1

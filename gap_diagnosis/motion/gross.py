@@ -14,6 +14,7 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
+from gap_diagnosis.setup_mistakes import counts_per_step
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 
@@ -220,10 +221,7 @@ def put_right(
             ticks / factor if is_wrong else ticks
             for ticks, is_wrong in zip((left, right), wrong, strict=True)
         )
-        # What read a tenth was rounded to counts as well: undone, it goes by tens.
-        left_step, right_step = (
-            max(1.0, 1.0 / abs(factor)) if is_wrong else 1.0 for is_wrong in wrong
-        )
+        left_step, right_step = (counts_per_step(factor) if is_wrong else 1.0 for is_wrong in wrong)
         undone = replace(
             recording,
             left_ticks=left,

@@ -52,6 +52,5 @@ def test_a_plant_and_a_firmware_close_the_loop(tmp_path: Path) -> None:
         ]
         values = [one.raw[signal] for one in found if one is not None]
         assert values
-        # How many is up to how busy this machine is: where something else has it, too few for the
-        # robot to have set off.
-        assert len(values) < FIRMWARE_TICKS // 2 or values[0] != values[-1]
+        # How many is up to how busy this machine is: one, where something else has it.
+        assert len(values) == 1 or values[0] != values[-1]

@@ -220,7 +220,6 @@ def test_half_the_counts_of_one_wheel_are_gross() -> None:
     far as any effect makes it: the counts were lost by chance, one in two, it was said (.97)."""
     random = np.random.default_rng(1)
     ahead, turn = random.standard_normal((2, 400))
-    # Of wheels that go together as far as apart, half the counts of one are 0.6 of the turn.
     left, right = ahead - 1.3 * turn, ahead + 1.3 * turn
     assert not _Pair(right - left, right - left, wheels=np.array([-left, right])).is_of_one_wheel
     halved = _Pair(0.5 * right - left, right - left, wheels=np.array([-left, 0.5 * right]))
@@ -231,7 +230,7 @@ def test_half_the_counts_of_one_wheel_are_gross() -> None:
 @pytest.mark.parametrize("signal", ["left_ticks", "ticks"])
 def test_counts_in_a_unit_of_57_are_known_to_57_counts_when_it_is_undone(signal: str) -> None:
     """They were taken for as fine as any: what rounding had left of them no set-up explained, and
-    a drive of a gain and a lag of no drive was 2,000 to 5,000 nats likelier (unlisted, 1.0)."""
+    a drive of a gain and a lag of no drive was 5,000 nats likelier (unlisted, 1.0)."""
     driven = trial_drive("squares", np.random.default_rng(3), FASTEST_M_S)
     settings = [EffectSetting("setup_unit", (("signal", signal), ("factor", np.pi / 180)))]
     log = synthetic_recording(
