@@ -1,4 +1,4 @@
-"""The drive's motion and the whitening of its residuals, compiled."""
+"""Means over blocks of rows, and the whitening of the drive's residuals, compiled."""
 
 from __future__ import annotations
 
@@ -10,80 +10,6 @@ from numba import njit
 
 _TOGETHER: Final = 16
 """Variances multiplied before a logarithm is taken: it is dear, and so few do not underflow."""
-
-
-@njit(cache=True, error_model="numpy")
-def predict(
-    commanded: Any,
-    rate_0: Any,
-    dt_s: float,
-    lag_s: float,
-    delay_s: float,
-    deadband: float,
-    limit_rate: float,
-    limit_acceleration: float,
-    gain: float,
-    braking: float,
-) -> Any:
-    """Return the wheel angles [rad] since row 0 of a drive with these parameters: float64[2, n].
-
-    Args:
-        commanded: float64[2, n], wheel rates in force from each row on [rad/s].
-        rate_0: float64[2], wheel rates at row 0.
-        dt_s: time from row to row.
-        lag_s, delay_s, deadband, limit_rate, limit_acceleration: as described plus deviation.
-        gain: steady wheel speed over commanded.
-        braking: by what share a wheel may slow down faster than it may speed up.
-
-    The same exact solution within each tick as the simulated drive: delay, deadband, gain,
-    saturation, then a first-order lag of limited acceleration.
-    """
-    n = commanded.shape[1]
-    angle = np.zeros((2, n))
-    whole = math.floor(delay_s / dt_s)
-    rest_s = min(max(delay_s - whole * dt_s, 0.0), dt_s)
-    speeding_up = limit_acceleration * (1.0 - 0.5 * braking)
-    slowing_down = limit_acceleration * (1.0 + 0.5 * braking)
-    parts_s = (rest_s, dt_s - rest_s)
-    shares = (
-        -math.expm1(-parts_s[0] / lag_s) if lag_s > 0.0 else 1.0,
-        -math.expm1(-parts_s[1] / lag_s) if lag_s > 0.0 else 1.0,
-    )
-    for wheel in range(2):
-        rate = rate_0[wheel]
-        turned = 0.0
-        for k in range(1, n):
-            for part in range(2):
-                left_s = parts_s[part]
-                closed = shares[part]
-                if left_s <= 0.0:
-                    continue
-                source = k - 1 - whole - (1 - part)
-                target = commanded[wheel, source if source > 0 else 0]
-                target = 0.0 if abs(target) < deadband else target * gain
-                target = min(max(target, -limit_rate), limit_rate)
-                gap = target - rate
-                for _ in range(2):  # slowing down, then speeding up the other way round
-                    limit = slowing_down if gap * rate < 0.0 else speeding_up
-                    if abs(gap) <= limit * lag_s or left_s <= 0.0:
-                        break
-                    ramp_s = min((abs(gap) - limit * lag_s) / limit, left_s)
-                    slope = limit if gap > 0.0 else -limit
-                    stops = braking != 0.0 and gap * rate < 0.0 and ramp_s * limit > abs(rate)
-                    if stops:
-                        ramp_s = abs(rate) / limit
-                    turned += (rate + 0.5 * slope * ramp_s) * ramp_s
-                    rate = 0.0 if stops else rate + slope * ramp_s
-                    left_s -= ramp_s
-                    gap = target - rate
-                    closed = -math.expm1(-left_s / lag_s) if lag_s > 0.0 else 1.0
-                    if not stops:
-                        break
-                if left_s > 0.0:
-                    turned += target * left_s - gap * lag_s * closed
-                    rate += gap * closed
-            angle[wheel, k] = turned
-    return angle
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,8 +33,7 @@ def block_means(values: Any, used: Any, start: Any) -> Any:
 
 
 @njit(cache=True, error_model="numpy")
-def whiten(
-    columns: Any,
+def gains(
     seen: Any,
     count: Any,
     activity: Any,
@@ -119,58 +44,23 @@ def whiten(
     spread: float,
     memory_s: float,
 ) -> Any:
-    """Whiten cumulative signals: return the columns' innovations and the log determinant.
+    """Return what a filter that whitens cumulative signals does to every column alike.
 
     The error of a wheel's angle is white noise (standard deviation white/sqrt(count)) plus a random
     walk (*walk* per sqrt of a second, times activity) plus the integral of an Ornstein-Uhlenbeck
     rate error (standard deviation *spread* times activity, time constant *memory_s*).
 
     Args:
-        columns: float64[c, 2, m].
         seen: bool[2, m], which are observed. The first of each wheel sets the unknown start angle.
         count: float64[2, m], rows averaged in each.
         activity: float64[2, m], rate scale of the errors [rad/s].
         lost: bool[m], the angle is unknown again from this block on.
         dt_s: time from block to block.
         white, walk, spread, memory_s: the levels.
+
+    Returns float64[2, m] each: how a rate error moves the angle and how it fades until this block,
+    how an innovation corrects both, and its scale (0: no innovation); then the log determinant.
     """
-    flow, fade, angle_gain, rate_gain, scale, log_determinant = _gains(
-        seen, count, activity, lost, dt_s, white, walk, spread, memory_s
-    )
-    kinds = columns.shape[0]
-    blocks = columns.shape[2]
-    out = np.empty((kinds, 2, blocks))
-    for c in range(kinds):
-        angle, error, angle_2, error_2 = 0.0, 0.0, 0.0, 0.0
-        for i in range(blocks):  # both wheels in one step: neither waits for the other
-            angle += flow[0, i] * error
-            angle_2 += flow[1, i] * error_2
-            innovation = columns[c, 0, i] - angle
-            innovation_2 = columns[c, 1, i] - angle_2
-            out[c, 0, i] = innovation * scale[0, i]
-            out[c, 1, i] = innovation_2 * scale[1, i]
-            angle += angle_gain[0, i] * innovation
-            angle_2 += angle_gain[1, i] * innovation_2
-            error = fade[0, i] * error + rate_gain[0, i] * innovation
-            error_2 = fade[1, i] * error_2 + rate_gain[1, i] * innovation_2
-    return out, log_determinant
-
-
-@njit(cache=True, error_model="numpy")
-def _gains(
-    seen: Any,
-    count: Any,
-    activity: Any,
-    lost: Any,
-    dt_s: float,
-    white: float,
-    walk: float,
-    spread: float,
-    memory_s: float,
-) -> Any:
-    """Return what the filter does to every column alike, float64[2, m] each: how a rate error
-    moves the angle and how it fades until this block, how an innovation corrects both, and its
-    scale (0: no innovation); then the log determinant."""
     blocks = seen.shape[1]
     flow, fade = np.zeros((2, blocks)), np.ones((2, blocks))
     angle_gain, rate_gain = np.zeros((2, blocks)), np.zeros((2, blocks))
@@ -220,6 +110,30 @@ def _gains(
             of_angle[wheel], of_both[wheel], of_rate[wheel] = paa, pau, puu
     log_determinant += math.log(product)
     return flow, fade, angle_gain, rate_gain, scale, log_determinant
+
+
+@njit(cache=True, error_model="numpy")
+def innovations(
+    columns: Any, flow: Any, fade: Any, angle_gain: Any, rate_gain: Any, scale: Any
+) -> Any:
+    """Return the whitened columns float64[c, 2, m] of a filter with these `gains`."""
+    kinds = columns.shape[0]
+    blocks = columns.shape[2]
+    out = np.empty((kinds, 2, blocks))
+    for c in range(kinds):
+        angle, error, angle_2, error_2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(blocks):  # both wheels in one step: neither waits for the other
+            angle += flow[0, i] * error
+            angle_2 += flow[1, i] * error_2
+            innovation = columns[c, 0, i] - angle
+            innovation_2 = columns[c, 1, i] - angle_2
+            out[c, 0, i] = innovation * scale[0, i]
+            out[c, 1, i] = innovation_2 * scale[1, i]
+            angle += angle_gain[0, i] * innovation
+            angle_2 += angle_gain[1, i] * innovation_2
+            error = fade[0, i] * error + rate_gain[0, i] * innovation
+            error_2 = fade[1, i] * error_2 + rate_gain[1, i] * innovation_2
+    return out
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})

@@ -14,7 +14,14 @@ from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.columns import Variant
 from gap_diagnosis.drive.grid import Values, Weighted, integrate, locate
 from gap_diagnosis.drive.linear import Grams, draw_linear
-from gap_diagnosis.drive.noise import Levels, fit_levels, log_level_prior, marginal, whitened
+from gap_diagnosis.drive.noise import (
+    Levels,
+    Whitening,
+    fit_levels,
+    log_level_prior,
+    marginal,
+    whitened,
+)
 from gap_diagnosis.drive.shapes import BENT, About, Coordinate, Shapes
 from gap_diagnosis.hypothesis import Estimate
 from hil_harness.robot import Robot
@@ -83,7 +90,7 @@ class Setting:
 
     def columns(self, values: Mapping[str, float]) -> Floats:
         """Return residual, and what gains and braking add: float64[1 to 4, 2, m]."""
-        angle = self.shapes.angle_with(values, self.about)
+        angle = self.shapes.angle(values, self.about)
         residual = self.variant.data.angle - angle
         added = []
         if self.has_gain:
@@ -213,10 +220,10 @@ def parameters(setting: Setting, logs: Floats, grid: Weighted, sd: Floats) -> di
     }
     if setting.has_gain:
         data = setting.variant.data
-        levels = Levels.of(logs, data.tick_rad)
-        white_fixed, _ = whitened(data, setting.fixed, levels)
+        whitening = Whitening(data, Levels.of(logs, data.tick_rad))
+        white_fixed = whitening.of(setting.fixed)
         used, place = np.unique(chosen, return_inverse=True)
-        grams = _grams(setting, levels, white_fixed, grid.point[used])
+        grams = _grams(setting, whitening, white_fixed, grid.point[used])
         gains = draw_linear(grams, sd, place, random)
         found["drive_gain.left"] = _estimate(gains[:, 0])
         found["drive_gain.right"] = _estimate(gains[:, 1])
@@ -226,13 +233,14 @@ def parameters(setting: Setting, logs: Floats, grid: Weighted, sd: Floats) -> di
 def _density(setting: Setting, logs: Floats, *, rough: bool) -> tuple[Values, Floats]:
     """Return the log posterior density of the bending parameters, and the prior's scales."""
     data = setting.variant.data
-    levels = Levels.of(logs, data.tick_rad)
-    white_fixed, log_determinant = whitened(data, setting.fixed, levels)
-    constant = log_level_prior(logs) - 0.5 * log_determinant + setting.variant.log_constant
+    whitening = Whitening(data, Levels.of(logs, data.tick_rad))
+    white_fixed = whitening.of(setting.fixed)
+    constant = log_level_prior(logs) - 0.5 * whitening.log_determinant
+    constant += setting.variant.log_constant
     sd = _scale_products(setting.linear_sizes, setting.nuisance_sd, count=2 if rough else 4)
 
     def log_density(points: Floats) -> Floats:
-        grams = _grams(setting, levels, white_fixed, points)
+        grams = _grams(setting, whitening, white_fixed, points)
         values = marginal(
             grams.gram[:, np.newaxis],
             grams.pull[:, np.newaxis],
@@ -254,8 +262,7 @@ def _scale_products(sizes: Sequence[prior.Size], nuisance_sd: Floats, count: int
     return np.hstack([rows, np.tile(nuisance_sd, (len(rows), 1))])
 
 
-def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats) -> Grams:
-    data = setting.variant.data
+def _grams(setting: Setting, whitening: Whitening, white_fixed: Floats, points: Floats) -> Grams:
     own = len(setting.linear_sizes) - len(setting.variant.sizes)
     size = own + len(white_fixed)
     gram = np.zeros((len(points), size, size))
@@ -263,7 +270,7 @@ def _grams(setting: Setting, levels: Levels, white_fixed: Floats, points: Floats
     power = np.zeros(len(points))
     shared = white_fixed @ white_fixed.T
     for i, point in enumerate(points):
-        white, _ = whitened(data, setting.columns(setting.values(point)), levels)
+        white = whitening.of(setting.columns(setting.values(point)))
         power[i] = white[0] @ white[0]
         pull[i, :own] = white[1:] @ white[0]
         pull[i, own:] = white_fixed @ white[0]

@@ -9,14 +9,14 @@ what the described drive does. All five levels are estimated under every hypothe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from gap_diagnosis.drive.data import DriveData
-from gap_diagnosis.drive.kernels import products, whiten
+from gap_diagnosis.drive.kernels import gains, innovations, products
 
 Floats = NDArray[np.float64]
 
@@ -77,21 +77,34 @@ def activity(data: DriveData, levels: Levels) -> Floats:
     return np.asarray(np.sqrt(data.activity * data.activity + astray * astray))  # 3 × hypot's speed
 
 
+class Whitening:
+    """The filter that whitens columns at noise levels."""
+
+    def __init__(self, data: DriveData, levels: Levels) -> None:
+        """Work out its gains."""
+        *self._gains, log_determinant = gains(
+            data.seen,
+            data.count,
+            activity(data, levels),
+            data.lost,
+            data.block_s,
+            levels.white,
+            levels.walk,
+            levels.spread,
+            levels.memory_s,
+        )
+        self.log_determinant = float(log_determinant)
+
+    def of(self, columns: Floats) -> Floats:
+        """Return the innovations of columns float64[c, 2, m]: float64[c, 2m]."""
+        white: Floats = innovations(columns, *self._gains)
+        return white.reshape(len(columns), -1)
+
+
 def whitened(data: DriveData, columns: Floats, levels: Levels) -> tuple[Floats, float]:
     """Return the innovations of columns float64[c, 2, m] as float64[c, 2m], and log det."""
-    result: Any = whiten(
-        columns,
-        data.seen,
-        data.count,
-        activity(data, levels),
-        data.lost,
-        data.block_s,
-        levels.white,
-        levels.walk,
-        levels.spread,
-        levels.memory_s,
-    )
-    return result[0].reshape(len(columns), -1), float(result[1])
+    whitening = Whitening(data, levels)
+    return whitening.of(columns), whitening.log_determinant
 
 
 def log_level_prior(logs: Floats) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from gap_diagnosis.drive.kernels import predict
+from gap_diagnosis.drive.answer import predict
 from hil_harness.robot import Robot
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def _left_by(data: DriveData, robot: Robot, limits: dict[str, float], lag_s: flo
         0.0,
         limits.get(RATE, drive.max_wheel_rate_rad_s),
         limits.get(ACCELERATION, drive.max_wheel_acceleration_rad_s2),
-        1.0,
+        np.ones(2),
         0.0,
     )
     apart = max(1, round(_APART_S / data.block_s))

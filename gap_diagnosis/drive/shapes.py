@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.answer import predict
 from gap_diagnosis.drive.data import DriveData, drive_data
-from gap_diagnosis.drive.kernels import predict
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
@@ -174,7 +174,7 @@ class Shapes:
         }[effect]
         return math.log(share[0] * scale), math.log(share[1] * scale)
 
-    def angle(self, values: Mapping[str, float], gain: float = 1.0, braking: float = 0.0) -> Floats:
+    def angle(self, values: Mapping[str, float], about: About = (1.0, 1.0, 0.0)) -> Floats:
         """Return block means of the wheel angles: float64[2, m]; *values* by effect."""
         angles: Any = predict(
             self._data.commanded,
@@ -185,8 +185,8 @@ class Shapes:
             values.get("drive_deadband", 0.0),
             min(self._limit_rate, values.get("drive_saturation", math.inf)),
             min(self._limit_acceleration, values.get("drive_acceleration_limit", math.inf)),
-            gain,
-            braking,
+            np.array(about[:2]),
+            about[2],
         )
         return self._data.blocks(angles)
 
@@ -195,27 +195,16 @@ class Shapes:
     ) -> Floats:
         """Return what a relative gain of each wheel adds to the angles *about* others:
         float64[2, 2, m]."""
-        change = (
-            self.angle_with(values, (about[0] + _STEP, about[1] + _STEP, about[2])) - angle
-        ) / _STEP
+        more = self.angle(values, (about[0] + _STEP, about[1] + _STEP, about[2]))
+        change = (more - angle) / _STEP
         columns = np.zeros((2, *change.shape))
         columns[0, 0], columns[1, 1] = change
         return columns
 
     def braking_column(self, values: Mapping[str, float], angle: Floats, about: About) -> Floats:
         """Return what a share of faster braking adds to the angles: float64[1, 2, m]."""
-        more = self.angle_with(values, (about[0], about[1], about[2] + _STEP))
+        more = self.angle(values, (about[0], about[1], about[2] + _STEP))
         return ((more - angle) / _STEP)[np.newaxis]
-
-    def angle_with(self, values: Mapping[str, float], about: About) -> Floats:
-        """Return block means of the wheel angles with a gain of each wheel and with faster
-        braking: float64[2, m]."""
-        left, right, braking = about
-        if left == right:
-            return self.angle(values, left, braking)
-        return np.stack(
-            [self.angle(values, gain, braking)[wheel] for wheel, gain in enumerate((left, right))]
-        )
 
     def foreign(self, *, has_gains: bool = True) -> list[Floats]:
         """Return what a drive other than the described one would add, in several ways:
@@ -306,7 +295,7 @@ class Shapes:
             0.0,
             math.inf,
             math.inf,
-            1.0,
+            np.ones(2),
             0.0,
         )
         return self._data.blocks(angles)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.drive.answer import predict
 from gap_diagnosis.drive.data import DriveData, drive_data
-from gap_diagnosis.drive.kernels import predict
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
 
@@ -86,19 +86,17 @@ def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats
     """Return the wheels' angles at the rows, float64[2, n]."""
     drive = robot.plant.drive
     fastest, strongest = data.limits_beside(robot)
-    angles = []
-    for wheel, side in enumerate(("left", "right")):
-        both: Any = predict(
-            data.commanded,
-            data.rate_0,
-            data.dt_s,
-            drive.time_constant_s + known.get("drive_lag.time_constant", 0.0),
-            drive.delay_s + known.get("drive_delay.delay", 0.0),
-            known.get("drive_deadband.rate", 0.0),
-            min(fastest, known.get("drive_saturation.limit", math.inf)),
-            min(strongest, known.get("drive_acceleration_limit.limit", math.inf)),
-            1.0 + known.get(f"drive_gain.{side}", 0.0),
-            0.0,
-        )
-        angles.append(both[wheel])
-    return np.stack(angles)
+    gains = [1.0 + known.get(f"drive_gain.{side}", 0.0) for side in ("left", "right")]
+    angles: Floats = predict(
+        data.commanded,
+        data.rate_0,
+        data.dt_s,
+        drive.time_constant_s + known.get("drive_lag.time_constant", 0.0),
+        drive.delay_s + known.get("drive_delay.delay", 0.0),
+        known.get("drive_deadband.rate", 0.0),
+        min(fastest, known.get("drive_saturation.limit", math.inf)),
+        min(strongest, known.get("drive_acceleration_limit.limit", math.inf)),
+        np.array(gains),
+        0.0,
+    )
+    return angles
