@@ -73,8 +73,10 @@ def locate(
     little, if that is known: a peak may be narrower than the grid's cells.
     """
     box = np.array(bounds, dtype=np.float64).reshape(-1, 2)
-    if len(box) < 2:
-        return integrate(log_density, bounds).best
+    if len(box) == 0:
+        return np.zeros(0)
+    if len(box) == 1:
+        return _top(*_close_in(log_density, box)[1:])
     return _best_of_box(log_density, box, alone)
 
 
@@ -97,6 +99,14 @@ def integrate(
 
 
 def _by_grid(log_density: Values, box: Floats) -> Weighted:
+    box, _, _ = _close_in(log_density, box)
+    points, cell = _middles(box, _FINAL_POINTS)
+    return Weighted(points, log_density(points) + float(np.sum(np.log(cell))), cell)
+
+
+def _close_in(log_density: Values, box: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the part of a box of one dimension in which the integrand lies, the points at which it
+    was last weighed, and their log densities."""
     for _ in range(_CLOSINGS):
         points, cell = _middles(box, _POINTS)
         values = log_density(points)
@@ -112,8 +122,19 @@ def _by_grid(log_density: Values, box: Floats) -> Weighted:
         box = smaller
         if shrink > _SHRINKS:
             break
-    points, cell = _middles(box, _FINAL_POINTS)
-    return Weighted(points, log_density(points) + float(np.sum(np.log(cell))), cell)
+    return box, points, values
+
+
+def _top(points: Floats, values: Floats) -> Floats:
+    """Return where the parabola through the largest of evenly spaced values and its neighbours has
+    its top; the largest itself, where that is the first or the last."""
+    best = int(np.argmax(values))
+    if not 0 < best < len(values) - 1:
+        return np.asarray(points[best])
+    before, here, after = values[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    share = 0.5 * (before - after) / bend if np.isfinite(bend) and bend < 0.0 else 0.0
+    return np.asarray(points[best] + share * (points[best + 1] - points[best]))
 
 
 def _inside(log_density: Values, box: Floats, candidates: Floats) -> Floats:
