@@ -22,7 +22,7 @@ from gap_diagnosis.hypothesis import EVERYTHING, Block, Estimate
 from gap_diagnosis.priors import Prior
 from hil_harness.effects import catalogue
 
-_NEAR: Final = 20.0
+_NEAR: Final = 12.0
 """Sets that are less likely by more than this [nat] are left as they are."""
 _NOTHING: Final = 5.0
 """Of a set so much less likely than the one without the effect, none is worth counting there."""
