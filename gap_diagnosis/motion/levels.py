@@ -39,6 +39,8 @@ _RIDGE: Final = 1e-9
 _HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
 """What varies by more than a third is there at times, and no effect that lasts: a slip of 2 % for
 8 s had another track, where that might be nothing for the rest of a log."""
+_FAR_TOO_LOW: Final = 4.0
+"""A mean square of what is left that no levels near these make right."""
 _LOUDER: Final = 1.3
 EVEN_OVER: Final = 50.0
 """The factor over which a level is even that an effect raises."""
@@ -122,8 +124,11 @@ def best_levels(
     start: Floats,
     *,
     free: Sequence[int] = (),
+    elsewhere: Sequence[Floats] = (),
 ) -> Floats:
-    """Return the levels that maximise evidence times prior, from *start* (float64[10]).
+    """Return the levels that maximise evidence times prior, from *start* (float64[10]), or
+    where these are far too low from the best of *elsewhere*: a search that climbs for long drags
+    along what has no part in it, and takes as long to bring that back.
 
     Scoring with the information of the innovations (Engle and Watson 1981, JASA 76:774, section 3;
     Harvey 1989, section 3.4), damped as by Levenberg and Marquardt, within bounds: levels differ a
@@ -136,6 +141,9 @@ def best_levels(
         return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
 
     here = at(np.log(np.maximum(start, FLOORS)))
+    if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
+        others = [at(np.log(np.maximum(one, FLOORS))) for one in elsewhere]
+        here = max(here, *others, key=lambda place: place.height)
     damping = 0.0
     for _ in range(_ROUNDS):
         slope, information = _slopes(weigh, here.log_levels, here.seen)
@@ -256,6 +264,11 @@ def _slopes(
         rows[1, :, place] = (there.white @ weights - left) / _STEP + 0.5 * left * wider
     flat = rows.reshape(-1, len(here))
     return slope, np.asarray(flat.T @ flat)
+
+
+def _surprise(seen: Weighed) -> float:
+    """Return the mean square of what the columns leave over: one where the levels are right."""
+    return float(np.mean((seen.white @ _leftover_weights(seen.white)) ** 2))
 
 
 def _leftover_weights(white: Floats) -> Floats:

@@ -189,7 +189,18 @@ class MotionModel:
 
         *course*: with what is left to chance, if these effects leave anything to it.
         """
-        return best_levels(self._of_levels(terms, course), self.level_prior, start, free=free)
+        return best_levels(
+            self._of_levels(terms, course),
+            self.level_prior,
+            start,
+            free=free,
+            elsewhere=self.elsewhere,
+        )
+
+    @cached_property
+    def elsewhere(self) -> list[Floats]:
+        """Levels from which a search may begin instead of the described ones, float64[10] each."""
+        return starts(self.nodes, self.level_prior)
 
     def levels_along(
         self, terms: Sequence[Term], levels: Floats, place: int, free: Sequence[int], course: Course
@@ -209,7 +220,7 @@ class MotionModel:
         def height(levels: Floats) -> float:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
-        best = max(starts(self.nodes, self.level_prior), key=height, default=found)
+        best = max(self.elsewhere, key=height, default=found)
         if not is_of_a_room(self.nodes) and height(best) <= height(found):
             best = self.levels_for(terms, best)
         return best if height(best) > height(found) else None
@@ -463,7 +474,8 @@ class MotionModel:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
         heights = [height(start) for start in starts]
-        found = best_levels(weigh, self.level_prior, starts[int(np.argmax(heights))])
+        start = starts[int(np.argmax(heights))]
+        found = best_levels(weigh, self.level_prior, start, elsewhere=self.elsewhere)
         return found, height(found) - heights[0]
 
     def linearised(

@@ -215,7 +215,8 @@ class Scan(OffTheGrid):
     def _loosened(self) -> None:
         """Let a slip be now more and now less, by itself and in the best set."""
         nothing = self.found[frozenset()].log_evidence
-        sets = {frozenset({SLIP}), max(self._fitted(), key=self._belief).effects}
+        head = max(self._fitted(), key=self._belief)
+        sets, best = {frozenset({SLIP}), head.effects}, head.log_evidence
         for effects in sorted(sets, key=sorted):
             if SLIP not in effects or effects not in self.found:
                 continue
@@ -229,8 +230,10 @@ class Scan(OffTheGrid):
                 terms = (*one.terms[:place], term, *one.terms[place + 1 :])
                 again = self.model.refit(terms, fit.levels, start=fit.coefficients)
                 if is_a_slip(again, place) and again.log_evidence + others > one.log_evidence:
-                    terms = in_its_window(self.model, terms, place, again)
-                    again = self.model.refit(terms, again.levels, start=again.coefficients)
+                    if 2.0 * (again.log_evidence + others - nothing) > best - nothing:
+                        # Elsewhere a window hardly lets a slip explain twice as much.
+                        terms = in_its_window(self.model, terms, place, again)
+                        again = self.model.refit(terms, again.levels, start=again.coefficients)
                     self._steady.setdefault(effects, one)
                     self._take(terms, again, others)
 

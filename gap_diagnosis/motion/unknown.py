@@ -222,7 +222,7 @@ def levels_beside(
         gram = gram_of(white, log_variance, shaped.nuisances, levels)
         return Weighed(gram.log_nothing + _gain(gram, shaped.plans[0])[0], white, log_variance)
 
-    return best_levels(weigh, model.level_prior, start)
+    return best_levels(weigh, model.level_prior, start, elsewhere=model.elsewhere)
 
 
 def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:
