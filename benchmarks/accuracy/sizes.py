@@ -14,7 +14,6 @@ from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.explanations.choices import leaves_out
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.motion.whitening import LEVELS
@@ -22,6 +21,7 @@ from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.scoring import EVEN_OVER
 from gap_diagnosis.visibility import sight_of
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Value

@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.kernels import gains, innovations, products
+from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
 
 Floats = NDArray[np.float64]
 
@@ -26,11 +26,8 @@ _CENTRE: Final = np.log([0.5, 0.002, 0.01, 0.3, 0.01])
 _WIDTH: Final = np.array([0.7, 1.5, 1.5, 1.2, 0.5])
 _LOW: Final = np.log([0.25, 1e-4, 1e-3, 0.05, 1e-3])
 _HIGH: Final = np.log([50.0, 0.3, 1.0, 5.0, 0.15])
-_ITERATIONS: Final = 100
-_SETTLED: Final = 0.03
-"""A step that gains less [nat] is the last, whether the log is of a minute or of an hour."""
-_STEP: Final = 0.02
-"""Of a log level, over which the likelihood's slope is taken."""
+_PRIOR: Final = LevelPrior(np.exp(_CENTRE), _WIDTH, np.exp(_LOW), np.exp(_HIGH))
+_NEVER: Final = -1e300
 
 
 @dataclass(frozen=True)
@@ -95,6 +92,12 @@ class Whitening:
         )
         self.log_determinant = float(log_determinant)
 
+    @property
+    def log_variance(self) -> Floats:
+        """Logarithm of each innovation's variance, 0 where there is none: float64[2m]."""
+        scale = self._gains[-1].ravel()
+        return np.asarray(-2.0 * np.log(np.where(scale > 0.0, scale, 1.0)))
+
     def of(self, columns: Floats) -> Floats:
         """Return the innovations of columns float64[c, 2, m]: float64[c, 2m]."""
         white: Floats = innovations(columns, *self._gains)
@@ -138,32 +141,18 @@ def fit_levels(
     """
     stacked = np.concatenate((residual[np.newaxis], columns))
 
-    def loss(logs: Floats) -> tuple[float, Floats]:
-        steps = np.where(logs + _STEP > _HIGH, -_STEP, _STEP)
-        values = _losses(data, stacked, sd, np.vstack((logs, logs + np.diag(steps))))
-        return float(values[0]), (values[1:] - values[0]) / steps
+    def weigh(levels: Floats) -> Weighed:
+        white_ticks, *others = levels.tolist()
+        # A slope is taken beyond the bounds too.
+        whitening = Whitening(data, Levels(white_ticks * data.tick_rad, *others))
+        white = whitening.of(stacked)
+        gram = products(white)
+        likelihood = float(marginal(gram[1:, 1:], gram[1:, 0], gram[0, 0], sd))
+        evidence = likelihood - 0.5 * whitening.log_determinant
+        return Weighed(
+            evidence if np.isfinite(evidence) else _NEVER, white.T, whitening.log_variance
+        )
 
-    begin = np.clip(start, _LOW, _HIGH)
-    size = max(abs(float(_losses(data, stacked, sd, begin[np.newaxis])[0])), 1.0)
-    best = minimize(
-        loss,
-        begin,
-        method="L-BFGS-B",
-        jac=True,
-        bounds=list(zip(_LOW, _HIGH, strict=True)),
-        options={"maxiter": _ITERATIONS, "ftol": _SETTLED / size},
-    )
-    return np.asarray(best.x, dtype=np.float64), -float(best.fun)
-
-
-def _losses(data: DriveData, stacked: Floats, sd: Floats, logs: Floats) -> Floats:
-    """Return the negative log likelihoods with prior of log levels float64[p, 5]: float64[p]."""
-    grams, densities = [], []
-    for one in logs:
-        white, log_determinant = whitened(data, stacked, Levels.of(one, data.tick_rad))
-        grams.append(products(white))
-        densities.append(log_level_prior(one) - 0.5 * log_determinant)
-    gram = np.array(grams)
-    likelihoods = marginal(gram[:, 1:, 1:], gram[:, 1:, 0], gram[:, 0, 0], sd[np.newaxis])
-    values = likelihoods + densities
-    return np.where(np.isfinite(values), -values, 1e300)
+    levels = best_levels(weigh, _PRIOR, np.exp(start))
+    logs = np.log(levels)
+    return logs, weigh(levels).log_evidence + log_level_prior(logs)

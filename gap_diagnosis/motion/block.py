@@ -16,7 +16,6 @@ from gap_diagnosis.motion.accounts import Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
-from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
@@ -25,6 +24,7 @@ from gap_diagnosis.motion.scan import DEAD, Scan
 from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import EVEN_OVER
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 from hil_harness.effects import catalogue
 

@@ -20,10 +20,10 @@ from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
-from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import Weighed, best_levels
 
 _CELL_S: Final = 0.5
 _HOT: Final = 12.0

@@ -26,7 +26,7 @@ from gap_diagnosis.motion.columns import (
 )
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
-from gap_diagnosis.motion.levels import LevelPrior, Weighed, along, best_levels, level_prior
+from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
@@ -35,6 +35,7 @@ from gap_diagnosis.motion.whitening import CONTACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.scoring import LevelPrior, Weighed, along, best_levels
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 

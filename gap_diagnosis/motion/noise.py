@@ -17,10 +17,10 @@ from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS
-from gap_diagnosis.motion.levels import EVEN_OVER
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import EVEN_OVER
 
 _ABSENT: Final = -6.0
 """Log evidence of a noise that turns out to be as described."""

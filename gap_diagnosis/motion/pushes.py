@@ -18,11 +18,11 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
-from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import Weighed, best_levels
 
 _STANDS_OUT: Final = 30.0
 """Energy above noise of three blocks [nat]: of a million such sums, one is so large by chance."""

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.choices import LASTING, LEFT_OUT
 from gap_diagnosis.motion.evidence import Gram, gram_of
-from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.unknown import (
@@ -40,6 +39,7 @@ from gap_diagnosis.motion.unknown import (
 from gap_diagnosis.motion.ways import WAYS, Way
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import Weighed, best_levels
 
 _PARTS: Final = 24
 _FINER: Final = 6

@@ -18,11 +18,11 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.standstill import DEAD, Standstill, standstills
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.evidence import gram_of
-from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import Weighed, best_levels
 
 _LEANS: Final = 0.15
 """What a block gains for nothing [nat] where a gyro is held against what it said itself: of 24

@@ -12,10 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.motion.levels import FLOORS, LevelPrior
+from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import LevelPrior
 
 _OF_A_ROOM_M: Final = 0.02
 _WANDERS: Final = (0.3, 3.0)

@@ -21,13 +21,13 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.bases import Basis, basis
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
-from gap_diagnosis.motion.levels import Weighed, best_levels
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.ways import OWN_WAYS, WAYS, Way
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import Weighed, best_levels
 
 SCALES: Final = 4
 """Orders of magnitude of a usual size, weighed with equal odds."""

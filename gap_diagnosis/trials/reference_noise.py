@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from gap_diagnosis.motion.levels import FLOORS, LevelPrior
+from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.whitening import INEXACT, LEVELS
+from gap_diagnosis.scoring import LevelPrior
 
 Floats = NDArray[np.float64]
 Draw = np.random.Generator
