@@ -134,8 +134,9 @@ def test_a_command_that_was_lost_with_the_counts_speaks_for_no_effect(seed: int)
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_load_of_five_per_cent_is_noise_and_no_effect(seed: int) -> None:
+    """What is not there gains three nats once in twenty logs at most (Markov's inequality)."""
     block = block_of(disturbed(seed))
-    assert max(evidence(block, one) for one in block.effects) < 1.0
+    assert max(evidence(block, one) for one in block.effects) < 3.0
     assert block.levels.spread == pytest.approx(0.05, rel=0.5)
 
 

@@ -1,0 +1,66 @@
+"""The search for noise levels: it ends at the best of them, wherever their bounds lie."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
+
+ROWS = 2000
+LOW, HIGH = np.array([1e-3, 0.05]), np.array([1.0, 5.0])
+PRIOR = LevelPrior(np.array([0.01, 0.3]), np.array([1.5, 1.2]), LOW, HIGH)
+
+
+def weigh_of(spread: float, memory_s: float, own: float):  # type: ignore[no-untyped-def]
+    """Noise whose variance is spread² / memory, as a rate error's is over steps far shorter than
+    its memory; *own* is the share of rows that say the memory alone."""
+    random = np.random.default_rng(5)
+    few = int(own * ROWS)
+    said = random.standard_normal(ROWS) * spread / math.sqrt(memory_s)
+    said[:few] = random.standard_normal(few) * math.sqrt(memory_s)
+
+    def weigh(levels: np.ndarray) -> Weighed:
+        log_variance = np.full(ROWS, 2 * math.log(levels[0]) - math.log(levels[1]))
+        log_variance[:few] = math.log(levels[1])
+        white = said * np.exp(-0.5 * log_variance)
+        return Weighed(-0.5 * float(np.sum(white**2 + log_variance)), white[:, None], log_variance)
+
+    return weigh
+
+
+def height(weigh, levels: np.ndarray) -> float:  # type: ignore[no-untyped-def]
+    value: float = weigh(levels).log_evidence + PRIOR.log_density(np.log(levels))
+    return value
+
+
+@pytest.mark.parametrize("start", [(0.94, 4.85), (0.94, 0.06), (1e-3, 5.0), (0.03, 0.3)])
+@pytest.mark.parametrize("memory_s", [0.2, 2.0, 5.0])
+@pytest.mark.parametrize("own", [0.0, 0.01])
+def test_of_two_levels_that_take_each_others_place_none_stops_the_other_at_its_bound(
+    start: tuple[float, float], memory_s: float, own: float
+) -> None:
+    """One that a step took beyond its bound left the other going the wrong way, and the search
+    ended there: of a drive's noise it lost up to 2,000 nats."""
+    weigh = weigh_of(0.05, memory_s, own)
+    grid = np.exp(np.stack(np.meshgrid(*(np.linspace(*np.log(b), 300) for b in zip(LOW, HIGH, strict=True)))))
+    best = max(height(weigh, levels) for levels in grid.reshape(2, -1).T[::7])
+    assert height(weigh, best_levels(weigh, PRIOR, np.array(start))) > best - 0.1
+
+
+def test_where_a_start_is_far_too_low_a_better_one_is_taken() -> None:
+    weigh = weigh_of(0.5, 2.0, 0.01)
+    calls: list[int] = []
+
+    def counted(levels: np.ndarray) -> Weighed:
+        calls.append(1)
+        return weigh(levels)
+
+    start, near = np.array([1e-3, 0.3]), np.array([0.45, 2.2])
+    found = best_levels(counted, PRIOR, start, elsewhere=[near])
+    taken = len(calls)
+    calls.clear()
+    assert height(weigh, best_levels(counted, PRIOR, start)) == pytest.approx(
+        height(weigh, found), abs=0.1
+    )
+    assert taken < 0.7 * len(calls)
