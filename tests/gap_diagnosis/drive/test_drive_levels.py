@@ -28,8 +28,8 @@ def test_a_search_for_noise_levels_is_not_over_after_so_many_steps(start) -> Non
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_from_wherever_a_search_begins_a_loaded_drive_is_as_noisy(seed: int) -> None:
-    """Ends differed by 1.2 nats, and beside effects 8 to 10 were lost: counts too few, which are not
-    there, were worth -10.8 for -.2."""
+    """Ends differed by 1.2 nats, and beside effects 8 to 10 were lost: counts too few, which are
+    not there, were worth -10.8 for -.2."""
     setting = block_of(disturbed(seed)).undisturbed
     heights = [fitted_levels(setting, {}, start)[1] for start in (*STARTS, IDEAL)]
     assert max(heights) - min(heights) < 0.1
