@@ -40,6 +40,8 @@ _ROUGHEST: Final = 5.0
 metre."""
 _CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 _WALK: Final = LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")
+_SLOW_POSITION: Final = LEVELS.index("reference_slow_position_m")
+_SLOW_S: Final = LEVELS.index("reference_slow_s")
 ALIASED: Final = "radius_scale"
 ALIASES: Final = {"ticks_per_rev": ALIASED}
 """Effects that the motion cannot tell from another: t counts too many are a smaller wheel,
@@ -308,8 +310,9 @@ class MotionBlock:
         """Tell whether a set leaves a gross log as gross as it was.
 
         A wrong mistake of the set-up, put right, leaves signs or factors between sources; a wrong
-        effect leaves a contact that no floor has, or a bias that no gyro has. Each may win
-        thousands of nats all the same where the right one is not listed.
+        effect leaves a contact that no floor has, a bias that no gyro has, or a reference that
+        wanders faster than the wheels can go. Each may win thousands of nats all the same where the
+        right one is not listed.
         """
         if not found.effects or not self.is_gross:
             return False
@@ -318,7 +321,14 @@ class MotionBlock:
         prior = self.model.level_prior
         louder = np.log(found.levels / prior.median)
         roughest = _ROUGHEST * prior.spread[_CONTACT]
-        return bool(louder[_CONTACT] > roughest or louder[_WALK] > math.log(EVEN_OVER))
+        wanders_m_s = found.levels[_SLOW_POSITION] / found.levels[_SLOW_S]
+        plant = self.model.robot.plant
+        fastest_m_s = plant.drive.max_wheel_rate_rad_s * plant.wheels.radius_m
+        return bool(
+            louder[_CONTACT] > roughest
+            or louder[_WALK] > math.log(EVEN_OVER)
+            or wanders_m_s > fastest_m_s
+        )
 
     @cached_property
     def _mend_nothing(self) -> frozenset[str]:
