@@ -1,18 +1,21 @@
 """The search for noise levels: it ends at the best of them, wherever their bounds lie."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
 
+Weigh = Callable[[np.ndarray], Weighed]
+
 ROWS = 2000
 LOW, HIGH = np.array([1e-3, 0.05]), np.array([1.0, 5.0])
 PRIOR = LevelPrior(np.array([0.01, 0.3]), np.array([1.5, 1.2]), LOW, HIGH)
 
 
-def weigh_of(spread: float, memory_s: float, own: float):  # type: ignore[no-untyped-def]
+def weigh_of(spread: float, memory_s: float, own: float) -> Weigh:
     """Noise whose variance is spread² / memory, as a rate error's is over steps far shorter than
     its memory; *own* is the share of rows that say the memory alone."""
     random = np.random.default_rng(5)
@@ -29,9 +32,8 @@ def weigh_of(spread: float, memory_s: float, own: float):  # type: ignore[no-unt
     return weigh
 
 
-def height(weigh, levels: np.ndarray) -> float:  # type: ignore[no-untyped-def]
-    value: float = weigh(levels).log_evidence + PRIOR.log_density(np.log(levels))
-    return value
+def height(weigh: Weigh, levels: np.ndarray) -> float:
+    return weigh(levels).log_evidence + PRIOR.log_density(np.log(levels))
 
 
 @pytest.mark.parametrize("start", [(0.94, 4.85), (0.94, 0.06), (1e-3, 5.0), (0.03, 0.3)])
