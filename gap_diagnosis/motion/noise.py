@@ -20,7 +20,7 @@ from gap_diagnosis.motion.drawing import DRAWS
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import EVEN_OVER
+from gap_diagnosis.scoring import EVEN_OVER, LevelPrior
 
 _ABSENT: Final = -6.0
 """Log evidence of a noise that turns out to be as described."""
@@ -114,7 +114,8 @@ def fit_noise(
         # Of several levels one may be as described; a single one is larger, or there is no effect.
         least = _LARGER * described[place] if len(measured) == 1 else 0.0
         way = model.levels_along(quiet.terms, levels, place, places, course)
-        samples = _drawn(value, levels, way, (least, levels[place], _LABS * described[place]))
+        sizes = least, float(levels[place]), float(_LABS * described[place])
+        samples = _drawn(value, levels, way, place, sizes, model.level_prior)
         parameters[f"{name}.{parameter}"] = Estimate(
             float(samples.mean()), float(samples.std()), samples
         )
@@ -127,11 +128,17 @@ def fit_noise(
 
 
 def _drawn(
-    value: Callable[[Floats], float], levels: Floats, way: Floats, sizes: tuple[float, float, float]
+    value: Callable[[Floats], float],
+    levels: Floats,
+    way: Floats,
+    place: int,
+    sizes: tuple[float, float, float],
+    prior: LevelPrior,
 ) -> Floats:
-    """Return draws of one level, float64[DRAWS]: *sizes* are the least, the best and the most.
+    """Return draws of the level at *place*, float64[DRAWS]: *sizes* are the least, the best and the
+    most.
 
-    The others go along the *way* on which they are best.
+    The others go along the *way* on which they are best, as far as they are believed at all.
 
     A level that is hardly there is told by a slope that falls off slowly on one side: no normal
     density, not in its logarithm either.
@@ -140,7 +147,10 @@ def _drawn(
     least, middle, most = (math.log(max(one, 1e-300)) for one in sizes)
 
     def at(log_level: float) -> float:
-        return value(levels * np.exp((log_level - middle) * way))
+        moved = np.log(levels) + (log_level - middle) * way
+        moved = np.clip(moved, np.log(prior.low), np.log(prior.high))
+        moved[place] = log_level
+        return value(np.exp(moved))
 
     best = at(middle)
     bend = (2 * best - at(middle - _STEP) - at(middle + _STEP)) / _STEP**2

@@ -16,6 +16,7 @@ from gap_diagnosis.motion.noise import _drawn, fit_noise
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import LevelPrior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -54,6 +55,23 @@ def test_noise_at_all_times_is_a_noise_of_the_gyro() -> None:
     assert density.value == pytest.approx(true, rel=0.15)
 
 
+ONES = np.ones(2)
+EITHER = LevelPrior(ONES, ONES, 1e-3 * ONES, 1e3 * ONES)
+
+
+def test_where_others_would_go_beyond_belief_they_stay_and_the_level_is_drawn() -> None:
+    """Of a level of which a log says next to nothing the others' way led beyond all numbers: the
+    diagnosis ended in a traceback."""
+
+    def value(levels: np.ndarray) -> float:
+        assert np.isfinite(levels).all()
+        assert (levels[1:] <= EITHER.high[1:]).all()
+        return -0.5 * float(np.log(levels[0]) ** 2)
+
+    draws = _drawn(value, ONES, np.array([1.0, 900.0]), 0, (0.0, 1.0, 50.0), EITHER)
+    assert np.log(draws).std() == pytest.approx(1.0, rel=0.1)
+
+
 def test_a_level_is_drawn_as_its_density_has_it_and_never_one_that_is_no_effect() -> None:
     """Draws were normal in the logarithm, on both sides: of walks of the bias that hardly showed,
     84 of 100 95 % intervals held the truth."""
@@ -63,7 +81,9 @@ def test_a_level_is_drawn_as_its_density_has_it_and_never_one_that_is_no_effect(
         over = np.log(levels[0] / best)
         return float(2.0 * over - 2.0 * np.exp(over))
 
-    draws = _drawn(leaning, np.array([best, 5.0]), np.array([1.0, 0.0]), (least, best, 50.0))
+    draws = _drawn(
+        leaning, np.array([best, 5.0]), np.array([1.0, 0.0]), 0, (least, best, 50.0), EITHER
+    )
     over = np.linspace(np.log(least / best), np.log(50.0 / best), 5000)
     density = np.exp(2.0 * over - 2.0 * np.exp(over))
     mean = np.sum(over * density) / np.sum(density)
