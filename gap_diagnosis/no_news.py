@@ -22,7 +22,7 @@ from gap_diagnosis.hypothesis import EVERYTHING, Block, Estimate
 from gap_diagnosis.priors import Prior
 from hil_harness.effects import catalogue
 
-_NEAR: Final = 12.0
+NEAR: Final = 12.0
 """Sets that are less likely by more than this [nat] are left as they are."""
 _NOTHING: Final = 5.0
 """Of a set so much less likely than the one without the effect, none is worth counting there."""
@@ -57,7 +57,7 @@ def moved(
     found = Moved(dict(probabilities), dict(likelihoods), {})
     logs_of = found.log_probability
     top = max(logs_of.values())
-    near = [effects for effects, value in logs_of.items() if value > top - _NEAR]
+    near = [effects for effects, value in logs_of.items() if value > top - NEAR]
     for effects in sorted(near, key=lambda one: (-len(one), sorted(one))):
         for effect in sorted(effects):
             less = effects - {effect}

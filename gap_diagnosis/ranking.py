@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -14,7 +14,7 @@ import numpy as np
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block
-from gap_diagnosis.no_news import moved
+from gap_diagnosis.no_news import NEAR, moved
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 
@@ -152,6 +152,7 @@ def rank(
     replayed = _of_alone("firmware", logs)
     nearest = max((singles[effect][0] for effect in replayed & singles.keys()), default=0.0)
     no_program_does = unknown.get("firmware", -math.inf) > max(nearest, _WORTH_ONE)
+    quick: set[Effects] = set()
     for first, second in combinations(owned, 2):
         pair = frozenset({first, second})
         if _is_hidden(pair, bent):
@@ -160,6 +161,8 @@ def rank(
         exact |= (hides in pair or no_single_does) and pair <= driven
         exact |= no_program_does and pair <= replayed
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
+        if not exact:
+            quick.add(pair)
         scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
     scored |= _scores_of(logs, prior, log_prior, several)
@@ -168,6 +171,7 @@ def rank(
     several = [*several, *with_bit]
     scored |= _with_others_apart(logs, prior, scored, singles, log_prior, several)
     scored = {effects: one for effects, one in scored.items() if not _is_hidden(effects, bent)}
+    scored |= _pairs_within(logs, scored, quick)
     scored = _at_work(logs, scored, owned)
     guesses = {
         stage: evidence + math.log(prior.unknown / len(unknown))
@@ -278,6 +282,21 @@ def _triples(
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
     return found
+
+
+def _pairs_within(
+    logs: Sequence[Sequence[Block]], scored: Mapping[Effects, Score], quick: Set[Effects]
+) -> Scores:
+    """Return the *quick* pairs within the likeliest larger sets, asked for as exactly as those.
+
+    A dead band beside missed counts was asked for beside a late frame alone: what it gained there
+    was the late frame's.
+    """
+    likely = {effects: one[0] + one[2] for effects, one in scored.items()}
+    top = max(likely.values())
+    larger = [one for one, value in likely.items() if len(one) > 2 and value > top - NEAR]
+    within = {frozenset(pair) for one in larger for pair in combinations(sorted(one), 2)}
+    return {pair: (*total_of(logs, pair), scored[pair][2]) for pair in within & quick}
 
 
 def _as_well(one: Ranked, own: Ranked) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -319,6 +320,22 @@ def test_two_effects_of_the_drive_stand_beside_those_of_the_motion() -> None:
     ranking = ranked(motion, drive, unknown={"actuation": 714.0})
     assert ranking.best.effects == both | {"gyro_bias", "radius_scale"}
     assert ranking.best.probability > 0.9
+
+
+def test_what_two_effects_gain_together_is_no_third_ones() -> None:
+    """Where ten of the motion did better alone, an effect of the drive was asked for beside a pair
+    of them and not beside one: a late frame that gained nothing was told with counts that were
+    lost (1.00)."""
+    others = [one for one in STAGE if STAGE[one] in ("wheel", "encoder", "gyro")]
+    others.remove("missed_ticks")
+    alike = {frozenset({"missed_ticks", one}): 4643.0 for one in others}
+    alike |= {frozenset(pair): 150.0 for pair in combinations(others, 2)}
+    motion = FakeBlock({"missed_ticks": 4644.0, **dict.fromkeys(others, 100.0)}, alike)
+    both = frozenset({"drive_lag", "missed_ticks"})
+    drive = FakeBlock({"drive_lag": 20.0, "missed_ticks": 60.0}, {both: 105.0}, name="drive")
+    ranking = ranked(motion, drive)
+    assert ranking.best.effects == both
+    assert ranking.best.log_evidence == pytest.approx(4749)
 
 
 def test_two_effects_of_the_bus_stand_beside_one_of_the_motion() -> None:
