@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_STEP: Final = 1e-4
+_STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
 _ROUNDS: Final = 20
 _LITTLE: Final = 0.05

@@ -38,13 +38,11 @@ def height(weigh: Weigh, levels: np.ndarray) -> float:
 
 @pytest.mark.parametrize("start", [(0.94, 4.85), (0.94, 0.06), (1e-3, 5.0), (0.03, 0.3)])
 @pytest.mark.parametrize("memory_s", [0.2, 2.0, 5.0])
-@pytest.mark.parametrize("own", [0.0, 0.01])
-def test_of_two_levels_that_take_each_others_place_none_stops_the_other_at_its_bound(
-    start: tuple[float, float], memory_s: float, own: float
+def test_two_levels_that_nearly_take_each_others_place_are_found_from_anywhere(
+    start: tuple[float, float], memory_s: float
 ) -> None:
-    """Their slopes were off by as much as half of how they bend over a step: along what both leave
-    the same, a nat was lost."""
-    weigh = weigh_of(0.05, memory_s, own)
+    """One of a hundred rows tells them apart."""
+    weigh = weigh_of(0.05, memory_s, 0.01)
     axes = [np.geomspace(*ends, 300) for ends in zip(LOW, HIGH, strict=True)]
     grid = np.stack(np.meshgrid(*axes))
     best = max(height(weigh, levels) for levels in grid.reshape(2, -1).T[::7])
