@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
+from gap_diagnosis.scoring import LevelPrior, Weighed, _step, best_levels
 
 Weigh = Callable[[np.ndarray], Weighed]
 
@@ -15,11 +15,11 @@ LOW, HIGH = np.array([1e-3, 0.05]), np.array([1.0, 5.0])
 PRIOR = LevelPrior(np.array([0.01, 0.3]), np.array([1.5, 1.2]), LOW, HIGH)
 
 
-def weigh_of(spread: float, memory_s: float, own: float) -> Weigh:
+def weigh_of(spread: float, memory_s: float) -> Weigh:
     """Noise whose variance is spread² / memory, as a rate error's is over steps far shorter than
-    its memory; *own* is the share of rows that say the memory alone."""
+    its memory; one of a hundred rows says the memory alone."""
     random = np.random.default_rng(5)
-    few = int(own * ROWS)
+    few = ROWS // 100
     said = random.standard_normal(ROWS) * spread / math.sqrt(memory_s)
     said[:few] = random.standard_normal(few) * math.sqrt(memory_s)
 
@@ -41,16 +41,26 @@ def height(weigh: Weigh, levels: np.ndarray) -> float:
 def test_two_levels_that_nearly_take_each_others_place_are_found_from_anywhere(
     start: tuple[float, float], memory_s: float
 ) -> None:
-    """One of a hundred rows tells them apart."""
-    weigh = weigh_of(0.05, memory_s, 0.01)
+    weigh = weigh_of(0.05, memory_s)
     axes = [np.geomspace(*ends, 300) for ends in zip(LOW, HIGH, strict=True)]
     grid = np.stack(np.meshgrid(*axes))
     best = max(height(weigh, levels) for levels in grid.reshape(2, -1).T[::7])
     assert height(weigh, best_levels(weigh, PRIOR, np.array(start))) > best - 0.1
 
 
+def test_of_two_that_take_each_others_place_one_at_its_bound_leaves_the_other_its_way() -> None:
+    """Of a drive's noise the memory stood near its longest and the spread was far too large: a step
+    that took both far up, cut to size, took the spread up too."""
+    slope = np.array([-2450.0, 1235.0])
+    information = np.array([[5000.0, -2499.9], [-2499.9, 1250.0]])
+    reach = np.array([-6.9, -4.6]), np.array([0.06, 0.03])
+    step = _step(slope, information, 0.0, np.array([True, True]), reach)
+    assert step[1] == pytest.approx(0.03)
+    assert step[0] == pytest.approx((slope[0] - information[0, 1] * 0.03) / information[0, 0])
+
+
 def test_where_a_start_is_far_too_low_a_better_one_is_taken() -> None:
-    weigh = weigh_of(0.5, 2.0, 0.01)
+    weigh = weigh_of(0.5, 2.0)
     calls: list[int] = []
 
     def counted(levels: np.ndarray) -> Weighed:

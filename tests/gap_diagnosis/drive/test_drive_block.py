@@ -134,7 +134,7 @@ def test_a_command_that_was_lost_with_the_counts_speaks_for_no_effect(seed: int)
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_load_of_five_per_cent_is_noise_and_no_effect(seed: int) -> None:
-    """What is not there gains three nats once in twenty logs at most (Markov's inequality)."""
+    """An effect that is not there gains three nats in one log of twenty at most (Markov)."""
     block = block_of(disturbed(seed))
     assert max(evidence(block, one) for one in block.effects) < 3.0
     assert block.levels.spread == pytest.approx(0.05, rel=0.5)
