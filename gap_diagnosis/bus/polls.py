@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.bus import prior
 from gap_diagnosis.bus.events import Message
-from gap_diagnosis.bus.stamps import MOST_INDEPENDENT, Choice, log_usual_spread, spread_of
+from gap_diagnosis.bus.stamps import Choice, log_as_usual, log_usual_spread, spread_of
 
 Floats = NDArray[np.float64]
 
@@ -33,8 +33,9 @@ _PRICE: Final = math.log(500)
 def polling(messages: Sequence[Message]) -> Choice:
     """Return the evidence that messages are stamped at multiples of one period.
 
-    Against a lateness as every bus has it. A poll spreads the lateness evenly over its period, and
-    puts every stamp on its lattice.
+    Against a lateness as every bus has it: where the frames were due says in which of a lattice's
+    places each stamp lies, and how far beside it spreads as lateness usually does. A poll about as
+    long as the tick wanders through it so slowly that a bus's own wander looked like it.
     """
     low, high = prior.POLL_PERIOD_S
     nothing = Choice(-_PRICE, 0.0, np.geomspace(low, high, 50), np.full(50, 0.02))
@@ -43,20 +44,20 @@ def polling(messages: Sequence[Message]) -> Choice:
     period = poll_period(messages[0])
     if period is None:
         return nothing
-    gain = 0.0
+    gain = gain_at_best = 0.0
     for one in messages:
         good = one.steady()
         stamps, late = one.t_s[good], one.late_s[good]
-        strength, chance = _strength(stamps, period), _strength(late, period)
-        if strength < _ON_LATTICE or chance > _VARIES:
+        strength = _strength(stamps, period)
+        if strength < _ON_LATTICE or _strength(late, period) > _VARIES:
             return nothing
-        told = min(len(stamps), MOST_INDEPENDENT)
-        gain += 0.5 * told * math.log((1 - chance**2) / (1 - strength**2 + 1e-3))
-        gain += told * (0.5 * math.log(2 * math.pi) - math.log(period))
+        beside_s = period / (2 * math.pi) * math.sqrt(-2 * math.log(min(strength, 1.0)))
+        evidence, at_best = log_as_usual(max(beside_s, _STAMP_STEP_S / 3), len(stamps))
+        gain, gain_at_best = gain + evidence, gain_at_best + at_best
     usual, best = log_usual_spread(messages)
     # Logs carry whole microseconds, so that no period is known to less.
     within = period + np.linspace(-0.5, 0.5, 51) * _STAMP_STEP_S
-    return Choice(gain - usual - _PRICE, gain - best, within, np.full(51, 1 / 51))
+    return Choice(gain - usual - _PRICE, gain_at_best - best, within, np.full(51, 1 / 51))
 
 
 def _can_tell(message: Message) -> bool:
@@ -103,7 +104,9 @@ def _refined(stamps: Floats, frequency: float, step: float, random: np.random.Ge
         finer = 1 / (_PER_TURN * float(apart.max()))
         tried = frequency + np.arange(-1.5 * step, 1.5 * step + finer, finer)
         frequency, step = float(tried[int(np.argmax(_agreement(apart, tried)))]), finer
-    return frequency
+    turned = np.exp(2j * math.pi * frequency * (stamps - stamps[0]))
+    beside = np.angle(turned / turned.mean())
+    return frequency - float(np.polyfit(stamps - stamps[0], beside, 1)[0]) / (2 * math.pi)
 
 
 def _agreement(apart: Floats, tried: Floats) -> Floats:

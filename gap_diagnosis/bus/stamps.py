@@ -54,14 +54,16 @@ def spread_of(message: Message) -> tuple[float, int]:
 
 def log_usual_spread(messages: Sequence[Message]) -> tuple[float, float]:
     """Return the log evidence of latenesses that are as usual, and the log likelihood at best."""
+    each = [log_as_usual(*spread_of(message)) for message in messages]
+    return math.fsum(evidence for evidence, _ in each), math.fsum(best for _, best in each)
+
+
+def log_as_usual(sd_s: float, count: int) -> tuple[float, float]:
+    """Return the log evidence of so many times that spread by a standard deviation [s] as much as
+    latenesses usually do, and the log likelihood at best."""
     usual: Floats = np.geomspace(*prior.JITTER_USUAL_S, _GRID, dtype=np.float64)
-    evidence = best = 0.0
-    for message in messages:
-        sd, count = spread_of(message)
-        logs = _log_spread(usual, sd, min(count, MOST_INDEPENDENT))
-        evidence += float(logsumexp(logs)) - math.log(_GRID)
-        best += float(logs.max())
-    return evidence, best
+    logs = _log_spread(usual, sd_s, min(count, MOST_INDEPENDENT))
+    return float(logsumexp(logs)) - math.log(_GRID), float(logs.max())
 
 
 def jitter(messages: Sequence[Message]) -> Choice:

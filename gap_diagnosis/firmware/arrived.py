@@ -29,6 +29,9 @@ Validity = NDArray[np.int8]
 _CLEARLY: Final = 10.0
 _EARLIEST: Final = 10
 _TRIED: Final = 24
+"""So many delays are replayed,"""
+_MOST_COMPARED: Final = 500
+"""of so many: of a poll's period hardly off the tick's, each is another frame's."""
 _NOT_LATE_US: Final = 2
 """Stamps are whole microseconds, and so is the line through them."""
 
@@ -53,7 +56,7 @@ def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Iterat
 
     First as the stamps say. What all frames are late by alike, they do not: a poll may take them
     all half a millisecond later, and then some in the next tick. So then as they would have come
-    later by so much that a few more of them miss their tick.
+    later by so much that some more of them miss their tick, until replays agree with the answers.
     """
     specs = _sensors(inputs, recording, wire)
     if not specs:
@@ -61,16 +64,34 @@ def as_arrived(inputs: ReplayInputs, recording: Recording, wire: Wire) -> Iterat
     late = _delays_us(recording, list(specs))
     if max(float(one.max()) for one in late.values()) <= _NOT_LATE_US:
         return
-    for more_us in (0.0, *_more_us(np.concatenate(list(late.values())), wire.tick_period_us)):
+    for more_us in (0.0, *_more_us(late, recording, wire)):
         by = {name: np.rint(delay_us + more_us) for name, delay_us in late.items()}
         yield _as_late(by, inputs, recording, wire)
 
 
-def _more_us(delay_us: Floats, tick_us: int) -> Floats:
+def _more_us(late: Mapping[str, Floats], recording: Recording, wire: Wire) -> Floats:
     """Return delays at which one frame after the other, or several that are late alike, comes into
-    the next tick."""
-    to_next_us = np.unique(tick_us - np.mod(delay_us, tick_us))[: _TRIED + 1]
-    return np.asarray(0.5 * (to_next_us[:-1] + to_next_us[1:]))
+    the next tick: first those that agree best with which frames of the wheels have an answer."""
+    tick_us = wire.tick_period_us
+    to_next_us = np.unique(tick_us - np.mod(np.concatenate(list(late.values())), tick_us))
+    to_next_us = to_next_us[: _MOST_COMPARED + 1]
+    more_us = 0.5 * (to_next_us[:-1] + to_next_us[1:])
+    wheels, answers = wire.signal_map["left_count"].message.name, wire.signal_map.get("odom_x")
+    answered = None if answers is None else recording.frames.get(answers.message.name)
+    if answered is not None and answered.modulo:
+        counter = recording.frames[wheels].counter
+        came_us = counter * tick_us + late[wheels]
+        is_answered = np.isin(counter, answered.counter)
+        wrong = [_disagrees(came_us + more, is_answered, tick_us) for more in more_us]
+        more_us = more_us[np.argsort(wrong, kind="stable")]
+    return np.asarray(more_us[:_TRIED])
+
+
+def _disagrees(came_us: Floats, is_answered: NDArray[np.bool_], tick_us: int) -> int:
+    """Return how many frames are answered though the next one came in their tick, or are not though
+    none did."""
+    tick = np.ceil(came_us / tick_us)
+    return int(np.count_nonzero((tick[1:] == tick[:-1]) == is_answered[:-1]))
 
 
 def _as_late(

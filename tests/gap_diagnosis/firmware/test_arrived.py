@@ -32,6 +32,7 @@ def block_of(**effects: dict[str, Any]) -> FirmwareBlock:
         ("bus_gap", {"start_s": 3, "stop_s": 3.3}),
         ("reception_stamp", {"frame": "ENCODER", "delay": 0.0005, "period": 0.0131}),
         ("reception_stamp", {"frame": "sensors", "delay": 0.00045, "period": 0.0097}),
+        ("reception_stamp", {"frame": "sensors", "delay": 0.0006, "period": 0.009986}),
     ],
 )
 def test_what_the_bus_did_to_the_frames_leaves_nothing_for_the_firmware(
