@@ -39,8 +39,9 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
+from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.revived import revived, with_dead
-from gap_diagnosis.motion.scan import DEAD, Scan
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.pictures import Pictures, ResidualSeries
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion

@@ -17,10 +17,11 @@ from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
-from gap_diagnosis.motion.scan import DEAD, Scan
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats

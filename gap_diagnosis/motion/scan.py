@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
-import numpy as np
-
 from gap_diagnosis.motion.accounts import NEAR, Effects, Found
-from gap_diagnosis.motion.alike import alike, single_column
-from gap_diagnosis.motion.beside import gains_beside
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
 from gap_diagnosis.motion.evidence import Gram, score
-from gap_diagnosis.motion.model import MotionModel, Refitted
-from gap_diagnosis.motion.off_the_grid import OffTheGrid
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.neighbours import DEAD, MORE_VARIANTS, Neighbours
 from gap_diagnosis.motion.revived import beside, revived
 from gap_diagnosis.motion.robust import excess
 from gap_diagnosis.motion.slips import (
@@ -30,42 +26,28 @@ from gap_diagnosis.motion.slips import (
 )
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import at_window, has_window, windows_of
-from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sight, sight_of
 
 _LEVELS_TRIED: Final = 3
 _REFITTED: Final = 8
 _GREEDY: Final = 3
 _EXTENDED: Final = 4
-_MORE_VARIANTS: Final = 3
 _WORTH_MORE: Final = 10.0
 """One more effect is sought beside sets that gain this much on the best smaller one [nat]."""
-DEAD: Final = frozenset({"encoder_dead"})
-"""About a wheel that stands no column says anything of what else is wrong."""
 _ALL_PARTS: Final = 3
 """Every part of sets so large is fitted again; of larger ones those without one effect."""
 _LOOSE: Final = 0.25
 """Single effects so near are fitted, and those that lack at most this share of the best's gain."""
-_STRETCHED: Final = 4.0
-"""Standard deviations of a constant within its tolerance, or two tolerances."""
 _CLEAR: Final = 20.0
 """An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
 _CONTRADICTED: Final = 2
 """Once stretches contradict so many of the best sets, they are asked of the next one before its
 parts, windows and neighbours are fitted: on a wheel on ice they contradict every set."""
-_BENT: Final = 200.0
-"""Beside a set that gains this much [nat] others are sought along columns about it,"""
-_BESIDE: Final = 2
-"""so many are fitted,"""
 _ALWAYS: Final = 3
 """So many of the best single effects are fitted, whatever straight lines say of them."""
-_FITTED_ALIKE: Final = 2
-"""So many effects that look like one of the best set are fitted in its place."""
-_UNSURE: Final = 3.0
-"""if along those columns they lack at most so many nats."""
 
 
-class Scan(OffTheGrid):
+class Scan(Neighbours):
     """The search through one log's motion.
 
     Attributes:
@@ -82,11 +64,7 @@ class Scan(OffTheGrid):
     ) -> None:
         """Search."""
         super().__init__(model)
-        self._weighed: set[Effects] = set()
         self._contradicted = 0
-        self._parts_beside: dict[Effects, Refitted] = {}
-        self._surrounded: set[Effects] = set()
-        self._compared_alike: set[Effects] = set()
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
         self._search(progress)
@@ -162,7 +140,7 @@ class Scan(OffTheGrid):
             if not unfitted and self._moved_windows(head):
                 continue
             is_settled = not unfitted and not self._doubted(head) and not self._sought_beside(head)
-            if is_settled and not self._sought_alike(head):
+            if is_settled and not self._sought_stretched(head) and not self._sought_alike(head):
                 break
             for one in unfitted:
                 self._refit(one)
@@ -258,125 +236,6 @@ class Scan(OffTheGrid):
         coefficients = () if head.refitted is None else head.refitted.coefficients
         return dispersion(self.model, head.terms, coefficients, head.levels)
 
-    def _sought_beside(self, head: Found) -> bool:
-        """Fit, once, each part of the best set from where it ended, and what gains beside the set
-        and beside its parts along columns about them; tell whether another set is believed now.
-
-        What a straight line about no effect errs by goes with how much there is to explain.
-        """
-        fit = head.refitted
-        is_clear = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
-        if fit is None or not is_clear or head.effects & DEAD or head.effects in self._surrounded:
-            return False
-        self._surrounded.add(head.effects)
-        self._fit_parts(head, fit)
-        if len(head.effects) + 1 < len(self.model.prior.effects):
-            self._seek_beside(head, fit)
-            for effect in sorted(head.effects):
-                less = self.found.get(head.effects - {effect})
-                if less is not None and less.effects and less.refitted is not None:
-                    self._seek_beside(less, less.refitted, instead_of=effect)
-        return max(self.found.values(), key=self._belief).effects != head.effects
-
-    def _sought_alike(self, head: Found) -> bool:
-        """Fit, once, what looks like an effect of the best set in its place, from where its fit
-        ended; tell whether another set is believed now.
-
-        A late gyro and a slow one are told alike by columns of little of each, and along chords to
-        their usual sizes one may seem to lack by far more than there is to tell them apart.
-        """
-        fit = head.refitted
-        if fit is None or head.effects & DEAD or head.effects in self._compared_alike:
-            return False
-        self._compared_alike.add(head.effects)
-        inner = self._gram_at(head.levels).full_inner
-        not_asked = head.effects | GROSS | DEAD
-        asked = [t for t in self.model.columns.terms if t.variant.effect not in not_asked]
-        for place, term in enumerate(head.terms):
-            own = single_column(term)
-            if own is None:
-                continue
-            for other, column in alike(own, asked, inner)[:_FITTED_ALIKE]:
-                swapped = head.effects - {term.variant.effect} | {other.variant.effect}
-                known = self.found.get(swapped)
-                if known is not None and known.refitted is not None:
-                    continue
-                size = fit.coefficients[place][0] * inner[own, column] / inner[column, column]
-                start = [*fit.coefficients]
-                start[place] = (max(size, 0.0) if other.variant.is_positive else size,)
-                terms = (*head.terms[:place], other, *head.terms[place + 1 :])
-                others = head.log_evidence - fit.log_evidence
-                others += self._cost(term) - self._cost(other)
-                self._fit(terms, head.levels, start, others)
-        return max(self.found.values(), key=self._belief).effects != head.effects
-
-    def _fit_parts(self, head: Found, fit: Refitted) -> None:
-        """Fit a set without each of its effects, once from where a fit of the set ended."""
-        if self._parts_beside.get(head.effects) is fit:
-            return
-        self._parts_beside[head.effects] = fit
-        for effect in sorted(head.effects) if len(head.effects) > 1 else ():
-            self._fit_without(effect, head, fit)
-
-    def _fit_without(self, effect: str, head: Found, fit: Refitted) -> None:
-        """Fit a set without one of its effects from where a fit of the set ended."""
-        (left_out,) = (term for term in head.terms if term.variant.effect == effect)
-        kept = [place for place, term in enumerate(head.terms) if term is not left_out]
-        terms = tuple(head.terms[place] for place in kept)
-        start = tuple(fit.coefficients[place] for place in kept)
-        others = head.log_evidence - fit.log_evidence + self._cost(left_out)
-        self._fit(terms, head.levels, start, others)
-
-    def _seek_beside(self, one: Found, fit: Refitted, instead_of: str = "") -> None:
-        """Fit the few effects that gain beside a set what is worth believing, or about as much as
-        the one *instead_of* which they would come."""
-        more = {
-            effect: terms[:_MORE_VARIANTS]
-            for effect, terms in self._kept[-1].items()
-            if effect not in one.effects | GROSS
-        }
-        around = {
-            effect: replace(new, log_evidence=new.log_evidence - math.log(self._choices(effect)))
-            for effect, new in gains_beside(self.model, one.terms, fit, more).items()
-        }
-        if instead_of:
-            rival = around.pop(instead_of, None)
-            least = math.inf if rival is None else rival.log_evidence
-        else:
-            grown = replace(one, effects=one.effects | {"one more"})
-            least = self._belief(one) - self._belief(grown)
-        for new in sorted(around.values(), key=lambda each: -each.log_evidence)[:_BESIDE]:
-            effect = new.term.variant.effect
-            known = self.found.get(one.effects | {effect})
-            is_fitted = known is not None and known.refitted is not None
-            if is_fitted or new.log_evidence < least - _UNSURE:
-                continue
-            others = one.log_evidence - fit.log_evidence - self._cost(new.term)
-            start = (*fit.coefficients, new.sizes)
-            self._fit((*one.terms, new.term), one.levels, start, others)
-
-    def _fit(
-        self,
-        terms: tuple[Term, ...],
-        levels: Floats,
-        start: Sequence[tuple[float, ...]],
-        others: float,
-    ) -> None:
-        """Fit a set from where another one ended; *others* is the share of the other variants."""
-        self._take(terms, self.model.refit(terms, levels, start=start), others)
-
-    def _take(self, terms: tuple[Term, ...], again: Refitted, others: float) -> None:
-        """Take a fit of a set if it is better than what is known of that."""
-        self._offer(self._nothing_at(again.levels))
-        effects = frozenset(term.variant.effect for term in terms)
-        unlikely = self._beyond_belief(terms, [v for c in again.coefficients for v in c])
-        evidence, likelihood = again.log_evidence + others - unlikely, again.log_likelihood
-        known = self.found.get(effects)
-        if known is None or known.refitted is None or evidence > known.log_evidence:
-            self.found[effects] = Found(effects, terms, evidence, likelihood, again.levels, again)
-            # What stretches contradicted was of the fit before.
-            self._weighed.discard(effects)
-
     def _doubted(self, head: Found) -> bool:
         """Take from a set, once, what an effect gains in it that stretches of the log contradict;
         tell whether another set is believed now.
@@ -459,7 +318,7 @@ class Scan(OffTheGrid):
         for place in places:
             for effect, terms in self._kept[place].items():
                 if effect not in parent.effects | DEAD | GROSS:
-                    choices = [(*parent.terms, term) for term in terms[:_MORE_VARIANTS]]
+                    choices = [(*parent.terms, term) for term in terms[:MORE_VARIANTS]]
                     self._offer(self._compared(place, choices)[0])
 
     def _greedy(self, gram: Gram) -> list[Term]:
@@ -477,19 +336,6 @@ class Scan(OffTheGrid):
             chosen, reached = list(best.terms), best.log_evidence
         return chosen
 
-    def _stretched(self) -> list[str]:
-        """Return the effects of which no gap takes far more than is within tolerance: whatever a
-        straight line over their usual size says of them, they are fitted."""
-        gram = self._gram_at(self.found[frozenset()].levels)
-        places = [place for place, _ in self.model.columns.nuisances]
-        sds = np.array([sd for _, sd in self.model.columns.nuisances])
-        loaded = gram.full_inner[np.ix_(places, places)] + np.diag(sds**-2)
-        taken = np.linalg.solve(loaded, gram.full_data[places]) / sds
-        # What is free besides, as a function of something, is no effect's.
-        little = self.model.columns.little
-        far = [place for place, one in zip(places, taken, strict=True) if abs(one) > _STRETCHED]
-        return sorted({little[place][0].effect for place in far if place in little})
-
     def _to_refit(self) -> list[Found]:
         """Return the sets that may win, singles first, so that each kind of answer is exact."""
         ranked = [one for one in self._ranked() if one.effects]
@@ -506,8 +352,8 @@ class Scan(OffTheGrid):
         close = [one for one in singles[_ALWAYS:] if one.log_evidence > loose]
         near = singles[:_ALWAYS] + close + [one for one in pairs if one.log_evidence > least]
         known = {one.effects for one in near}
-        stretched = [frozenset({effect}) for effect in self._stretched()]
-        return near + [self.found[one] for one in stretched if one in self.found.keys() - known]
+        stretched = self._stretched(self.found[frozenset()])
+        return near + [self.found[one] for one in stretched if one not in known]
 
 
 def _differ(first: Term, second: Term) -> bool:

@@ -61,3 +61,22 @@ def test_a_lag_within_tolerance_is_free_as_sharply_as_it_would_be_named(seed: in
     tolerance_s = ROBOT.tolerance.time_offset_s
     assert speaks_for(0.9 * tolerance_s) < 3
     assert speaks_for(3.0 * tolerance_s) > 10
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_lag_is_told_beside_another_effect_by_how_far_it_stretches_its_tolerance(
+    seed: int,
+) -> None:
+    """A straight line over its usual size lacked twenty nats of what its tolerance takes, stretched
+    to five standard deviations: the pair was never fitted (sealed case 1683)."""
+    turns = drives.drive("squares", np.random.default_rng(seed), 0.5)
+    effects = (
+        EffectSetting("gyro_lag", (("time_constant", 2.6 * ROBOT.tolerance.time_offset_s),)),
+        EffectSetting("reference_lever_arm", (("x", 0.02), ("y", 0.003))),
+    )
+    poor = ReferenceNoise(heading_rad=0.01)
+    log = synthetic_recording(ROBOT, WIRE, turns, effects, seed, reference=poor)
+    found = Scan(model_of(log, "gyro_lag", "reference_lever_arm")).found
+    alone = found[frozenset({"reference_lever_arm"})]
+    both = found[frozenset({"gyro_lag", "reference_lever_arm"})]
+    assert both.log_evidence > alone.log_evidence + 5
