@@ -31,6 +31,8 @@ _WORTH_PAIRING: Final = 2.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
+_NEARLY: Final = 5.0
+"""Sets within so many nats of the likeliest have something of the probability."""
 _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
 _LARGER: Final = 6
@@ -185,6 +187,10 @@ def rank(
         + max(company.of(frozenset(), but=stage), _elsewhere(logs, logs_of, stage, stage_of))
         for stage, value in guesses.items()
     }
+    for effects, (larger, unseen) in _with_one_unseen(logs, scored, logs_of, prior, log_prior):
+        scored[larger] = unseen
+        kept[larger] = kept[effects]
+        logs_of[larger] = unseen[0] + unseen[2] + kept[larger]
     if as_ever < 1.0:
         # Beside any cause there is that too; by itself it is one that is not listed.
         nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
@@ -282,6 +288,49 @@ def _triples(
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
     return found
+
+
+def _with_one_unseen(
+    logs: Sequence[Sequence[Block]],
+    scored: Scores,
+    logs_of: Mapping[Effects, float],
+    prior: Prior,
+    log_prior: Mapping[str, float],
+) -> list[tuple[Effects, tuple[Effects, Score]]]:
+    """Return the likely sets of two effects and more, each with every further one that was not
+    weighed beside it, and the score of both together.
+
+    Beside one effect every second one is weighed, beside more only what gains. But most of what is
+    there as well is too small to: two were all in 84 of 100 cases and told with .92.
+    """
+    top = max(logs_of.values())
+    likely = [one for one in scored if len(one) > 1 and logs_of[one] > top - _NEARLY]
+    apart = [b.effects for blocks in logs for b in blocks if b.name != "motion"]
+    found: dict[Effects, tuple[Effects, Score]] = {}
+    for effects in sorted(likely, key=lambda one: -logs_of[one]):
+        evidence, likelihood, _ = scored[effects]
+        taken = {e for own in apart if own & effects for e in own} | effects
+        for effect in log_prior.keys() - taken:
+            larger = effects | {effect}
+            if larger in scored or larger in found:
+                continue
+            gained, likelier = _gained_beside(effect, effects, scored)
+            weight = _log_prior_of(larger, prior, log_prior)
+            found[larger] = effects, (evidence + gained, likelihood + likelier, weight)
+    return [(effects, (larger, score)) for larger, (effects, score) in found.items()]
+
+
+def _gained_beside(effect: str, effects: Effects, scored: Scores) -> tuple[float, float]:
+    """Return what an effect that shows little adds to a set: at most nothing, and as little as
+    beside none of them or one, except where only that one was fitted exactly."""
+    less = [frozenset[str](), *(frozenset({one}) for one in effects)]
+    gains = [
+        (scored[one | {effect}][0] - scored[one][0], scored[one | {effect}][1] - scored[one][1])
+        for one in less
+        if one | {effect} in scored
+    ]
+    evidence, likelihood = min(one for one in gains if one[0] > -NEAR or one == max(gains))
+    return min(evidence, 0.0), max(likelihood, 0.0)
 
 
 def _pairs_within(
