@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,7 +15,9 @@ from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block
 from gap_diagnosis.no_news import NEAR, moved
 from gap_diagnosis.priors import Prior
+from gap_diagnosis.set_scores import Score, Scores, log_prior_of, single_priors
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
+from gap_diagnosis.unseen import with_one_unseen
 
 THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
@@ -31,8 +32,6 @@ _WORTH_PAIRING: Final = 2.0
 _WORTH_TRIPLES: Final = 5.0
 _TRIPLED: Final = 12
 _WORTH_ONE: Final = 30.0
-_NEARLY: Final = 5.0
-"""Sets within so many nats of the likeliest have something of the probability."""
 _LEAST_SHOWN: Final = 1e-4
 """Of an effect without a trace; integrals are not exact, and their difference may be nothing."""
 _LARGER: Final = 6
@@ -138,12 +137,12 @@ def rank(
     ]
     order = sorted(owned, key=lambda effect: -singles[effect][0])[:_PAIRED]
     leaders = {effect for effect in order if singles[effect][0] > _WORTH_PAIRING}
-    log_prior = _single_priors(owned, stage_of)
+    log_prior = single_priors(owned, stage_of)
     scored: Scores = {frozenset(): (0.0, 0.0, math.log(prior.effects[0]))}
     for effect in owned:
         evidence, likelihood = singles[effect]
         single = frozenset({effect})
-        scored[single] = (evidence, likelihood, _log_prior_of(single, prior, log_prior))
+        scored[single] = (evidence, likelihood, log_prior_of(single, prior, log_prior))
     bent = _bent_by_a_mistake(logs)
     driven = _of_alone("drive", logs) & singles.keys()
     first_seen = max(driven, key=lambda effect: singles[effect][0], default="")
@@ -165,7 +164,7 @@ def rank(
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         if not exact:
             quick.add(pair)
-        scored[pair] = (evidence, likelihood, _log_prior_of(pair, prior, log_prior))
+        scored[pair] = (evidence, likelihood, log_prior_of(pair, prior, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
     scored |= _scores_of(logs, prior, log_prior, several)
     with_bit = _with_a_held_bit(logs, several, scored)
@@ -187,10 +186,11 @@ def rank(
         + max(company.of(frozenset(), but=stage), _elsewhere(logs, logs_of, stage, stage_of))
         for stage, value in guesses.items()
     }
-    for effects, (larger, unseen) in _with_one_unseen(logs, scored, logs_of, prior, log_prior):
-        scored[larger] = unseen
-        kept[larger] = kept[effects]
-        logs_of[larger] = unseen[0] + unseen[2] + kept[larger]
+    unseen = with_one_unseen(logs, scored, logs_of, prior, log_prior)
+    for larger, (effects, one) in unseen.items():
+        if not _is_hidden(larger, bent):
+            scored[larger], kept[larger] = one, kept[effects]
+            logs_of[larger] = one[0] + one[2] + kept[larger]
     if as_ever < 1.0:
         # Beside any cause there is that too; by itself it is one that is not listed.
         nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
@@ -219,11 +219,6 @@ def rank(
     )
 
 
-Score = tuple[float, float, float]
-"""Log evidence, log likelihood and log prior of a set."""
-Scores = dict[Effects, Score]
-
-
 def _scores_of(
     logs: Sequence[Sequence[Block]],
     prior: Prior,
@@ -232,7 +227,7 @@ def _scores_of(
 ) -> Scores:
     """Return the scores of those sets of which every name is in the library."""
     return {
-        effects: (*total_of(logs, effects), _log_prior_of(effects, prior, log_prior))
+        effects: (*total_of(logs, effects), log_prior_of(effects, prior, log_prior))
         for effects in sets
         if effects <= log_prior.keys()
     }
@@ -280,7 +275,7 @@ def _triples(
     for pair in pairs[:_TRIPLED]:
         for effect in apart:
             names = pair | {effect}
-            weight = _log_prior_of(names, prior, log_prior)
+            weight = log_prior_of(names, prior, log_prior)
             if _is_shared(logs, pair, effect):
                 found[names] = (*total_of(logs, names), weight)
                 continue
@@ -288,49 +283,6 @@ def _triples(
             alone = singles[effect]
             found[names] = (evidence + alone[0], likelihood + alone[1], weight)
     return found
-
-
-def _with_one_unseen(
-    logs: Sequence[Sequence[Block]],
-    scored: Scores,
-    logs_of: Mapping[Effects, float],
-    prior: Prior,
-    log_prior: Mapping[str, float],
-) -> list[tuple[Effects, tuple[Effects, Score]]]:
-    """Return the likely sets of two effects and more, each with every further one that was not
-    weighed beside it, and the score of both together.
-
-    Beside one effect every second one is weighed, beside more only what gains. But most of what is
-    there as well is too small to: two were all in 84 of 100 cases and told with .92.
-    """
-    top = max(logs_of.values())
-    likely = [one for one in scored if len(one) > 1 and logs_of[one] > top - _NEARLY]
-    apart = [b.effects for blocks in logs for b in blocks if b.name != "motion"]
-    found: dict[Effects, tuple[Effects, Score]] = {}
-    for effects in sorted(likely, key=lambda one: -logs_of[one]):
-        evidence, likelihood, _ = scored[effects]
-        taken = {e for own in apart if own & effects for e in own} | effects
-        for effect in log_prior.keys() - taken:
-            larger = effects | {effect}
-            if larger in scored or larger in found:
-                continue
-            gained, likelier = _gained_beside(effect, effects, scored)
-            weight = _log_prior_of(larger, prior, log_prior)
-            found[larger] = effects, (evidence + gained, likelihood + likelier, weight)
-    return [(effects, (larger, score)) for larger, (effects, score) in found.items()]
-
-
-def _gained_beside(effect: str, effects: Effects, scored: Scores) -> tuple[float, float]:
-    """Return what an effect that shows little adds to a set: at most nothing, and as little as
-    beside none of them or one, except where only that one was fitted exactly."""
-    less = [frozenset[str](), *(frozenset({one}) for one in effects)]
-    gains = [
-        (scored[one | {effect}][0] - scored[one][0], scored[one | {effect}][1] - scored[one][1])
-        for one in less
-        if one | {effect} in scored
-    ]
-    evidence, likelihood = min(one for one in gains if one[0] > -NEAR or one == max(gains))
-    return min(evidence, 0.0), max(likelihood, 0.0)
 
 
 def _pairs_within(
@@ -430,7 +382,7 @@ def _with_others_apart(
             if names in scored or any(_is_shared(logs, some, effect) for effect in others):
                 continue
             gained, likelier, _ = scored[some]
-            weight = _log_prior_of(names, prior, log_prior)
+            weight = log_prior_of(names, prior, log_prior)
             found[names] = gained + evidence, likelier + likelihood, weight
     known = {one for one in large if len(one) + 1 < len(prior.effects)}
     for some in sorted(known, key=lambda one: (-scored[one][0], sorted(one)))[:_LARGER]:
@@ -438,7 +390,7 @@ def _with_others_apart(
             names = some | {effect}
             if names in found:
                 continue
-            weight = _log_prior_of(names, prior, log_prior)
+            weight = log_prior_of(names, prior, log_prior)
             found[names] = (*total_of(logs, names), weight)
     return found
 
@@ -456,15 +408,6 @@ def _told_together(
     pairs = [one for one in scored if len(one) == 2 and not one & seen]
     pairs = [one for one in pairs if scored[one][0] > alone(one)]
     return sorted(pairs, key=lambda one: (-scored[one][0], sorted(one)))[:_TOGETHER]
-
-
-def _log_prior_of(effects: Effects, prior: Prior, log_prior: Mapping[str, float]) -> float:
-    """Return the log probability of so many effects, and that they are these in any order."""
-    count = len(effects)
-    return (
-        math.log(math.factorial(count) * prior.chance_of(count))
-        + math.fsum(log_prior[name] for name in effects)
-    )  # fmt: skip
 
 
 def _bent_by_a_mistake(logs: Sequence[Sequence[Block]]) -> tuple[Effects, Effects]:
@@ -516,10 +459,3 @@ def _elsewhere(
         if len(effects) <= 2 and effects and not effects & touched
     ]
     return max(others, default=0.0)
-
-
-def _single_priors(owned: Sequence[str], stage_of: Mapping[str, str]) -> dict[str, float]:
-    """Return log priors: even over stages, then over the effects of each."""
-    members = Counter(stage_of[effect] for effect in owned)
-    stages = max(len(members), 1)
-    return {effect: -math.log(stages * members[stage_of[effect]]) for effect in owned}
