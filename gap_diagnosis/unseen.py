@@ -13,6 +13,8 @@ from gap_diagnosis.set_scores import Score, Scores, log_prior_of
 
 _NEARLY: Final = 5.0
 """Sets within so many nats of the likeliest have something of the probability."""
+_FITTED_TOGETHER: Final = frozenset({"drive", "firmware"})
+"""In these blocks an effect beside another one must be fitted to be told; it is left out."""
 
 
 def with_one_unseen(
@@ -30,11 +32,11 @@ def with_one_unseen(
     """
     top = max(logs_of.values())
     likely = [one for one in scored if len(one) > 1 and logs_of[one] > top - _NEARLY]
-    apart = [b.effects for blocks in logs for b in blocks if b.name != "motion"]
+    fitted = [b.effects for blocks in logs for b in blocks if b.name in _FITTED_TOGETHER]
     weighed, beside = dict(scored), dict[Effects, Effects]()
     for effects in sorted(likely, key=lambda one: (-logs_of[one], sorted(one))):
         evidence, likelihood, _ = scored[effects]
-        taken = {e for own in apart if own & effects for e in own} | effects
+        taken = {e for own in fitted if own & effects for e in own} | effects
         for effect in sorted(log_prior.keys() - taken):
             larger = effects | {effect}
             gained, likelier = _gained_beside(effect, effects, scored)
