@@ -38,6 +38,7 @@ _LARGER: Final = 6
 _APART: Final = 2
 _BESIDE: Final = 5
 _TOGETHER: Final = 3
+_COUNTED: Final = 2
 _MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
 _BIT: Final = frozenset({"adc_stuck_bit"})
@@ -361,6 +362,8 @@ def _with_others_apart(
     large = {one for one in several if one in scored}
     small = [one for one in scored if 0 < len(one) < 3 and one <= seen]
     small.sort(key=lambda one: -scored[one][0])
+    # What counts lose or make up the drive sees too: both are asked of it together.
+    counted = [one for one in small if len(one) == 1 and scored[one][0] > _WORTH_ONE][:_COUNTED]
     found: Scores = {}
     of_block = {
         name: {e for blocks in logs for b in blocks if b.name == name for e in b.effects}
@@ -379,11 +382,13 @@ def _with_others_apart(
         evidence, likelihood = total_of(logs, others)
         for some in [*sorted(large, key=sorted), *small[:_TRIPLED], frozenset[str]()]:
             names = some | others
-            if names in scored or any(_is_shared(logs, some, effect) for effect in others):
+            is_shared = any(_is_shared(logs, some, effect) for effect in others)
+            if names in scored or (is_shared and some not in counted):
                 continue
             gained, likelier, _ = scored[some]
+            together = gained + evidence, likelier + likelihood
             weight = log_prior_of(names, prior, log_prior)
-            found[names] = gained + evidence, likelier + likelihood, weight
+            found[names] = (*(total_of(logs, names) if is_shared else together), weight)
     known = {one for one in large if len(one) + 1 < len(prior.effects)}
     for some in sorted(known, key=lambda one: (-scored[one][0], sorted(one)))[:_LARGER]:
         for effect in apart[:_APART]:
