@@ -325,13 +325,13 @@ def test_two_effects_of_the_drive_stand_beside_those_of_the_motion() -> None:
 def test_what_counts_and_drive_tell_together_stands_beside_the_firmware() -> None:
     """Counts that are made up the drive sees too, so that a dead band beside them and a wrong
     constant was not weighed at all: a sealed case was told without it, .99."""
-    both = frozenset({"drive_deadband", "extra_ticks"})
-    motion = FakeBlock({"extra_ticks": 2900.0})
-    alone = {"drive_deadband": 490.0, "extra_ticks": 180.0}
+    both = frozenset({"drive_lag", "missed_ticks"})
+    motion = FakeBlock({"missed_ticks": 2900.0})
+    alone = {"drive_lag": 490.0, "missed_ticks": 180.0}
     drive = FakeBlock(alone, pairs={both: 630.0}, name="drive")
-    firmware = FakeBlock({"firmware_constant": 4000.0}, name="firmware")
+    firmware = FakeBlock({"coarse_trig_table": 4000.0}, name="firmware")
     ranking = ranked(motion, drive, firmware)
-    assert ranking.best.effects == both | {"firmware_constant"}
+    assert ranking.best.effects == both | {"coarse_trig_table"}
     assert ranking.best.log_evidence == pytest.approx(7530)
 
 
