@@ -18,6 +18,8 @@ from gap_diagnosis.firmware.comparison import Windows
 from gap_diagnosis.firmware.inputs import ReplayInputs
 from gap_diagnosis.recording import Floats, Ints
 
+_OUTLYING: Final = 9.0
+"""A step counts for no more than so many times the usual square of what another lag is off by."""
 _RULES: Final[Mapping[str, float]] = {"before": 0.0, "midpoint": 0.5, "after": 1.0}
 
 
@@ -185,18 +187,20 @@ def recorded_path(pose: Floats) -> Floats:
 def best_lag(steps: Steps, windows: Windows, at_row: Ints, most: int = 3) -> int:
     """Return by how many ticks the recorded odometry lags the counts, −most … most.
 
-    A lag other than 0 needs a clear improvement.
+    A lag other than 0 needs a clear improvement, and not of a few steps: counts that stand and leap
+    are used a tick later by a firmware that asks for a leap to be confirmed.
     """
     rows = windows.rows
     theirs = recorded_path(windows.pose)
     total = np.cumsum(steps.path_m)
     turned = np.cumsum(steps.wheel_rad)
-    costs = {}
+    off = {}
     for lag in range(-most, most + 1):
         at = np.clip(at_row[rows] - lag, 0, len(total) - 1)
         ours, turns = np.diff(total[at]), np.diff(turned[at])
-        cost = float(np.sum((ours - np.diff(theirs)) ** 2))
-        cost += 0.01 * float(np.sum((turns - np.diff(windows.pose[:, 2])) ** 2))
-        costs[lag] = cost
+        off[lag] = (ours - np.diff(theirs)) ** 2
+        off[lag] += 0.01 * (turns - np.diff(windows.pose[:, 2])) ** 2
+    counted = _OUTLYING * max(float(np.median(one)) for one in off.values())
+    costs = {lag: float(np.minimum(one, counted).sum()) for lag, one in off.items()}
     best = min(costs, key=lambda lag: (costs[lag], abs(lag)))
     return best if costs[best] < 0.8 * costs[0] else 0

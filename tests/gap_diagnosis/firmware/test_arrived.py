@@ -30,6 +30,7 @@ def block_of(**effects: dict[str, Any]) -> FirmwareBlock:
         ("frame_latency", {"frame": "IMU", "delay": 0.0143}),
         ("frame_loss", {"frame": "ENCODER", "probability": 0.1, "burst": 6}),
         ("bus_gap", {"start_s": 3, "stop_s": 3.3}),
+        ("stale_producer", {"frame": "ENCODER", "cycles": 6, "probability": 0.0005}),
         ("reception_stamp", {"frame": "ENCODER", "delay": 0.0005, "period": 0.0131}),
         ("reception_stamp", {"frame": "sensors", "delay": 0.00045, "period": 0.0097}),
         ("reception_stamp", {"frame": "sensors", "delay": 0.0006, "period": 0.009986}),
