@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from gap_diagnosis.block_sums import Effects
-from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.hypothesis import NEVER, Block
 from gap_diagnosis.no_news import NEAR
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.set_scores import Score, Scores, log_prior_of
@@ -50,12 +50,12 @@ def with_one_unseen(
 
 def _gained_beside(effect: str, effects: Effects, scored: Scores) -> tuple[float, float]:
     """Return what an effect that shows little adds to a set: at most nothing, and as little as
-    beside none of them or one, except where only that one was fitted exactly."""
+    beside none of them or one, except where only that one was fitted exactly; never what cannot be
+    beside one of them."""
     less = [frozenset[str](), *(frozenset({one}) for one in effects)]
-    gains = [
-        (scored[one | {effect}][0] - scored[one][0], scored[one | {effect}][1] - scored[one][1])
-        for one in less
-        if one | {effect} in scored
-    ]
+    pairs = [(scored[one], scored[one | {effect}]) for one in less if one | {effect} in scored]
+    if min(both[0] for _, both in pairs) < -0.5 * NEVER:
+        return -NEVER, 0.0
+    gains = [(both[0] - one[0], both[1] - one[1]) for one, both in pairs]
     evidence, likelihood = min(one for one in gains if one[0] > -NEAR or one == max(gains))
     return min(evidence, 0.0), max(likelihood, 0.0)

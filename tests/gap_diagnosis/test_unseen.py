@@ -30,3 +30,10 @@ def test_what_fits_worse_where_it_was_not_fitted_is_no_less_likely_beside_two() 
     drive = FakeBlock({"drive_gain": 40.0}, name="drive")
     three = ranked(motion, drive).of(pair | {"drive_gain"})
     assert three.log_evidence == pytest.approx(839)
+
+
+def test_what_cannot_be_beside_one_effect_is_not_beside_it_and_another() -> None:
+    pair = frozenset({"gyro_bias", "radius_scale"})
+    motion = FakeBlock({"gyro_bias": 50.0, "radius_scale": 0.0}, pairs={pair: -1e6})
+    drive = FakeBlock({"drive_gain": 40.0}, name="drive")
+    assert ranked(motion, drive).of(pair | {"drive_gain"}).probability < 1e-9
