@@ -39,6 +39,7 @@ _APART: Final = 2
 _BESIDE: Final = 5
 _TOGETHER: Final = 3
 _COUNTED: Final = 2
+"""So many errors of counting are asked of the drive together with what it alone sees."""
 _MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
 _BIT: Final = frozenset({"adc_stuck_bit"})
