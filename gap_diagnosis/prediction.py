@@ -67,6 +67,7 @@ class Motion:
         bent_over_s: over how long: the turn is the reference's in what lasts longer.
         sharp_s: details of the turn rate that are shorter are the wheels' noise; inf: all are.
         wheel_speeds: what is known of each beside its own counts.
+        has_speeds: wheels say how fast they are, and no way.
         has_counters: rows were put together by the frames' counters, not by their stamps.
     """
 
@@ -112,6 +113,7 @@ class Motion:
     bent_over_s: float
     sharp_s: float
     wheel_speeds: WheelSpeeds
+    has_speeds: bool
     has_counters: bool = True
 
     @cached_property

@@ -15,6 +15,8 @@ import numpy as np
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect, EffectParameter
 
+_BELIEVED: Final = 8.0
+
 
 @dataclass(frozen=True)
 class ParameterPrior:
@@ -22,11 +24,19 @@ class ParameterPrior:
 
     Attributes:
         tolerance: a deviation up to this is no news.
-        high: beyond the typical range; the prior is heavy-tailed up to here.
+        high: beyond the typical range; the prior is even over orders of magnitude up to here, and
+            falls with the square of a size beyond.
+        most: sizes beyond this are no effect's; eight times *high* where it is not said.
     """
 
     tolerance: float
     high: float
+    most: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Fill in what is not said."""
+        if self.most == 0.0:
+            object.__setattr__(self, "most", _BELIEVED * self.high)
 
     def scales(self, count: int = 5) -> Floats:
         """Return standard deviations of the normal mixture that stands for the prior.
@@ -190,4 +200,4 @@ def _prior(table: Mapping[str, Any]) -> Prior:
 
 
 def _size(one: Mapping[str, Any]) -> ParameterPrior:
-    return ParameterPrior(float(one["tolerance"]), float(one["high"]))
+    return ParameterPrior(*(float(one.get(key, 0.0)) for key in ("tolerance", "high", "most")))

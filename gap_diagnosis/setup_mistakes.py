@@ -7,6 +7,12 @@ FACTORS: Final = (2, 3.6, 4, 10, 100, 256, 1000, math.pi / 180)
 """By which a signal may be read wrong, or by their inverse: units (of km/h and cm too), prefixes, a
 byte, degrees."""
 
+COUNT_FACTORS: Final = tuple(one for one in FACTORS if one != 3.6)
+"""Those of counts and ways, which nobody states in km/h."""
+
+TURN_FACTORS: Final = tuple(one for one in COUNT_FACTORS if one != 100)
+"""Those of a rate of turn, which nobody states in cm either."""
+
 LEAST_GAIN: Final = 30.0
 """A mistake of the set-up is gross: what gains less than this [nat] is not one."""
 

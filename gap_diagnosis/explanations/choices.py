@@ -15,7 +15,7 @@ from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.explanations.variant import Scatter, Value, Variant
 from gap_diagnosis.prediction import Motion, Prediction
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.setup_mistakes import FACTORS
+from gap_diagnosis.setup_mistakes import COUNT_FACTORS, FACTORS, TURN_FACTORS
 
 
 def missed_ticks(motion: Motion) -> Iterable[Variant]:
@@ -338,15 +338,15 @@ def setup_sign(motion: Motion) -> Iterable[Variant]:
 
 def setup_unit(motion: Motion) -> Iterable[Variant]:
     """Return every known factor on counts or gyro."""
-    factors = [value for factor in FACTORS for value in (factor, 1 / factor)]
+    of_wheels = FACTORS if motion.has_speeds else COUNT_FACTORS
     actions = (
-        ("left_ticks", encoder.left_factor),
-        ("right_ticks", encoder.right_factor),
-        ("ticks", _both_factors),
-        ("gyro", gyro.gyro_factor),
+        ("left_ticks", encoder.left_factor, of_wheels),
+        ("right_ticks", encoder.right_factor, of_wheels),
+        ("ticks", _both_factors, of_wheels),
+        ("gyro", gyro.gyro_factor, TURN_FACTORS),
     )
-    for signal, act in actions:
-        for factor in factors:
+    for signal, act, factors in actions:
+        for factor in (value for one in factors for value in (one, 1 / one)):
             named: dict[str, Value] = {"signal": signal, "factor": factor}
             yield Variant("setup_unit", act, (), {"factor": factor}, named)
 

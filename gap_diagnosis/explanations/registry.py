@@ -102,7 +102,7 @@ _ALL: Final = (
         positive=True,
     ),
     _plain("tyre_drift", "wheel", wheel.tyre_drift, "rate"),
-    _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale", varies=True),
+    _plain("wheelbase_scale", "wheel", wheel.wheelbase_scale, "scale", varies=True, widens=True),
     _plain(
         "turn_scrub",
         "wheel",

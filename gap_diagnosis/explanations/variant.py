@@ -60,6 +60,8 @@ class Variant:
             which it acts where it does at this size: along them it is smooth in its size.
         varies: it is of tyres on a floor, which do now more and now less; the size of a wheel, or
             what is counted, is one number.
+        widens: its coefficient is by how much farther apart the wheels turn the robot: what their
+            counts round off turns it by less.
         most: the largest size, with either sign, that this log allows.
         large: how amounts act that show in every detail of the motion, where small ones would be
             taken for the rounding of counts.
@@ -87,6 +89,7 @@ class Variant:
     rectifies: bool = False
     about: Callable[[float], Mapping[str, float]] | None = None
     varies: bool = False
+    widens: bool = False
     most: float = math.inf
 
     def apply(self, prediction: Prediction, coefficients: Sequence[float]) -> None:

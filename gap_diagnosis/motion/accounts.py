@@ -28,8 +28,6 @@ _LEADERS: Final = 6
 _VARIANTS_KEPT: Final = 10
 NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
-_BELIEVED: Final = 8.0
-"""Sizes beyond so many times the end of the prior are no effect's."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +253,7 @@ class Accounts:
         for term in terms:
             for name, small in zip(term.variant.coefficients, term.tolerances, strict=False):
                 most = min(
-                    _BELIEVED * of(term.variant.effect, name).high,
+                    of(term.variant.effect, name).most,
                     _largest(term.variant.effect, name),
                     term.variant.most,
                 )
@@ -288,9 +286,13 @@ class Accounts:
         )
 
     @property
-    def worth(self) -> float:
-        """By how much the likeliest account is likelier than no effect [nat], priors and all."""
-        return self._belief(self.likeliest) - self._belief(self.found[frozenset()])
+    def worth(self) -> tuple[float, float]:
+        """By how much the likeliest account is likelier than no effect [nat], priors and all, and
+        its log likelihood beyond that of none, both before the dispersion."""
+        best, nothing = self.likeliest, self.found[frozenset()]
+        likelihood = best.log_likelihood - nothing.log_likelihood
+        told = self._belief(best) - self._belief(nothing)
+        return told + (1 - 1 / self.dispersion) * likelihood, likelihood
 
     @property
     def likeliest(self) -> Found:

@@ -6,16 +6,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.accounts import Found, dispersed
+from gap_diagnosis.motion.accounts import NEAR, Found, dispersed
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
+from gap_diagnosis.motion.mended import Mended, in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.noise import NOISES, fit_noise
@@ -62,15 +63,6 @@ def beyond(tolerated: float, found: Fit) -> Fit:
     """Return a fit by what it explains beyond what a healthy robot may be off by."""
     more = max(found.log_evidence - tolerated, min(found.log_evidence, 0.0))
     return replace(found, log_evidence=more)
-
-
-class _Right(NamedTuple):
-    """A mistake of the set-up: its fit, and once it is put right what is likeliest besides, with
-    the noise levels then."""
-
-    fit: Fit
-    beside: frozenset[str]
-    levels: Floats
 
 
 class MotionBlock:
@@ -234,33 +226,42 @@ class MotionBlock:
         return self.levels if right is None else right.levels
 
     @cached_property
-    def _put_right(self) -> dict[frozenset[str], _Right]:
+    def _put_right(self) -> dict[frozenset[str], Mended]:
         """The likely mistakes of the set-up, each judged by what the log is like without it.
 
         About so gross an error nothing is linear: which of them is likelier shows only then. What
         else is wrong with the robot is not told yet, but must not speak for an unlisted cause.
         """
-        found = {
-            one.effects: self._without_mistake(one)
-            for one in self._mistakes
-            if not one.effects & self._mend_nothing
-        }
-        return {effects: right for effects, right in found.items() if right is not None}
+        mending = [one for one in self._mistakes if not one.effects & self._mend_nothing]
+        tried = {one.effects: self._without_mistake(one) for one in mending}
+        found = {effects: right for effects, right in tried.items() if right is not None}
+        _, explained = self.scan.worth
+        more = max((right.fit.log_likelihood for right in found.values()), default=0.0) - explained
+        if more > NEAR * self.scan.dispersion:
+            # About an account that is none everything scatters.
+            self.scan.dispersion = 1.0
+        return {one: right.dispersed(self.scan.dispersion) for one, right in found.items()}
 
-    def _without_mistake(self, mistake: Found) -> _Right | None:
+    def _without_mistake(self, mistake: Found) -> Mended | None:
         """Return a mistake with what the log is like without it; None where it gains nothing."""
         (term,) = mistake.terms
         by_line = mistake.log_evidence - self._nothing.log_evidence
         gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
         if max(by_line, gain) < LEAST_GAIN:
             return None
-        right = Scan(self._right(term)[0])
-        gain += right.worth
+        model, log_scale = self._right(term)
+        right = Scan(model)
+        worth, explained = right.worth
         best = right.likeliest
+        # Beside what explains it the gyro has less noise of its own.
+        steps = self.model.recording.counts_per_step
+        gain = right.found[frozenset()].log_evidence - self._nothing.log_evidence
+        gain += in_its_own_unit(model, best.levels, log_scale, steps)
+        gain -= math.log(len(self.scan.by_effect[term.variant.effect]))
+        likelihood = max(gain + explained, mistake.log_likelihood - self._nothing.log_likelihood)
         # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
-        gain = max(gain, by_line)
-        likelihood = max(gain, mistake.log_likelihood - self._nothing.log_likelihood)
-        return _Right(Fit((term.variant.effect,), gain, likelihood), best.effects, best.levels)
+        fit = Fit((term.variant.effect,), max(gain + worth, by_line), likelihood)
+        return Mended(fit, best.effects, best.levels, explained, right.dispersion)
 
     def _put_right_by(self, term: Term) -> Found:
         """Return what a mistake accounts for: the log as it is without it."""
@@ -269,7 +270,8 @@ class MotionBlock:
         levels = model.no_effect_levels
         density = model.level_prior.log_density(np.log(levels))
         evidence = model.evidence_at((), levels) + density
-        evidence += log_scale * float(np.isfinite(model.columns.values[3, :, 0]).sum())
+        steps = self.model.recording.counts_per_step
+        evidence += in_its_own_unit(model, levels, log_scale, steps)
         evidence -= math.log(len(self.scan.by_effect[effect]))
         return Found(frozenset({effect}), (term,), evidence, evidence, levels)
 

@@ -23,6 +23,8 @@ _SURELY: Final = 1.0
 _FINER: Final = 0.5
 _AROUND: Final = 5
 """Blocks, a quarter of a second."""
+_NARROWEST: Final = 0.1
+"""A step of a fit may lead to wheels that stand on one another."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
@@ -33,7 +35,8 @@ class Course:
     *quantum_m* float64[2] is the standard deviation of one reading of each wheel's way, *beat_m*
     that of its part which beats with the samples: of a rounding error after noise of sigma counts,
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
-    chapter 4).
+    chapter 4). By as much as *log_more* the log variance of each row is less than if counts turned
+    the robot as described.
     """
 
     dt_s: Floats
@@ -54,6 +57,7 @@ class Course:
     quantum_m: Floats
     beat_m: Floats
     wheelbase_m: float
+    log_more: float
     samples: Floats
     gyro_floor_rad: Floats
     gyro_unsure_rad2: Floats
@@ -61,6 +65,15 @@ class Course:
     def beside(self, left_m: Floats, right_m: Floats) -> Course:
         """Return the course of wheels that effects lead astray by so much in each block."""
         return replace(self, left_astray_m=left_m, right_astray_m=right_m)
+
+    def wider(self, scale: float) -> Course:
+        """Return the course of wheels that turn the robot as if they stood farther apart by this
+        share: errors of counting turn it by less."""
+        return self.finer(np.full(2, 1.0 / max(1.0 + scale, _NARROWEST)))
+
+    def finer(self, times: Floats) -> Course:
+        """Return the course of wheels whose counts are so many times as long, float64[2]."""
+        return replace(self, quantum_m=times * self.quantum_m, beat_m=times * self.beat_m)
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
         """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
@@ -128,6 +141,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),
         beat_m=per_count_m * math.exp(-0.5 * (math.tau * noise_ticks) ** 2) / _HARMONIC,
         wheelbase_m=motion.wheelbase_m,
+        log_more=0.0,
         samples=samples,
         gyro_floor_rad=_gyro_floor(nodes),
         gyro_unsure_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_unsure_rad2)), prepend=0.0),
@@ -212,10 +226,14 @@ def _creep_beside_jitter(motion: Motion, step_rad: Floats, rounding_rad: float) 
 def _gyro_floor(nodes: Nodes) -> Floats:
     """Return white noise of the gyro's turn beside the wheels', float64[m].
 
-    What stands in one row of a table was not measured at one instant, but within a row's time.
+    What stands in one row of a table was not measured at one instant, but within a row's time. How
+    far a robot turns in it the gyro says: wheels may stand farther apart than they are said to.
     """
     floor = np.full(nodes.count, _LEAST_TURN_RAD)
-    if nodes.motion.has_counters:
+    turn_rad = nodes.motion.gyro_turn_rad
+    if nodes.motion.has_counters or turn_rad is None:
         return floor
     row_s = nodes.motion.tick_s / np.sqrt(12.0)
-    return np.asarray(floor + row_s * np.abs(nodes.mean(nodes.smooth.turn_rate_rad_s)))
+    rate_rad_s = np.diff(turn_rad, prepend=turn_rad[0]) / nodes.motion.tick_s
+    width = USUAL_S / nodes.motion.tick_s
+    return np.asarray(floor + row_s * np.abs(nodes.mean(gaussian_filter1d(rate_rad_s, width))))

@@ -162,6 +162,7 @@ def estimate_motion(
         wheel_speeds=WheelSpeeds(
             partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding)
         ),
+        has_speeds=recording.speed_cycle_s > 0,
         has_counters=has_counters,
     )
 

@@ -189,7 +189,7 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
     ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
     best: Floats = np.linalg.solve(ridge, data).astype(np.float64)
-    ladders = [scales_of(prior, term) for term in free]
+    ladders, costs = _reaching(inner, data, free, prior)
     steps = _combinations(len(free)) if len(free) <= _ALL_SCALES else _nearest(ladders, best)
     means, covariances, log_parts = update(
         inner,
@@ -199,6 +199,7 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
         np.array([len(term.tolerances) for term in free]),
         np.array([term.variant.is_positive for term in free]),
     )
+    log_parts = log_parts - (steps == _SCALES - 1) @ costs
     total = log_sum(log_parts)
     whole = total - len(free) * math.log(_SCALES)
     likelihood = gained + float(data @ best - 0.5 * best @ inner @ best)
@@ -225,6 +226,32 @@ def _nearest(ladders: Sequence[Floats], sizes: Floats) -> NDArray[np.int64]:
         away = np.abs(np.log(ladder / np.maximum(own, ladder[0])).max(axis=1))
         near.append(sorted(np.argsort(away, kind="stable")[:2]))
     return np.array(list(product(*near)), dtype=np.int64)
+
+
+def _reaching(
+    inner: Floats, data: Floats, free: Sequence[Term], prior: Prior
+) -> tuple[list[Floats], Floats]:
+    """Return each term's orders of magnitude, and what the largest costs [nat]: float64[terms].
+
+    A size beyond the end of its prior is as rare as a square says, not as a normal tail does: of
+    two parameters that together are far off, a normal tail would have both be half as far. The
+    largest order of magnitude goes where the data pull it.
+    """
+    ladders = [scales_of(prior, term) for term in free]
+    high = np.concatenate([ladder[-1] for ladder in ladders])
+    pulled = np.abs(np.linalg.solve(inner + np.diag(high**-2.0), data))
+    costs = np.zeros(len(free))
+    if np.all(pulled <= high):
+        return ladders, costs
+    place = 0
+    for one, (term, ladder) in enumerate(zip(free, ladders, strict=True)):
+        own = slice(place, place + ladder.shape[1])
+        place = own.stop
+        most = [prior.of(term.variant.effect, name).most for name in term.variant.coefficients]
+        reach = np.clip(pulled[own], high[own], np.maximum(most, high[own]))
+        costs[one] = float(np.log(reach / high[own]).sum())
+        ladders[one] = np.vstack([ladder[:-1], reach])
+    return ladders, costs
 
 
 def scales_of(prior: Prior, term: Term) -> Floats:

@@ -14,7 +14,6 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
-from gap_diagnosis.setup_mistakes import counts_per_step
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 
@@ -221,7 +220,11 @@ def put_right(
             ticks / factor if is_wrong else ticks
             for ticks, is_wrong in zip((left, right), wrong, strict=True)
         )
-        left_step, right_step = (counts_per_step(factor) if is_wrong else 1.0 for is_wrong in wrong)
+        steps = recording.counts_per_step
+        left_step, right_step = (
+            step / abs(factor) if is_wrong else step
+            for step, is_wrong in zip(steps, wrong, strict=True)
+        )
         undone = replace(
             recording,
             left_ticks=left,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.variant import Variant
+from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.blocks import Course, course_of
 from gap_diagnosis.motion.coefficients import bounded, split
@@ -42,6 +42,7 @@ from hil_harness.robot import Robot
 Unsure = Callable[[Motion], tuple[Floats, Floats]]
 """Of a motion, how much its wheels' counts vary by chance, counts² per tick of left and right."""
 
+_FAR: Final = 0.1
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
@@ -80,6 +81,7 @@ class MotionModel:
         recording, robot, prior: what it was made from.
         nodes, course, columns: see there.
         level_prior: prior of the noise levels.
+        usual_levels: noise levels, float64[10], at which courses of other wheelbases are compared.
     """
 
     def __init__(
@@ -131,6 +133,7 @@ class MotionModel:
             speed_cycle_s=recording.speed_cycle_s,
         )
         self.level_prior: LevelPrior = level_prior(robot)
+        self.usual_levels: Floats = self.level_prior.median
         self._begin_at(coarse_gyro_delay_s(motion))
 
     def of(
@@ -403,12 +406,23 @@ class MotionModel:
         if varying:
             course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
+            if _is_far(term.variant, sizes):
+                course = self._wider(course, sizes[0])
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
                 course = course.scattered(self.nodes, *variances)
             if term.variant.jumps is not None:
                 course = course.jumping(self.nodes, term.variant.jumps(self.nodes.motion))
         return course
+
+    def _wider(self, course: Course, scale: float) -> Course:
+        """Return the course of wheels that stand farther apart, with a likelihood to be compared
+        with that of others, whatever turn a count stands for."""
+        wider = course.wider(scale)
+        data, levels = self.columns.values[..., :1], self.usual_levels
+        variances = [whiten(data, one, levels, self.nodes.ticks)[1] for one in (course, wider)]
+        before, after = (float(one.mean()) for one in variances)
+        return replace(wider, log_more=course.log_more + before - after)
 
     @cached_property
     def _seen_astray_m(self) -> float:
@@ -451,7 +465,18 @@ class MotionModel:
             (term.variant.in_noise(contact), sizes)
             for term, sizes in zip(terms, coefficients, strict=True)
         ]
-        return residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
+        change = residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
+        far = [one for one in settings if _is_far(*one)]
+        return change + self._beyond_sharp(far) if far else change
+
+    def _beyond_sharp(self, far: Sequence[Setting]) -> Floats:
+        """Return what effects that are far from none change of what is not sharp, float64[4, m]:
+        of two turns that differ by so much not even the rounding of counts is the same."""
+        counted = self.nodes.motion
+        change = residuals(self.nodes, predict(counted, far))
+        change -= residuals(self.nodes, predict(counted))
+        change -= residuals(self.nodes, predict(self.nodes.sharp, far))
+        return change + self._sharp_nominal
 
     @cached_property
     def _sharp_nominal(self) -> Floats:
@@ -538,6 +563,11 @@ def _tolerances(robot: Robot) -> dict[str, float]:
         "reference_time_offset.offset": known.time_offset_s,
         _LAG: known.time_offset_s,
     }
+
+
+def _is_far(variant: Variant, sizes: Sequence[float]) -> bool:
+    """Tell whether an effect turns the robot by so much less that errors of counting do, too."""
+    return variant.widens and abs(sizes[0]) > _FAR
 
 
 def is_far(first: Floats, second: Floats) -> bool:

@@ -79,6 +79,7 @@ class Scan(Neighbours):
         if better is not None:
             # What led at levels this wrong was noise.
             levels = model.levels_for(self._greedy(model.gram(better)), better)
+        model.usual_levels = levels
         self._add_levels(levels)
         progress(0.2)
         self._add_levels(model.levels_for((), self._grams[-1].levels))
@@ -228,11 +229,11 @@ class Scan(Neighbours):
     def _dispersion(self) -> float:
         """Return by how much the log scatters about its best account.
 
-        Where something is wrong by a sign or a factor, everything scatters.
+        About a straight line of a wrong sign or factor everything scatters.
         """
-        if GROSS & self.by_effect.keys():
-            return 1.0
         head = max(self._fitted(), key=self._belief)
+        if GROSS & head.effects:
+            return 1.0
         coefficients = () if head.refitted is None else head.refitted.coefficients
         return dispersion(self.model, head.terms, coefficients, head.levels)
 

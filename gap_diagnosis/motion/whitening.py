@@ -45,8 +45,9 @@ of a robot lasts for so long."""
 
 def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
     """Whiten residual columns float64[4, m, c]; return float64[rows, c] and the logarithm of each
-    row's variance before, float64[rows] (their sum is that of the covariance's determinant)."""
-    result: tuple[Floats, Floats] = _whiten(
+    row's variance before, float64[rows] (their sum is that of the determinant of the covariance, of
+    counts as described)."""
+    white, log_variance = _whiten(
         columns,
         course.dt_s,
         course.step_x_m,
@@ -74,7 +75,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         levels,
         ticks,
     )
-    return result
+    return white, log_variance + course.log_more
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})

@@ -89,6 +89,30 @@ def test_a_size_that_cannot_be_negative_is_integrated_over_its_half_line(size):
     assert found.log_evidence == pytest.approx(expected, abs=0.02, rel=1e-4)
 
 
+@pytest.mark.parametrize(("near", "far"), [(2.0, 4.0), (3.0, 5.0), (2.0, 7.5)])
+def test_a_size_beyond_the_end_of_its_prior_is_as_rare_as_its_square_says(near, far):
+    """A normal tail has 30 nats against 7.5 times the end: of two parameters that are far off
+    together, each would be told as off by half."""
+    inner = (100.0 / HIGH) ** 2
+    rare = []
+    for times in (near, far):
+        found = score(gram_with(inner, inner * times * HIGH), [term_of("radius_scale")], PRIOR)
+        beyond_tolerance = 2.0 * norm.sf(TOLERANCE / (times * HIGH))
+        rare.append(found.log_evidence - found.log_likelihood + math.log(beyond_tolerance))
+    # The prior's next order of magnitude, less than half as large, has a thousandth of the sum.
+    assert rare[0] - rare[1] == pytest.approx(2.0 * math.log(far / near), abs=0.002)
+
+
+def test_a_size_that_no_effect_has_is_as_rare_as_a_normal_tail_says():
+    inner = (100.0 / HIGH) ** 2
+    most = PRIOR.of("radius_scale", "scale").most
+    rare = []
+    for size in (most, 2.0 * most):
+        found = score(gram_with(inner, inner * size), [term_of("radius_scale")], PRIOR)
+        rare.append(found.log_evidence - found.log_likelihood)
+    assert rare[0] - rare[1] == pytest.approx(0.5 * (2.0**2 - 1.0), abs=0.002)
+
+
 def test_the_gain_in_likelihood_is_that_of_least_squares():
     inner, size = 4e6, 0.003
     found = score(gram_with(inner, inner * size), [term_of("radius_scale")], PRIOR)

@@ -61,7 +61,9 @@ def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when() -> 
     for key, true in (("start_s", start_s), ("stop_s", stop_s), ("ratio", slipped)):
         one = told[key]
         assert isinstance(one, NumberEstimate)
-        assert one.ci95[0] < true < one.ci95[1]
+        # Three intervals of 95 % would miss in one log of seven; so wide ones in one of a hundred.
+        half = 0.5 * (one.ci95[1] - one.ci95[0])
+        assert abs(one.estimate - true) < 1.5 * half
 
 
 def test_a_second_is_too_short_to_slip_now_more_and_now_less() -> None:

@@ -1,0 +1,146 @@
+"""Wheels that skid turn a robot as if they stood twice as far apart, and that is no mistake of the
+set-up: five logs of a robot with four wheels, its body's width taken for its wheelbase, had a gyro
+in km/h or wheels in half their counts, 99.8 %."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from motion_cases import EXACT, ROBOT, WIRE
+from test_dispersion import on_many_floors
+
+from gap_diagnosis.analysis import Analysis, analyse
+from gap_diagnosis.explanations.choices import setup_unit
+from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.mended import in_its_own_unit
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+WIDER = 1.4
+LAG_S = 0.2
+SKIDS = EffectSetting("wheelbase_scale", (("scale", WIDER),))
+TRAILS = EffectSetting("gyro_lag", (("time_constant", LAG_S),))
+BOTH = frozenset({"wheelbase_scale", "gyro_lag"})
+MISTAKE = frozenset({"setup_unit"})
+
+
+@cache
+def skidding() -> Recording:
+    return synthetic_recording(ROBOT, WIRE, scenario("calibration"), (SKIDS, TRAILS), 1)
+
+
+@cache
+def told_of(*, uneven: bool) -> Analysis:
+    log = on_many_floors(skidding(), 1) if uneven else skidding()
+    return analyse(log, ROBOT, WIRE, default_prior())
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_wheels_that_turn_a_robot_less_than_half_are_likelier_than_any_wrong_unit(
+    uneven: bool,
+) -> None:
+    motion = told_of(uneven=uneven).motion
+    assert motion is not None
+    assert motion.is_gross
+    best = motion.scan.likeliest
+    assert "wheelbase_scale" in best.effects
+    told = motion.fit(best.effects).log_evidence
+    assert told > motion.fit(MISTAKE).log_evidence
+
+
+def test_how_far_apart_they_seem_to_stand_is_told_to_what_the_gyro_may_be_off_by() -> None:
+    motion = told_of(uneven=False).motion
+    assert motion is not None
+    told = motion.detail(BOTH).parameters
+    # A gyro within tolerance may be off by half of it, one standard deviation, in scale.
+    sd = (1 + WIDER) * 0.5 * ROBOT.tolerance.gyro_scale
+    # A lag of four ticks of a block is not told to better than its share of a turn.
+    assert told["wheelbase_scale.scale"].value == pytest.approx(WIDER, abs=6 * sd)
+    assert told["gyro_lag.time_constant"].value == pytest.approx(LAG_S, rel=0.01)
+
+
+def test_a_gross_log_scatters_as_any_other_does() -> None:
+    """A floor that differs from turn to turn makes a likelihood too sure, however far apart the
+    wheels seem to stand: it was taken at its word in every log that was gross."""
+    smooth, rough = (told_of(uneven=uneven).motion for uneven in (False, True))
+    assert smooth is not None
+    assert rough is not None
+    # Its mistakes are weighed first.
+    assert smooth.fit(MISTAKE).log_evidence < smooth.fit(BOTH).log_evidence
+    assert rough.fit(MISTAKE).log_evidence < rough.fit(BOTH).log_evidence
+    assert smooth.scan.dispersion < 1.5 < rough.scan.dispersion
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+def test_a_gyro_in_a_wrong_unit_is_that_all_the_same(factor: float) -> None:
+    """Wheels half or twice as far apart would explain it as well; none are to a thousandth."""
+    healthy = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3)
+    assert healthy.gyro_rate_rad_s is not None
+    log = replace(healthy, gyro_rate_rad_s=healthy.gyro_rate_rad_s * factor, gyro_code=None)
+    motion = analyse(log, ROBOT, WIRE, default_prior()).motion
+    assert motion is not None
+    wider = motion.fit(frozenset({"wheelbase_scale"})).log_evidence
+    assert motion.fit(MISTAKE).log_evidence > wider + 3.0
+
+
+def factors_of(log: Recording, signal: str) -> set[float]:
+    """Return by which factors a signal of the log may be wrong, those above one."""
+    variants = setup_unit(estimate_motion(log, ROBOT))
+    own = [float(one.report["factor"]) for one in variants if one.report["signal"] == signal]
+    return {one for one in own if one > 1}
+
+
+def test_only_a_speed_is_stated_in_kilometres_an_hour_and_only_a_way_in_centimetres() -> None:
+    ways = skidding()
+    speeds = replace(ways, speed_cycle_s=0.02)
+    assert {3.6, 100.0} <= factors_of(speeds, "ticks")
+    assert factors_of(speeds, "ticks") - factors_of(ways, "ticks") == {3.6}
+    assert factors_of(ways, "left_ticks") - factors_of(ways, "gyro") == {100.0}
+
+
+def test_what_rounds_off_counts_turns_a_robot_less_whose_wheels_stand_farther_apart() -> None:
+    """Compared as sharp as they turn, and as described what they round off, the best wheelbase left
+    400 times the described noise."""
+    model = MotionModel(skidding(), ROBOT, default_prior())
+    of = {term.variant.effect: term for term in model.columns.terms}
+    terms = of["wheelbase_scale"], of["gyro_lag"]
+    fit = model.refit(terms, model.level_prior.median, start=((WIDER,), (LAG_S,)))
+    left = model.left_by(terms, fit)
+    assert float(left @ left) / len(left) == pytest.approx(1.0, abs=0.1)
+    louder = np.log(fit.levels / model.level_prior.median)
+    assert float(louder.max()) < 1.0
+
+
+def test_likelihoods_of_a_log_in_two_units_differ_by_nothing_but_their_fit() -> None:
+    """A gyro divided by two has half the noise, so each row would be likelier by a factor of two;
+    and rows that are as unsure as counts are would not."""
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (), 4, reference=EXACT, duration_s=20.0
+    )
+    assert log.gyro_rate_rad_s is not None
+    half = replace(log, gyro_rate_rad_s=2.0 * log.gyro_rate_rad_s, gyro_code=None)
+    model = MotionModel(half, ROBOT, default_prior())
+    levels = model.level_prior.median
+    rows = float(np.isfinite(model.columns.values[3, :, 0]).sum())
+    more = in_its_own_unit(model, levels, -np.log(0.5), (1.0, 1.0))
+    assert 0.0 < more < rows * np.log(2.0)
+    loud = levels.copy()
+    loud[2] *= 1e3
+    assert in_its_own_unit(model, loud, -np.log(0.5), (1.0, 1.0)) == pytest.approx(
+        rows * np.log(2.0), rel=0.01
+    )
+    assert in_its_own_unit(model, levels, 0.0, (1.0, 1.0)) == 0.0
+
+
+def test_a_search_knows_at_which_noise_it_compares_wheelbases() -> None:
+    model = MotionModel(skidding(), ROBOT, default_prior())
+    Scan(model)
+    assert not np.array_equal(model.usual_levels, model.level_prior.median)
