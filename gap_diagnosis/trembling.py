@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.recording import Floats
 
@@ -11,9 +12,12 @@ _TREMBLES_LSB: Final = 1.2
 """A code is as a rule two codes off the middle of those before and after."""
 
 
-def tremble_lsb(code: Floats) -> float:
-    """Return the standard deviation of codes float64[n] about their neighbours [LSB]."""
+def tremble_lsb(code: Floats, but: NDArray[np.bool_] | None = None) -> float:
+    """Return the standard deviation of codes float64[n] about their neighbours [LSB], where none of
+    them is one *but* for which they are asked, bool[n]; 0 where there are none."""
     second = np.diff(code, 2)
+    if but is not None:
+        second = second[~(but[:-2] | but[1:-1] | but[2:])]
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6) if len(second) else 0.0
 
 

@@ -9,11 +9,15 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.codes.data import Bools, CodeData, Floats, stretches
+from gap_diagnosis.trembling import tremble_lsb
 
 _LEAST_AT_TOP: Final = 5
 _NATS: Final = 5.0
 _LEAST_TICKS: Final = 5
-_MOST_PILED: Final = 60
+_PILED_ONCE: Final = 60
+_PILED_BY_VISIT: Final = 20
+_MOST_PILED: Final = 400
+"""So many codes at the top count at most, and of a few visits to it fewer."""
 _BELOW_DESCRIBED: Final = 0.99
 
 
@@ -45,15 +49,20 @@ def flat_top(data: CodeData) -> FlatTop | None:
 
 def _piled(data: CodeData, size: Floats, reach: float, top: Bools) -> float:
     """Return the evidence of more codes at the top than noise about any rate would leave there."""
-    if data.noise < 1.5:
+    # Codes that are cut off do not tremble: half of a log of them hides the noise of the rest.
+    noise = tremble_lsb(data.code, but=top)
+    if noise < 1.5:
         return 0.0
-    near = int(np.count_nonzero(size > reach - 2 * data.noise))
+    near = int(np.count_nonzero(size > reach - 2 * noise))
     at = int(np.count_nonzero(top))
-    usual = min(0.9, 2.0 / data.noise)
+    usual = min(0.9, 2.0 / noise)
     share = at / near
     if share <= usual:
         return 0.0
-    told = min(near, _MOST_PILED) / near
+    # What stays at the top for long may be stuck there; what comes back to it again and again not.
+    visits = len(stretches(top))
+    most = min(max(_PILED_ONCE, _PILED_BY_VISIT * visits), _MOST_PILED)
+    told = min(near, most) / near
     return float(
         told
         * (

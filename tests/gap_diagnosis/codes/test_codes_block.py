@@ -9,11 +9,14 @@ import pytest
 
 from gap_diagnosis.codes import CodesBlock, codes_block
 from gap_diagnosis.codes.bits import missing_codes
+from gap_diagnosis.codes.data import code_data
+from gap_diagnosis.codes.saturation import flat_top
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
+from hil_harness.scenarios import scenario
 from hil_harness.scenarios.named import random as random_scenario
 
 WIRE = load_wire()
@@ -89,6 +92,28 @@ def test_a_frozen_gyro_is_found_with_its_window() -> None:
     )
     assert fit.log_evidence > 20
     assert fit.windows[0] == pytest.approx((20.0, 20.5), abs=0.03)
+
+
+@pytest.mark.parametrize("limit_rad_s", [0.2, 0.3])
+def test_codes_that_are_cut_off_for_most_of_a_log_do_not_hide_that_the_rest_tremble(
+    limit_rad_s: float,
+) -> None:
+    """Two thirds of a log at its top do not tremble, so nothing did, and the top told nothing: a
+    function of the code, of no listed effect, was likelier than a gyro that is cut off (1.00)."""
+    made = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario("figure8"),
+        (EffectSetting("gyro_saturation", (("limit", limit_rad_s),)),),
+        1,
+    )
+    data = code_data(made, ROBOT)
+    assert data is not None
+    assert data.noise < 1.5
+    found = flat_top(data)
+    assert found is not None
+    assert found.limit_rad_s == pytest.approx(limit_rad_s, abs=1e-4)
+    assert found.log_ratio > 100
 
 
 def test_a_flat_top_is_a_limit_and_no_frozen_gyro() -> None:
