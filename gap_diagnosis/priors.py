@@ -24,8 +24,8 @@ class ParameterPrior:
 
     Attributes:
         tolerance: a deviation up to this is no news.
-        high: beyond the typical range; the prior is even over orders of magnitude up to here, and
-            falls with the square of a size beyond.
+        high: beyond the typical range; the prior is even over orders of magnitude up to here; of
+            what the motion shows it falls with the square of a size beyond.
         most: sizes beyond this are no effect's; eight times *high* where it is not said.
     """
 

@@ -20,7 +20,7 @@ from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
-from gap_diagnosis.setup_mistakes import FACTORS
+from gap_diagnosis.setup_mistakes import COUNT_FACTORS
 from hil_harness.robot import Robot
 
 Complex = NDArray[np.complex128]
@@ -206,7 +206,7 @@ def _known(ratio: float | None) -> float | None:
     """Return the known factor other than 1 that a ratio is; None where it is none."""
     if ratio is None:
         return None
-    factors = [-1.0, *(value for factor in FACTORS for value in (factor, 1 / factor))]
+    factors = [-1.0, *(value for factor in COUNT_FACTORS for value in (factor, 1 / factor))]
     same = [one for one in factors if _is_same(ratio / one)]
     return min(same, key=lambda one: abs(math.log(ratio / one)), default=None)
 

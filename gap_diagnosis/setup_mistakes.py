@@ -8,7 +8,7 @@ FACTORS: Final = (2, 3.6, 4, 10, 100, 256, 1000, math.pi / 180)
 byte, degrees."""
 
 COUNT_FACTORS: Final = tuple(one for one in FACTORS if one != 3.6)
-"""Those of counts and ways, which nobody states in km/h."""
+"""Those of counts, ways and places, which nobody states in km/h."""
 
 TURN_FACTORS: Final = tuple(one for one in COUNT_FACTORS if one != 100)
 """Those of a rate of turn, which nobody states in cm either."""

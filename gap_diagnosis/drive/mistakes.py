@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive.data import DriveData
-from gap_diagnosis.setup_mistakes import FACTORS, counts_per_step
+from gap_diagnosis.setup_mistakes import FACTORS, TURN_FACTORS, counts_per_step
 
 Floats = NDArray[np.float64]
 
@@ -57,11 +57,11 @@ def mistakes(data: DriveData, effect: str, doubted: frozenset[str]) -> list[Mist
     if effect == "setup_sign":
         signals = sorted({"command_turn", "left_ticks", "right_ticks"} & doubted)
         return [_read_wrong(data, signal, -1.0, {"signal": signal}) for signal in signals]
-    factors = [value for factor in FACTORS for value in (factor, 1 / factor)]
     return [
         _read_wrong(data, signal, factor, {"signal": signal, "factor": factor})
         for signal in sorted((COMMANDS | COUNTS) & doubted)
-        for factor in factors
+        for known in (TURN_FACTORS if signal == "command_turn" else FACTORS)
+        for factor in (known, 1 / known)
     ]
 
 

@@ -26,6 +26,7 @@ Effects = frozenset[str]
 _LEADERS: Final = 6
 """Single terms that are combined with every other term."""
 _VARIANTS_KEPT: Final = 10
+_NARROWER: Final = 0.9
 NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
 
@@ -257,7 +258,9 @@ class Accounts:
                     _largest(term.variant.effect, name),
                     term.variant.most,
                 )
-                ranges.append((-small if term.variant.is_positive else -most, most))
+                least = -small if term.variant.is_positive else -most
+                # A wheelbase of less than nothing is two wheels that are swapped.
+                ranges.append((max(least, -_NARROWER) if term.variant.widens else least, most))
         believed = all(low <= size <= high for size, (low, high) in zip(sizes, ranges, strict=True))
         return 0.0 if believed else NEVER
 

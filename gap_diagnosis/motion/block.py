@@ -91,6 +91,7 @@ class MotionBlock:
         self._mending: dict[str, list[Found]] = {}
         for effect in sorted(GROSS & self.scan.effects):
             self._choose_what_mends(effect)
+        self._put_right = self._judged_right()
 
     def _choose_what_mends(self, effect: str) -> None:
         """Take that of a mistake's variants which, put right, leaves a log in order and likeliest.
@@ -225,8 +226,7 @@ class MotionBlock:
         right = self._put_right.get(effects & GROSS)
         return self.levels if right is None else right.levels
 
-    @cached_property
-    def _put_right(self) -> dict[frozenset[str], Mended]:
+    def _judged_right(self) -> dict[frozenset[str], Mended]:
         """The likely mistakes of the set-up, each judged by what the log is like without it.
 
         About so gross an error nothing is linear: which of them is likelier shows only then. What

@@ -35,8 +35,8 @@ class Course:
     *quantum_m* float64[2] is the standard deviation of one reading of each wheel's way, *beat_m*
     that of its part which beats with the samples: of a rounding error after noise of sigma counts,
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
-    chapter 4). By as much as *log_more* the log variance of each row is less than if counts turned
-    the robot as described.
+    chapter 4). What counts round off turns the robot about *count_base_m*. By as much as *log_more*
+    the log variance of each row is less than if counts turned the robot as described.
     """
 
     dt_s: Floats
@@ -57,6 +57,7 @@ class Course:
     quantum_m: Floats
     beat_m: Floats
     wheelbase_m: float
+    count_base_m: float
     log_more: float
     samples: Floats
     gyro_floor_rad: Floats
@@ -69,11 +70,18 @@ class Course:
     def wider(self, scale: float) -> Course:
         """Return the course of wheels that turn the robot as if they stood farther apart by this
         share: errors of counting turn it by less."""
-        return self.finer(np.full(2, 1.0 / max(1.0 + scale, _NARROWEST)))
+        return replace(self, count_base_m=self.wheelbase_m * max(abs(1.0 + scale), _NARROWEST))
 
-    def finer(self, times: Floats) -> Course:
+    def longer(self, times: Floats) -> Course:
         """Return the course of wheels whose counts are so many times as long, float64[2]."""
-        return replace(self, quantum_m=times * self.quantum_m, beat_m=times * self.beat_m)
+        left, right = times**2
+        return replace(
+            self,
+            quantum_m=times * self.quantum_m,
+            beat_m=times * self.beat_m,
+            left_scatter_m2=left * self.left_scatter_m2,
+            right_scatter_m2=right * self.right_scatter_m2,
+        )
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
         """Return the course whose counts vary by chance too, by counts² per tick, float64[n]."""
@@ -141,6 +149,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         quantum_m=per_count_m * math.sqrt(1 / 12 + noise_ticks**2),
         beat_m=per_count_m * math.exp(-0.5 * (math.tau * noise_ticks) ** 2) / _HARMONIC,
         wheelbase_m=motion.wheelbase_m,
+        count_base_m=motion.wheelbase_m,
         log_more=0.0,
         samples=samples,
         gyro_floor_rad=_gyro_floor(nodes),
@@ -227,7 +236,8 @@ def _gyro_floor(nodes: Nodes) -> Floats:
     """Return white noise of the gyro's turn beside the wheels', float64[m].
 
     What stands in one row of a table was not measured at one instant, but within a row's time. How
-    far a robot turns in it the gyro says: wheels may stand farther apart than they are said to.
+    far a robot turns in it is no more than wheels say, which may stand farther apart than they are
+    said to, nor than a gyro says, which has a bias at rest.
     """
     floor = np.full(nodes.count, _LEAST_TURN_RAD)
     turn_rad = nodes.motion.gyro_turn_rad
@@ -236,4 +246,6 @@ def _gyro_floor(nodes: Nodes) -> Floats:
     row_s = nodes.motion.tick_s / np.sqrt(12.0)
     rate_rad_s = np.diff(turn_rad, prepend=turn_rad[0]) / nodes.motion.tick_s
     width = USUAL_S / nodes.motion.tick_s
-    return np.asarray(floor + row_s * np.abs(nodes.mean(gaussian_filter1d(rate_rad_s, width))))
+    by_gyro = nodes.mean(gaussian_filter1d(rate_rad_s, width))
+    by_wheels = nodes.mean(nodes.smooth.turn_rate_rad_s)
+    return np.asarray(floor + row_s * np.minimum(np.abs(by_gyro), np.abs(by_wheels)))

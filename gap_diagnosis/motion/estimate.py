@@ -38,7 +38,7 @@ _OFTEN: Final = 20
 """So many codes at an end, or beyond it, are no spikes."""
 _BY_CHANCE: Final = 3.0
 """Standard deviations of a sample's noise."""
-_NOTHING_SAID_RAD2: Final = 1.0
+NOTHING_SAID_RAD2: Final = 1.0
 """Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
 taken for a measurement, that would say that the wheels never slipped meanwhile."""
 
@@ -229,7 +229,7 @@ def without_gyro(motion: Motion, silent: NDArray[np.bool_]) -> Motion:
     """Return the motion with a gyro that says nothing in the ticks *silent*, bool[n]: not even by
     how far it turned from the one side of them to the other."""
     return replace(
-        motion, gyro_unsure_rad2=np.where(silent, _NOTHING_SAID_RAD2, motion.gyro_unsure_rad2)
+        motion, gyro_unsure_rad2=np.where(silent, NOTHING_SAID_RAD2, motion.gyro_unsure_rad2)
     )
 
 

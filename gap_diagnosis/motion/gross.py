@@ -35,6 +35,8 @@ _ALIKE: Final = 1e4
 """Condition of both wheels' ways above which neither is told by itself."""
 _LITTLE: Final = 0.05
 """Share of noise in the wheels' turn up to which one wheel is asked for."""
+_LITTLE_OF_ONE: Final = 0.1
+"""Of counts that were rounded once more by so little it shows that they were whole."""
 _TOGETHER: Final = 0.3
 _LOUD: Final = 3.0
 """Correlation over blocks: three times what chance makes in a minute. Where noise has three times
@@ -220,22 +222,39 @@ def put_right(
             ticks / factor if is_wrong else ticks
             for ticks, is_wrong in zip((left, right), wrong, strict=True)
         )
-        steps = recording.counts_per_step
-        left_step, right_step = (
-            step / abs(factor) if is_wrong else step
-            for step, is_wrong in zip(steps, wrong, strict=True)
-        )
+        sides = (recording.left_ticks, recording.right_ticks)
+        steps = [
+            _step_of(ticks, factor, step) if is_wrong else step
+            for ticks, step, is_wrong in zip(sides, recording.counts_per_step, wrong, strict=True)
+        ]
+        unsure = recording.unsure_ticks2
+        if unsure is not None:
+            unsure = unsure / np.where(wrong, factor**2, 1.0)[:, np.newaxis]
         undone = replace(
             recording,
             left_ticks=left,
             right_ticks=right,
-            counts_per_step=(left_step, right_step),
+            counts_per_step=(steps[0], steps[1]),
+            unsure_ticks2=unsure,
         )
         return undone, 0.0
     rate = recording.gyro_rate_rad_s
     if rate is None:
         return recording, 0.0
     return replace(recording, gyro_rate_rad_s=rate / factor), -math.log(abs(factor))
+
+
+def _step_of(ticks: Floats, factor: float, step: float) -> float:
+    """Return by how many counts a reading of *ticks* steps once a wrong factor is undone.
+
+    What read a tenth was rounded to counts as well, and then goes by tens; what read ten times as
+    much goes by tenths, unless it was multiplied once it was counted.
+    """
+    times = abs(factor)
+    counts = np.diff(ticks[np.isfinite(ticks)]) / times
+    rounded = 0.0 if times == round(times) else 1.0 / times
+    was_counted = times > 1 and np.all(np.abs(counts - np.rint(counts)) <= rounded + 1e-6)
+    return step if was_counted and rounded < _LITTLE_OF_ONE else step / times
 
 
 def _moved(steps: Floats) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gap_diagnosis.hypothesis import Fit
-from gap_diagnosis.motion.accounts import dispersed
+from gap_diagnosis.motion.estimate import NOTHING_SAID_RAD2
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, whiten
 from gap_diagnosis.recording import Floats
@@ -31,8 +31,10 @@ class Mended(NamedTuple):
         explained, by = self.fit.log_likelihood, times
         if times == 1.0:
             explained, by = self.explained, self.dispersion
-        evidence, _ = dispersed(self.fit.log_evidence, explained, by)
-        return self._replace(fit=replace(self.fit, log_evidence=evidence))
+        less = (1 - 1 / by) * explained
+        evidence, likelihood = self.fit.log_evidence - less, self.fit.log_likelihood - less
+        fit = replace(self.fit, log_evidence=evidence, log_likelihood=likelihood)
+        return self._replace(fit=fit)
 
 
 def in_its_own_unit(
@@ -50,10 +52,12 @@ def in_its_own_unit(
     if gyro == 1.0 and np.all(counts == 1.0):
         return 0.0
     own = np.array([gyro if name.startswith("gyro_") else 1.0 for name in LEVELS])
+    unsure = right.course.gyro_unsure_rad2
     course = replace(
-        right.course.finer(counts),
+        right.course.longer(counts),
         gyro_floor_rad=gyro * right.course.gyro_floor_rad,
-        gyro_unsure_rad2=gyro**2 * right.course.gyro_unsure_rad2,
+        # A gyro that says nothing says nothing in any unit.
+        gyro_unsure_rad2=np.where(unsure < NOTHING_SAID_RAD2, gyro**2 * unsure, unsure),
     )
     data = np.ascontiguousarray(right.columns.values[..., :1])
     _, log_variance = whiten(data, right.course, levels, right.nodes.ticks)

@@ -419,7 +419,7 @@ class MotionModel:
         """Return the course of wheels that stand farther apart, with a likelihood to be compared
         with that of others, whatever turn a count stands for."""
         wider = course.wider(scale)
-        data, levels = self.columns.values[..., :1], self.usual_levels
+        data, levels = np.ascontiguousarray(self.columns.values[..., :1]), self.usual_levels
         variances = [whiten(data, one, levels, self.nodes.ticks)[1] for one in (course, wider)]
         before, after = (float(one.mean()) for one in variances)
         return replace(wider, log_more=course.log_more + before - after)

@@ -67,6 +67,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.quantum_m,
         course.beat_m,
         course.wheelbase_m,
+        course.count_base_m,
         course.samples,
         course.gyro_floor_rad,
         course.gyro_unsure_rad2,
@@ -99,6 +100,7 @@ def _whiten(
     quantum_m: Floats,
     beat_m: Floats,
     wheelbase_m: float,
+    count_base_m: float,
     samples: Floats,
     gyro_floor: Floats,
     gyro_unsure: Floats,
@@ -238,11 +240,11 @@ def _whiten(
                 noise = position * position / samples[k] + 0.25 * s * s * few + 1e-12
             elif channel == 2:
                 first, second = 0, 9
-                left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
-                noise = heading * heading / samples[k] + few / (wheelbase_m * wheelbase_m) + 1e-12
+                left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
+                noise = heading * heading / samples[k] + few / (count_base_m * count_base_m) + 1e-12
             else:
                 first, second = 0, 3
-                left_share, right_share = 1.0 / wheelbase_m, -1.0 / wheelbase_m
+                left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
                 noise = gyro_floor[k] * gyro_floor[k]
             one, two = 12 * first, 12 * second
             for i in range(12):

@@ -65,8 +65,8 @@ EFFECTS: Final[tuple[Effect, ...]] = (
                 "factor",
                 "1",
                 1.0,
-                "it reads so many times what it should: 2, 3.6, 4, 10, 100, 256, 1000, 180/π "
-                "and inverses",
+                "it reads so many times what it should: 2, 4, 10, 256, 1000, 180/π and inverses, "
+                "ways 100 too, speeds 3.6",
                 minimum=1e-6,
                 maximum=1e6,
             ),

@@ -77,6 +77,33 @@ def test_a_factor_is_divided_out_of_the_signal_that_has_it(signal, factor):
     assert log_scale == (pytest.approx(-np.log(factor)) if signal == "gyro" else 0.0)
 
 
+@pytest.mark.parametrize(
+    ("factor", "before", "step"),
+    [
+        (10.0, 10.0, 1.0),
+        (10.0, 1.0, 0.1),
+        (2.0, 1.0, 0.5),
+        (0.1, 1.0, 10.0),
+        (180 / np.pi, 0.0, 1.0),
+    ],
+)
+def test_counts_step_by_what_they_show(factor: float, before: float, step: float) -> None:
+    """Counts that were multiplied step by one again once it is undone, those of an encoder that is
+    finer than described by less, and what was rounded once it was divided by more."""
+    ticks = np.rint(LOG.left_ticks * (before or factor))
+    told = {"signal": "left_ticks", "factor": factor}
+    found, _ = put_right(replace(LOG, left_ticks=ticks), "setup_unit", told)
+    assert found.counts_per_step == pytest.approx((step, 1.0))
+
+
+def test_what_a_speed_is_unsure_by_is_in_its_unit_as_well() -> None:
+    unsure = np.full((2, len(LOG.t_s)), 3.6**2)
+    log = replace(LOG, unsure_ticks2=unsure)
+    found, _ = put_right(log, "setup_unit", {"signal": "left_ticks", "factor": 3.6})
+    assert found.unsure_ticks2 is not None
+    np.testing.assert_allclose(found.unsure_ticks2[:, 0], [1.0, 3.6**2])
+
+
 @pytest.mark.parametrize("signal", ["left_ticks", "right_ticks", "gyro"])
 def test_a_sign_is_turned_back(signal):
     found, log_scale = put_right(wrong(signal, -1.0), "setup_sign", {"signal": signal})

@@ -14,6 +14,7 @@ from test_dispersion import on_many_floors
 
 from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.explanations.choices import setup_unit
+from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.mended import in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
@@ -138,6 +139,14 @@ def test_likelihoods_of_a_log_in_two_units_differ_by_nothing_but_their_fit() -> 
         rows * np.log(2.0), rel=0.01
     )
     assert in_its_own_unit(model, levels, 0.0, (1.0, 1.0)) == 0.0
+
+
+def test_no_wheels_are_so_near_to_each_other_that_they_are_swapped() -> None:
+    scan = Scan(MotionModel(skidding(), ROBOT, default_prior()))
+    (wheelbase,) = (one for one in scan.model.columns.terms if one.variant.widens)
+    assert scan._beyond_belief([wheelbase], [3.0]) == 0.0
+    assert scan._beyond_belief([wheelbase], [-0.5]) == 0.0
+    assert scan._beyond_belief([wheelbase], [-1.5]) == NEVER
 
 
 def test_a_search_knows_at_which_noise_it_compares_wheelbases() -> None:
