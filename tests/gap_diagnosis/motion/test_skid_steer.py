@@ -1,6 +1,6 @@
 """Wheels that skid turn a robot as if they stood twice as far apart, and that is no mistake of the
-set-up: of five logs of a robot with four wheels, its body's width taken for its wheelbase, three had
-a gyro in km/h, 99.8 %."""
+set-up: of five logs of a robot with four wheels, its body's width taken for its wheelbase, three
+had a gyro in km/h, 99.8 %."""
 
 from __future__ import annotations
 
