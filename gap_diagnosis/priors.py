@@ -108,11 +108,13 @@ class Stated:
         span: the prior is even over orders of magnitude between these sizes, without sign; None
             where it is a law in code.
         of: what the sizes are shares of; empty where they are in the parameter's unit.
+        most: how large it seldom is, where that is more than eight times the span's end.
     """
 
     tolerance: float | None
     span: Range | None
     of: str = ""
+    most: float | None = None
 
 
 _NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "start_s", "stop_s"})
@@ -130,7 +132,8 @@ def stated(prior: Prior, effect: Effect) -> dict[str, Stated]:
         if parameter.kind != "real":
             continue
         if size is not None:
-            found[name] = Stated(size.tolerance, (size.tolerance, size.high))
+            most = size.most if size.most > _BELIEVED * size.high else None
+            found[name] = Stated(size.tolerance, (size.tolerance, size.high), most=most)
         elif name in ranges:
             # `usual` is of how much or how often, which is what the effect begins with.
             follows = "usual" in ranges and ranges[name][0] == ranges["usual"][1]

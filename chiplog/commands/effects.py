@@ -134,7 +134,8 @@ def _believed(effect: Effect, prior: Prior) -> dict[str, list[str]]:
     for name, one in stated(prior, effect).items():
         share = f" of {one.of}" if one.of else ""
         span = "" if one.span is None else f"{_text(one.span[0])} to {_text(one.span[1])}{share}"
-        cells[name] = ["" if one.tolerance is None else _text(one.tolerance), span]
+        seldom = "" if one.most is None else f", seldom to {_text(one.most)}"
+        cells[name] = ["" if one.tolerance is None else _text(one.tolerance), span + seldom]
     return cells
 
 

@@ -70,7 +70,8 @@ def _belief(one: Stated | None) -> list[str]:
         return ["", ""]
     share = f" of {one.of}" if one.of else ""
     span = "" if one.span is None else f"{number(one.span[0])} to {number(one.span[1])}{share}"
-    return ["" if one.tolerance is None else number(one.tolerance), span]
+    seldom = "" if one.most is None else f", seldom to {number(one.most)}"
+    return ["" if one.tolerance is None else number(one.tolerance), span + seldom]
 
 
 def laws() -> str:

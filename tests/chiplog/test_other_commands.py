@@ -44,6 +44,7 @@ def test_one_effect_is_shown_with_signature_twins_and_meanings(chiplog: Chiplog)
     ("effect", "parameter", "tolerance", "prior"),
     [
         ("radius_scale", "scale", "0.002", "0.002 to 0.05"),
+        ("wheelbase_scale", "scale", "0.003", "0.003 to 0.08, seldom to 4"),
         ("gyro_nonlinearity", "cubic", "0.0005", "0.0005 to 0.1"),
         ("wheel_eccentricity", "amplitude", "0.001", "0.001 to 0.04"),
         ("frame_loss", "probability", "0.0001", "0.0001 to 0.4"),
@@ -65,7 +66,7 @@ def test_an_angle_of_an_effect_has_no_size(chiplog: Chiplog) -> None:
     believed = {one["name"]: one["prior"] for one in listed[0]["parameters"]}
     assert believed == {
         "side": None,
-        "amplitude": {"tolerance": 0.001, "span": [0.001, 0.04], "of": ""},
+        "amplitude": {"tolerance": 0.001, "span": [0.001, 0.04], "of": "", "most": None},
         "phase": None,
     }
 
