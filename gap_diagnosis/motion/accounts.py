@@ -27,6 +27,7 @@ _LEADERS: Final = 6
 """Single terms that are combined with every other term."""
 _VARIANTS_KEPT: Final = 10
 _NARROWER: Final = 0.9
+"""Wheels stand nearer to each other than described by no more than this share."""
 NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
 

@@ -43,6 +43,7 @@ Unsure = Callable[[Motion], tuple[Floats, Floats]]
 """Of a motion, how much its wheels' counts vary by chance, counts² per tick of left and right."""
 
 _FAR: Final = 0.1
+"""Share by which wheels stand farther apart: a tenth of what counts round off matters little."""
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
@@ -406,7 +407,7 @@ class MotionModel:
         if varying:
             course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
-            if _is_far(term.variant, sizes):
+            if _turns_less(term.variant, sizes):
                 course = self._wider(course, sizes[0])
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
@@ -466,7 +467,7 @@ class MotionModel:
             for term, sizes in zip(terms, coefficients, strict=True)
         ]
         change = residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
-        far = [one for one in settings if _is_far(*one)]
+        far = [one for one in settings if _turns_less(*one)]
         return change + self._beyond_sharp(far) if far else change
 
     def _beyond_sharp(self, far: Sequence[Setting]) -> Floats:
@@ -565,7 +566,7 @@ def _tolerances(robot: Robot) -> dict[str, float]:
     }
 
 
-def _is_far(variant: Variant, sizes: Sequence[float]) -> bool:
+def _turns_less(variant: Variant, sizes: Sequence[float]) -> bool:
     """Tell whether an effect turns the robot by so much less that errors of counting do, too."""
     return variant.widens and abs(sizes[0]) > _FAR
 
