@@ -71,7 +71,7 @@ class Model:
     Attributes:
         variable: of which it is a function.
         settings, drawn: what acts, with its best sizes and with draws of them.
-        levels: noise levels beside it, float64[10].
+        levels: noise levels beside it, float64[levels].
         drive: where commands lead without it and with it, where it acts there; else None.
     """
 

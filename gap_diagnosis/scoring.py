@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
-_ROUNDS: Final = 20
+_ROUNDS: Final = 30
 _LITTLE: Final = 0.05
 """No step is tried that promises less [nat]."""
 _FARTHEST: Final = 2.0

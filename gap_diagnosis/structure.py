@@ -105,7 +105,7 @@ def _limits_of_noise(model: MotionModel, can: frozenset[str]) -> dict[str, float
 
 
 def sights_of(models: Sequence[tuple[MotionModel, Floats]]) -> Sights:
-    """Return what the motion of logs can see, each at its noise levels float64[10]."""
+    """Return what the motion of logs can see, each at its noise levels float64[levels]."""
     return Sights(
         tuple(sight_of(one.columns, one.gram(levels), one.prior) for one, levels in models)
     )

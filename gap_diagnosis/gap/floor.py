@@ -36,6 +36,8 @@ class NoiseLevels:
         reference_slow_position_m, reference_slow_heading_rad: correlated over `slow_s`.
         slow_s: that correlation time.
         quantum_rad: quantisation and noise of one reading of a wheel's angle, standard deviation.
+        slip_wander: share of its way by which a wheel slips, correlated over `slip_s`.
+        slip_s: that correlation time.
     """
 
     contact_m_per_sqrt_m: float
@@ -48,6 +50,8 @@ class NoiseLevels:
     reference_slow_heading_rad: float = 0.0
     slow_s: float = 1.0
     quantum_rad: float = 0.0
+    slip_wander: float = 0.0
+    slip_s: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,12 @@ def _window_floor(
         + rolling_m * generator.standard_normal((draws, count))
         for way, unsure in zip(ways, unsure_m2, strict=True)
     )
+    if levels.slip_wander:
+        slips = levels.slip_wander * _slow_walks(generator, 2, draws, count, node_s, levels.slip_s)
+        left, right = (
+            way_m + np.cumsum(slip * way, axis=1)
+            for way_m, slip, way in zip((left, right), slips, ways, strict=True)
+        )
     sideways = levels.lateral_m_per_sqrt_m * np.sqrt(0.5 * (ways[0] + ways[1]))
     after_start = np.full(count, math.sqrt(node_s))
     after_start[0] = 0.0
@@ -157,7 +167,7 @@ def _window_floor(
     first, stop = np.searchsorted(measured_t_s, [window.start_s, window.stop_s])
     rate_hz = max((stop - first) / (window.stop_s - window.start_s), 1e-9)
     thin = max(1, math.ceil(1 / (rate_hz * node_s)))
-    slow = _slow_walk(generator, draws, count, node_s, levels.slow_s)
+    slow = _slow_walks(generator, 3, draws, count, node_s, levels.slow_s)
     off -= levels.reference_slow_position_m * (slow[0] + 1j * slow[1])
     seen_rad = heading_rad - levels.reference_slow_heading_rad * slow[2]
     known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
@@ -192,13 +202,18 @@ def _course(path: Path, at_s: Floats) -> Floats:
     return np.asarray(np.exp(1j * np.interp(at_s, path.t_s, path.heading_rad)))
 
 
-def _slow_walk(
-    generator: np.random.Generator, draws: int, count: int, node_s: float, slow_s: float
+def _slow_walks(
+    generator: np.random.Generator,
+    series: int,
+    draws: int,
+    count: int,
+    node_s: float,
+    slow_s: float,
 ) -> Floats:
-    """Return three first-order Gauss-Markov series of variance 1, float64[3, draws, count]."""
+    """Return first-order Gauss-Markov series of variance 1, float64[series, draws, count]."""
     decay = math.exp(-node_s / slow_s)
     fresh = math.sqrt(1 - decay * decay)
-    slow = generator.standard_normal((count, 3, draws))
+    slow = generator.standard_normal((count, series, draws))
     slow[1:] *= fresh
     for k in range(1, count):
         slow[k] += decay * slow[k - 1]

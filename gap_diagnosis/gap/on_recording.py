@@ -31,7 +31,7 @@ from gap_diagnosis.gap.odometry import (
     offset_time_s,
 )
 from gap_diagnosis.gap.windows import Window, windows_of
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import LEVELS, SLIP_S
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording, Reference
 from hil_harness.robot import Robot
@@ -57,11 +57,12 @@ class Replayed:
 
 
 def levels_of(levels: Floats, robot: Robot, motion: Motion) -> NoiseLevels:
-    """Return the motion block's levels, float64[10], with the description's encoder noise."""
+    """Return the motion block's levels, float64[levels], with the description's encoder noise."""
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
     slow_s = named.pop("reference_slow_s")
     named.pop("inexact")
-    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=_quantum_rad(robot, motion))
+    quantum_rad = _quantum_rad(robot, motion)
+    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=quantum_rad, slip_s=SLIP_S)
 
 
 def _quantum_rad(robot: Robot, motion: Motion) -> float:

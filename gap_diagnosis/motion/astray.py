@@ -33,7 +33,7 @@ def varies(variant: Variant, nodes: Nodes) -> bool:
 
 
 def roughly(levels: Floats, described: Floats) -> list[Floats]:
-    """Return levels, float64[10], at which effects vary, in a contact as it is or as it is
+    """Return levels, float64[levels], at which effects vary, in a contact as it is or as it is
     described: from exact effects no slope leads there."""
     found = []
     for contact in (levels[CONTACT], min(levels[CONTACT], described[CONTACT])):

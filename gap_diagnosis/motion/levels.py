@@ -17,7 +17,7 @@ _HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
 """What varies by more than a third is there at times, and no effect that lasts: a slip of 2 % for
 8 s had another track, where that might be nothing for the rest of a log."""
 _LOUDER: Final = 1.3
-FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
+FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
 """No floor is smoother than 0.1 mm per root metre and no room measures better than 0.1 mm: without
 these, data without noise would make any small misfit a certainty."""
 
@@ -34,6 +34,7 @@ def level_prior(robot: Robot) -> LevelPrior:
         "gyro_noise_rad_per_sqrt_s": (noise, 0.35),
         "gyro_bias_walk_rad_s_per_sqrt_s": (walk, 0.5),
         "inexact": (0.01, 1.0),
+        "slip_wander": (3e-4, 1.0),
         "reference_position_m": (1e-3, 2.0),
         "reference_heading_rad": (1e-3, 2.0),
         "reference_slow_position_m": (3e-4, 2.0),
@@ -45,7 +46,7 @@ def level_prior(robot: Robot) -> LevelPrior:
 
 
 def is_louder(levels: Floats, than: Floats) -> bool:
-    """Tell whether levels, float64[10], hold more of any noise than others, at any frequency.
+    """Tell whether levels, float64[levels], hold more of any noise than others, at any frequency.
 
     How effects vary is none of it: without effects nothing does.
 

@@ -62,7 +62,7 @@ class Refitted:
 
     Attributes:
         scored: evidence and coefficients (they are the whole deviation: no tolerance beside them).
-        levels: noise levels, float64[10].
+        levels: noise levels, float64[levels].
         log_evidence: with the density of the levels; comparable between sets.
         log_likelihood: at the best coefficients and levels, other tolerances marginalised.
         coefficients: per term, the best ones.
@@ -82,7 +82,8 @@ class MotionModel:
         recording, robot, prior: what it was made from.
         nodes, course, columns: see there.
         level_prior: prior of the noise levels.
-        usual_levels: noise levels, float64[10], at which courses of other wheelbases are compared.
+        usual_levels: noise levels, float64[levels], at which courses of other wheelbases are
+            compared.
     """
 
     def __init__(
@@ -204,13 +205,13 @@ class MotionModel:
 
     @cached_property
     def elsewhere(self) -> list[Floats]:
-        """Levels from which a search may begin instead of the described ones, float64[10] each."""
+        """Levels, float64[levels] each, from which a search may begin instead of the described."""
         return starts(self.nodes, self.level_prior)
 
     def levels_along(
         self, terms: Sequence[Term], levels: Floats, place: int, free: Sequence[int], course: Course
     ) -> Floats:
-        """Return how the best levels go with the one at *place*, in logarithms: float64[10]."""
+        """Return how the best levels go with the one at *place*, in logarithms: float64[levels]."""
         weigh = self._of_levels(terms, course)
         return along(weigh, self.level_prior, levels, place, free=free)
 

@@ -47,7 +47,7 @@ class Pushes:
     Attributes:
         at_s: when, log time, in order.
         steps: float64[k, 3], turned to the left [rad], moved forward and to the left [m].
-        levels: noise levels beside them, float64[10].
+        levels: noise levels beside them, float64[levels].
         log_evidence: less that of no effect at the same levels.
         log_likelihood: gain at the best steps.
         share: of the whitened residual's energy above noise that they take.

@@ -22,7 +22,7 @@ from gap_diagnosis.recording import Floats
 
 def with_slack(model: MotionModel, laid: Laid, one: Alternative, levels: Floats) -> MotionModel:
     """Return the model with an alternative free within what is no gap of it, in the likeliest of
-    its shapes at these noise levels, float64[10].
+    its shapes at these noise levels, float64[levels].
 
     Only what no constant of the description does: how far these may be off, their own tolerances
     say, and a wheelbase that is off by three of them is not one that wanders within one.

@@ -37,7 +37,7 @@ class StandIn:
 
     Attributes:
         best, drawn: what acts.
-        levels: noise levels beside it, float64[10].
+        levels: noise levels beside it, float64[levels].
     """
 
     best: Setting
@@ -49,8 +49,9 @@ def stand_in(model: MotionModel, one: Alternative, start: Floats) -> StandIn | N
     """Return the stand-in of *one* as it suits best what *model* may see of the log; None where the
     log has nothing that it could be a function of.
 
-    Its noise levels are sought beside it from *start*, float64[10], and where some noise is louder
-    there than described from the described ones too: it may have taken what the stand-in explains.
+    Its noise levels are sought beside it from *start*, float64[levels], and where some noise is
+    louder there than described from the described ones too: it may have taken what the stand-in
+    explains.
     """
     is_of_codes = one.variable == CODE[0]
     variable = CODE[1] if is_of_codes else one.variable

@@ -32,7 +32,7 @@ def is_of_a_room(nodes: Nodes) -> bool:
 
 
 def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
-    """Return levels float64[10] for a few wanders of the reference about its white noise."""
+    """Return levels float64[levels] for a few wanders of the reference about its white noise."""
     if len(nodes.sample_t_s) < 3:
         return []
     x_m, y_m, heading_rad = nodes.reference_noise

@@ -3,9 +3,10 @@
 The noise of a log, in the terms of docs/explanation: the contact of each wheel is a random walk
 over distance, the gyro's angle a random walk over time on a walking bias, each count is off by a
 quantum that stays while the wheel stands and is averaged over what it counts while it turns, the
-reference is off by white and by slow noise, and effects of tyres lead each wheel astray by a share
-more or less. Because the filter is linear, one pass whitens the data and every effect's column
-alike, with the same gains; what comes out is a plain least-squares problem.
+reference is off by white and by slow noise, and each wheel slips by a share of its way that
+wanders, and by a share more or less than an effect of its tyre has it. Because the filter is
+linear, one pass whitens the data and every effect's column alike, with the same gains; what comes
+out is a plain least-squares problem.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ LEVELS: Final = (
     "gyro_noise_rad_per_sqrt_s",
     "gyro_bias_walk_rad_s_per_sqrt_s",
     "inexact",
+    "slip_wander",
     "reference_position_m",
     "reference_heading_rad",
     "reference_slow_position_m",
@@ -34,13 +36,14 @@ LEVELS: Final = (
 """Levels of noise, in the order of a vector of levels."""
 CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 INEXACT: Final = LEVELS.index("inexact")
+SLIP_WANDER: Final = LEVELS.index("slip_wander")
 
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
 beats with the samples."""
-INEXACT_S: Final = 2.0
-"""Correlation time of the share by which an effect of the contact is larger than on average: a turn
-of a robot lasts for so long."""
+SLIP_S: Final = 2.0
+"""Correlation time of the share of its way by which a wheel slips more than on average, with or
+without an effect of the contact: a turn of a robot lasts for so long."""
 
 
 def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
@@ -72,7 +75,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.gyro_floor_rad,
         course.gyro_unsure_rad2,
         QUANTUM_S,
-        INEXACT_S,
+        SLIP_S,
         levels,
         ticks,
     )
@@ -105,17 +108,17 @@ def _whiten(
     gyro_floor: Floats,
     gyro_unsure: Floats,
     quantum_s: float,
-    inexact_s: float,
+    slip_s: float,
     levels: Floats,
     ticks: Floats,
 ) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
-    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, share
-    # of effects left, right. The covariance is one flat row of 12 × 12 numbers:
-    # with sizes known, its loops are vectorised.
+    # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
+    # the wheels left, right in units of what they slip by. The covariance is one flat row of
+    # 12 × 12 numbers: with sizes known, its loops are vectorised.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
-    inexact, position, heading = levels[4], levels[5], levels[6]
-    slow_position, slow_heading, slow_s = levels[7], levels[8], levels[9]
+    inexact, wander, position, heading = levels[4], levels[5], levels[6], levels[7]
+    slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10]
     covariance = np.zeros(144)
     state = np.zeros((12, width))
     for i in range(4):
@@ -124,8 +127,8 @@ def _whiten(
     covariance[91] = slow_position**2
     covariance[104] = slow_position**2
     covariance[117] = slow_heading**2
-    covariance[130] = inexact**2
-    covariance[143] = inexact**2
+    covariance[130] = 1.0
+    covariance[143] = 1.0
     out = np.empty((4 * nodes, width))
     log_variance = np.empty(4 * nodes)
     rows = 0
@@ -157,24 +160,30 @@ def _whiten(
                 covariance[12 * i + 2] += dx * covariance[12 * i]
                 covariance[12 * i + 3] += dt * covariance[12 * i + 4]
             c, s = cosine[k], sine[k]
-            if left_astray[k] != 0.0 or right_astray[k] != 0.0:
-                for q in range(10, 12):
-                    turned = -left_astray[k] if q == 10 else right_astray[k]
-                    went = 0.5 * (left_astray[k] if q == 10 else right_astray[k])
-                    astray = (turned / wheelbase_m, c * went, s * went)
-                    for i in range(3):
-                        for j in range(width):
-                            state[i, j] += astray[i] * state[q, j]
-                        for j in range(12):
-                            covariance[12 * i + j] += astray[i] * covariance[12 * q + j]
-                        for j in range(12):
-                            covariance[12 * j + i] += astray[i] * covariance[12 * j + q]
-            decay = np.exp(-dt / inexact_s)
+            for q in range(10, 12):
+                # Both last for as long: an effect that varies and slip of its own are one motion.
+                effect = inexact * (left_astray[k] if q == 10 else right_astray[k])
+                own = wander * (left_path[k] if q == 10 else right_path[k])
+                slips = np.sqrt(effect * effect + own * own)
+                if slips == 0.0:
+                    continue
+                if effect < 0.0:
+                    slips = -slips
+                turned = -slips if q == 10 else slips
+                astray = (turned / wheelbase_m, 0.5 * c * slips, 0.5 * s * slips)
+                for i in range(3):
+                    for j in range(width):
+                        state[i, j] += astray[i] * state[q, j]
+                    for j in range(12):
+                        covariance[12 * i + j] += astray[i] * covariance[12 * q + j]
+                    for j in range(12):
+                        covariance[12 * j + i] += astray[i] * covariance[12 * j + q]
+            decay = np.exp(-dt / slip_s)
             for q in range(10, 12):
                 for j in range(width):
                     state[q, j] *= decay
                 _scale_state(covariance, q, decay)
-                covariance[13 * q] += (1.0 - decay * decay) * inexact**2
+                covariance[13 * q] += 1.0 - decay * decay
             decay = np.exp(-dt / slow_s)
             for i in range(7, 10):
                 for j in range(width):

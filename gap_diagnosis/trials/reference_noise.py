@@ -65,8 +65,8 @@ def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLev
     In stratum *prior* its probabilities are held to account, and a reference that is noisy for want
     of a better one is what speaks against a noise that is news.
     """
-    # A trial's effects are exact.
-    scores = np.insert(draw.standard_normal(len(LEVELS) - 1), INEXACT, 0.0)
+    # A trial's effects are exact, and its wheels slip at random.
+    scores = np.insert(draw.standard_normal(len(LEVELS) - 2), INEXACT, [0.0, 0.0])
     logs = np.log(believed.median) + believed.spread * scores
     level = dict(zip(LEVELS, np.maximum(np.exp(logs), FLOORS), strict=True))
     return ReferenceLevels(

@@ -14,8 +14,8 @@ from gap_diagnosis.explanations import predict
 from gap_diagnosis.manoeuvres import manoeuvres
 from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.nodes import CHANNELS, residuals
-from gap_diagnosis.motion.whitening import INEXACT_S, QUANTUM_S, whiten
 from gap_diagnosis.motion.whitening import LEVELS as NAMES
+from gap_diagnosis.motion.whitening import QUANTUM_S, SLIP_S, whiten
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
@@ -26,6 +26,7 @@ SIZES = {
     "gyro_noise_rad_per_sqrt_s": 3e-4,
     "gyro_bias_walk_rad_s_per_sqrt_s": 5e-5,
     "inexact": 0.3,
+    "slip_wander": 0.006,
     "reference_position_m": 8e-4,
     "reference_heading_rad": 1.5e-3,
     "reference_slow_position_m": 6e-4,
@@ -53,7 +54,7 @@ def dense_covariance() -> Floats:
     Each residual is linear in independent draws; the draws' weights are carried along. A draw is
     a pair of weights and variance, so that no recursion on covariances is needed.
     """
-    contact, lateral, gyro_noise, walk, inexact, position, heading, *reference = LEVELS
+    contact, lateral, gyro_noise, walk, inexact, wander, position, heading, *reference = LEVELS
     slow_position, slow_heading, slow_s = reference
     axle = COURSE.wheelbase_m
     draws: list[float] = []
@@ -73,7 +74,7 @@ def dense_covariance() -> Floats:
     bias = draw(1e-12)
     slow = [draw(slow_position**2), draw(slow_position**2), draw(slow_heading**2)]
     quantum: list[dict[int, float]] = [{}, {}]
-    shares = [draw(inexact**2) for _ in range(2)]
+    slips = [draw(1.0) for _ in range(2)]
     mean_angle, mean = angle, gyro
     rows = []
     for k in range(NODES.count):
@@ -86,17 +87,16 @@ def dense_covariance() -> Floats:
                 plus((1.0, y), (COURSE.step_x_m[k], angle)),
                 plus((1.0, gyro), (dt, bias)),
             )
-            more_left, more_right = (
-                (COURSE.left_astray_m[k], shares[0]),
-                (COURSE.right_astray_m[k], shares[1]),
-            )
+            # An effect that varies and slip of its own last for as long, and are one motion.
+            effects = inexact * COURSE.left_astray_m[k], inexact * COURSE.right_astray_m[k]
+            own = wander * COURSE.left_path_m[k], wander * COURSE.right_path_m[k]
+            more_left = math.hypot(effects[0], own[0]), slips[0]
+            more_right = -math.hypot(effects[1], own[1]), slips[1]
             angle = plus((1.0, angle), _scaled(1 / axle, more_right), _scaled(-1 / axle, more_left))
             x = plus((1.0, x), *(_scaled(0.5 * c, one) for one in (more_left, more_right)))
             y = plus((1.0, y), *(_scaled(0.5 * s, one) for one in (more_left, more_right)))
-            stays = math.exp(-dt / INEXACT_S)
-            shares = [
-                plus((stays, one), (1.0, draw((1 - stays**2) * inexact**2))) for one in shares
-            ]
+            stays = math.exp(-dt / SLIP_S)
+            slips = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in slips]
             ticks = int(NODES.ticks[k])
             lefts = [draw(contact**2 * COURSE.left_path_m[k] / ticks) for _ in range(ticks)]
             rights = [draw(contact**2 * COURSE.right_path_m[k] / ticks) for _ in range(ticks)]
@@ -201,6 +201,7 @@ def test_counting_errors_of_a_drive_come_out_with_unit_variance_at_rest_and_in_m
     gyro = ROBOT.plant.gyro
     known["contact_m_per_sqrt_m"] = 1e-4
     known["lateral_m_per_sqrt_m"] = 2e-5
+    known["slip_wander"] = 1e-5
     known["gyro_noise_rad_per_sqrt_s"] = gyro.noise_density_rad_per_sqrt_s
     known["gyro_bias_walk_rad_s_per_sqrt_s"] = 1e-7
     noise = ReferenceNoise()
@@ -232,6 +233,7 @@ def test_a_wheel_that_creeps_to_a_stop_while_its_counts_jitter_is_not_taken_to_s
     (turns,) = (one.scenario for one in manoeuvres() if one.file == "turns_slow_and_fast.toml")
     known = dict(SIZES)
     known["contact_m_per_sqrt_m"] = 1e-4
+    known["slip_wander"] = 1e-5
     known["gyro_noise_rad_per_sqrt_s"] = ROBOT.plant.gyro.noise_density_rad_per_sqrt_s
     known["gyro_bias_walk_rad_s_per_sqrt_s"] = 3e-6
     levels = np.array([known[name] for name in NAMES])
