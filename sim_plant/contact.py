@@ -29,6 +29,9 @@ PARAMETERS = [
     ("step_noise_right_m", "f8"),
     ("noise_left_m_per_sqrt_m", "f8"),
     ("noise_right_m_per_sqrt_m", "f8"),
+    ("wander_left", "f8"),
+    ("wander_right", "f8"),
+    ("wander_stays", "f8"),
     ("longitudinal_slip_s2_per_m", "f8"),
     ("lateral_slip_s", "f8"),
     ("cross_slope_ratio", "f8"),
@@ -48,6 +51,7 @@ PARAMETERS = [
 ]
 
 _TURNING_RAD_S = 0.05  # slower is no turn that a caster follows
+_WANDER_S = 2.0  # correlation time of a slip that comes and goes: a turn lasts for so long
 _DRIVING_M_S = 0.02  # slower is no driving: who spins on the spot creeps to and fro
 
 # The pose and the wheel angles at the end of a tick, and what the tick did to them.
@@ -66,6 +70,8 @@ STATE = [
     ("turn_sense", "f8"),
     ("kick_sense", "f8"),
     ("kick_left_m", "f8"),
+    ("wander_left", "f8"),
+    ("wander_right", "f8"),
 ]
 
 
@@ -73,7 +79,6 @@ def parameters(
     description: PlantDescription, mechanisms: Mechanisms, tick_s: float
 ) -> dict[str, float]:
     """Return the values of `PARAMETERS`: described and deviation merged."""
-    del tick_s
     m = mechanisms
     radius_m = description.wheels.radius_m * (1.0 + m.radius_scale)
     described_noise = description.contact.noise_m_per_sqrt_m
@@ -93,6 +98,9 @@ def parameters(
         "step_noise_right_m": m.micro_slip_step_right_m,
         "noise_left_m_per_sqrt_m": max(described_noise, m.micro_slip_left_m_per_sqrt_m),
         "noise_right_m_per_sqrt_m": max(described_noise, m.micro_slip_right_m_per_sqrt_m),
+        "wander_left": m.slip_wander_left,
+        "wander_right": m.slip_wander_right,
+        "wander_stays": math.exp(-tick_s / _WANDER_S),
         "longitudinal_slip_s2_per_m": m.longitudinal_slip_s2_per_m,
         "lateral_slip_s": m.lateral_slip_s,
         "cross_slope_ratio": m.cross_slope_ratio,
@@ -162,6 +170,12 @@ def pressed_slip(
 
 
 @inlined
+def wandered(stays: float, level: float, slip: float, normal: float) -> float:
+    """Return a slip ratio one tick later: a first-order Gauss-Markov series, none at the start."""
+    return stays * slip + level * math.sqrt(1.0 - stays * stays) * normal
+
+
+@inlined
 def caster_kick_rad(p: Any, s: Any, forward_m: float, turn_rad: float, tick_s: float) -> float:
     """Return the yaw of a caster that turns over after a reversal."""
     if abs(forward_m) > _DRIVING_M_S * tick_s:
@@ -209,6 +223,14 @@ def move(
     slip_right = pressed_slip(
         p, p.slip_right if slipping else 0.0, rolled[1], accel_right_m_s2, s.heading_rad
     )
+    if p.wander_left != 0.0:
+        s.wander_left = wandered(p.wander_stays, p.wander_left, s.wander_left, n.slip_wander_left)
+        slip_left += s.wander_left
+    if p.wander_right != 0.0:
+        s.wander_right = wandered(
+            p.wander_stays, p.wander_right, s.wander_right, n.slip_wander_right
+        )
+        slip_right += s.wander_right
     left_m = ground_step_m(
         rolled[0]
         + eccentric_roll_m(

@@ -116,6 +116,16 @@ class Mechanisms:
     micro_slip_right_m_per_sqrt_m: float = _level(
         "m/√m", "right contact noise as a random walk over distance", 1.0
     )
+    slip_wander_left: float = _level(
+        "1",
+        "standard deviation of the share by which the left wheel slips, now more, now less",
+        1.0,
+    )
+    slip_wander_right: float = _level(
+        "1",
+        "standard deviation of the share by which the right wheel slips, now more, now less",
+        1.0,
+    )
     longitudinal_slip_s2_per_m: float = _level(
         "s²/m", "ground step = wheel step·(1 − c·a_wheel·sign v_wheel)", 1.0
     )

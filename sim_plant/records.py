@@ -113,6 +113,8 @@ def active_streams(parameters: NDArray[Any]) -> frozenset[Stream]:
         Stream.MICRO_SLIP_RIGHT: "noise_right_m_per_sqrt_m",
         Stream.MICRO_SLIP_STEP_LEFT: "step_noise_left_m",
         Stream.MICRO_SLIP_STEP_RIGHT: "step_noise_right_m",
+        Stream.SLIP_WANDER_LEFT: "wander_left",
+        Stream.SLIP_WANDER_RIGHT: "wander_right",
         Stream.ACCEL_X: "accel_noise_m_s2",
         Stream.ACCEL_Y: "accel_noise_m_s2",
         Stream.TEMPERATURE: "temperature_noise_k",

@@ -39,6 +39,8 @@ class Stream(IntEnum):
     MISSED_RIGHT = 13
     EXTRA_LEFT = 14
     EXTRA_RIGHT = 15
+    SLIP_WANDER_LEFT = 16
+    SLIP_WANDER_RIGHT = 17
 
 
 MOTION_STREAMS = frozenset(
@@ -47,6 +49,8 @@ MOTION_STREAMS = frozenset(
         Stream.MICRO_SLIP_RIGHT,
         Stream.MICRO_SLIP_STEP_LEFT,
         Stream.MICRO_SLIP_STEP_RIGHT,
+        Stream.SLIP_WANDER_LEFT,
+        Stream.SLIP_WANDER_RIGHT,
     }
 )
 

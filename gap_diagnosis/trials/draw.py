@@ -10,7 +10,9 @@ from typing import Final
 import numpy as np
 
 from can_bus import CanBusError
+from gap_diagnosis.motion.whitening import SLIP_WANDER
 from gap_diagnosis.priors import default_prior
+from gap_diagnosis.scoring import LevelPrior
 from gap_diagnosis.trials.case import Stratum
 from gap_diagnosis.trials.sizes import (
     SIZES,
@@ -284,6 +286,13 @@ def _error_within(tolerance: float, draw: Draw, *, at_right_angles: bool = False
 
 def _has_angle(effect: str) -> bool:
     return any(name in _POLAR for name in SIZES[effect])
+
+
+def believed_wander(believed: LevelPrior, draw: Draw) -> float:
+    """Return by what share of their way wheels slip now more and now less, as the diagnosis
+    believes it beforehand."""
+    score = believed.spread[SLIP_WANDER] * draw.standard_normal()
+    return float(believed.median[SLIP_WANDER] * math.exp(score))
 
 
 def draw_surroundings(draw: Draw) -> dict[str, Values]:

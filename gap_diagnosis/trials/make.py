@@ -21,7 +21,9 @@ from gap_diagnosis.recording import Recording
 from gap_diagnosis.trials import drives, reference_noise
 from gap_diagnosis.trials.case import OWN_ENGINE, Case, Effects
 from gap_diagnosis.trials.draw import (
+    Values,
     as_stepped,
+    believed_wander,
     draw_nominal,
     draw_surroundings,
     draw_values,
@@ -190,7 +192,7 @@ class _Maker:
             nominal=draw_nominal(
                 self.robot, frozenset(effects), one.stratum, secret.generator("nominal")
             ),
-            surroundings=draw_surroundings(secret.generator("surroundings")),
+            surroundings=self._surroundings(one, secret),
             drive=one.drive,
             robot=one.robot,
             noise=self._noise(one, secret),
@@ -205,6 +207,13 @@ class _Maker:
         if any(_is_same(runs[0], other) for other in runs[1:]):
             return case, None
         return self._with_unlisted(case, runs), runs[0]
+
+    def _surroundings(self, one: Planned, secret: Secret) -> dict[str, Values]:
+        found = draw_surroundings(secret.generator("surroundings"))
+        if one.stratum == "prior":
+            share = believed_wander(level_prior(self.robot), secret.generator("slip wander"))
+            found["micro_slip"] |= {"wander_left": share, "wander_right": share}
+        return found
 
     def _noise(self, one: Planned, secret: Secret) -> ReferenceLevels:
         draw = secret.generator("noise")

@@ -21,9 +21,10 @@ import numpy as np
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import make_gram, score
+from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
@@ -312,6 +313,7 @@ def _levels(model: MotionModel, case: Case) -> Floats:
     known = {
         "contact_m_per_sqrt_m": (float(slip["left"]) + float(slip["right"])) / 2,
         "lateral_m_per_sqrt_m": 1e-4,
+        "slip_wander": max(float(slip.get("wander_left", 0.0)), FLOORS[SLIP_WANDER]),
         "reference_position_m": noise.position_m,
         "reference_heading_rad": noise.heading_rad,
         "reference_slow_position_m": noise.slow_position_m,

@@ -139,11 +139,14 @@ _CONTACT: Final[tuple[Effect, ...]] = (
         "micro_slip",
         "wheel",
         "Distance and heading wander off as a random walk over the path, or over the ticks in "
-        "motion where a step level is set.",
+        "motion where a step level is set, and each wheel slips by a share of its way that wanders "
+        "within 2 s.",
         moves("left", "micro_slip_left_m_per_sqrt_m", Typical(0.0001, 0.003, DESIGN)),
         moves("right", "micro_slip_right_m_per_sqrt_m", Typical(0.0001, 0.003, DESIGN)),
         moves("step_left", "micro_slip_step_left_m"),
         moves("step_right", "micro_slip_step_right_m"),
+        moves("wander_left", "slip_wander_left"),
+        moves("wander_right", "slip_wander_right"),
         is_noise=True,
     ),
 )

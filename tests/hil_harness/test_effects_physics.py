@@ -193,6 +193,22 @@ def test_micro_slip_spreads_as_a_random_walk(effect: str, spread_m: float) -> No
     assert np.std(runs.truth[:, -1, 2]) == pytest.approx(spread_m / BASE_M, rel=0.2)
 
 
+def test_a_slip_that_wanders_lasts_for_two_seconds() -> None:
+    """Of the integral of a Gauss-Markov series u from u(0) = 0 over a time t, the variance is
+    2 σ² T (t - 2 T (1 - e^(-t/T)) + T/2 (1 - e^(-2 t/T))); the spread of a spread of 200 runs is
+    5 %; four of those."""
+    level, lasts_s, speed_m_s, until_s = 0.02, 2.0, 0.5, 10.0
+    plant = apply_effects([parse_effect(f"micro_slip.wander_left={level}")]).plant
+    commands = np.full((round(until_s / TICK_S) + 1, 2), (speed_m_s, 0.0))
+    runs = simulate(QUIET, plant, commands, list(range(200)), tick_period_us=TICK_US, drive="motor")
+    seconds = np.array([1.0, until_s])
+    gone = 1 - np.exp(-seconds / lasts_s)
+    late = 0.5 * lasts_s * (1 - np.exp(-2 * seconds / lasts_s))
+    expected = level * speed_m_s * np.sqrt(2 * lasts_s * (seconds - 2 * lasts_s * gone + late))
+    seen = np.std(runs.truth[:, np.rint(seconds / TICK_S).astype(int), 2], axis=0)
+    assert seen == pytest.approx(expected / BASE_M, rel=0.2)
+
+
 # --- actuation: another path, counted as it is ----------------------------------------------
 
 

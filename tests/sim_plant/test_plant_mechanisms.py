@@ -57,6 +57,8 @@ FELT: dict[str, tuple[float, set[str]]] = {
     "micro_slip_step_right_m": (1e-4, CONTACT),
     "micro_slip_left_m_per_sqrt_m": (1e-3, CONTACT),
     "micro_slip_right_m_per_sqrt_m": (1e-3, CONTACT),
+    "slip_wander_left": (0.01, CONTACT),
+    "slip_wander_right": (0.01, CONTACT),
     "longitudinal_slip_s2_per_m": (0.02, CONTACT),
     "lateral_slip_s": (0.05, {"truth"}),
     "cross_slope_ratio": (0.05, {"truth"}),

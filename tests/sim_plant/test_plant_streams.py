@@ -82,6 +82,7 @@ NOISE_OF = {
     "accel_noise_m_s2_per_sqrt_hz": {"accel_x", "accel_y"},
     "micro_slip_left_m_per_sqrt_m": {"gyro", "accel_y"},
     "micro_slip_step_right_m": {"gyro", "accel_y"},
+    "slip_wander_left": {"gyro", "accel_y"},
 }
 
 
