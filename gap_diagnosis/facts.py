@@ -18,7 +18,8 @@ from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
-    "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m).",
+    "The wheels' contact is a random walk over distance, level estimated (0.1 to 3 mm/√m), and a "
+    "slip that comes and goes within seconds, its share of the way estimated.",
     "The reference is off by white noise and by noise that lasts about a second, levels estimated.",
     "Constants within the tolerances of robot.toml are no news.",
     "At most six effects act, and one of the bus beside them, or one that is not in the library.",

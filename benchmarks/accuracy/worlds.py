@@ -12,7 +12,7 @@ import numpy as np
 from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.columns import GROSS, NEVER_NUISANCE
 from gap_diagnosis.motion.levels import FLOORS
-from gap_diagnosis.motion.whitening import INEXACT, LEVELS
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS, SLIP_WANDER
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -84,6 +84,7 @@ class World:
             "gyro_noise_rad_per_sqrt_s": gyro.noise_density_rad_per_sqrt_s,
             "gyro_bias_walk_rad_s_per_sqrt_s": gyro.bias_walk_density_rad_s_per_sqrt_s,
             "inexact": FLOORS[INEXACT],
+            "slip_wander": FLOORS[SLIP_WANDER],
             "reference_position_m": noise.position_m,
             "reference_heading_rad": noise.heading_rad,
             "reference_slow_position_m": noise.coloured_position_m,

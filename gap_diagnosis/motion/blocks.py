@@ -36,12 +36,15 @@ class Course:
     that of its part which beats with the samples: of a rounding error after noise of sigma counts,
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
     chapter 4). What counts round off turns the robot about *count_base_m*. By as much as *log_more*
-    the log variance of each row is less than if counts turned the robot as described.
+    the log variance of each row is less than if counts turned the robot as described. A wheel's
+    path is its way, longer where its contact is rougher.
     """
 
     dt_s: Floats
     step_x_m: Floats
     step_y_m: Floats
+    left_way_m: Floats
+    right_way_m: Floats
     left_path_m: Floats
     right_path_m: Floats
     left_moved: Floats
@@ -134,6 +137,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         dt_s=block_s,
         step_x_m=np.diff(x_m, prepend=x_m[0]),
         step_y_m=np.diff(y_m, prepend=y_m[0]),
+        left_way_m=left_path,
+        right_way_m=right_path,
         left_path_m=left_path,
         right_path_m=right_path,
         left_moved=moved[0],

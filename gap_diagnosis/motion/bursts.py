@@ -21,7 +21,7 @@ from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import LEVELS, whiten
+from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER, whiten
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import Weighed, best_levels
 
@@ -76,7 +76,8 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
     log = _Log(model)
     if not log.hot_beside(best).any():
         return None
-    levels, course = nothing.levels, model.course
+    course = model.course
+    levels = log.levels(course, nothing.levels) if log.wanders(nothing.levels) else nothing.levels
     inside = np.zeros(log.cells, dtype=np.bool_)
     found: tuple[str, float] | None = None
     for _ in range(_ROUNDS):
@@ -148,6 +149,11 @@ class _Log:
 
     def __init__(self, model: MotionModel) -> None:
         self._model = model
+        # Beside rough windows wheels slip no more than usual: a slip that wanders all along grows
+        # with these until nothing stands out.
+        prior = model.level_prior
+        is_slip = np.arange(len(LEVELS)) == SLIP_WANDER
+        self._level_prior = replace(prior, high=np.where(is_slip, prior.median, prior.high))
         nodes = model.nodes
         t_s = nodes.mean(nodes.motion.t_s)
         self._start_s = float(t_s[0])
@@ -204,15 +210,20 @@ class _Log:
 
     def levels(self, course: Course, start: Floats) -> Floats:
         """Return the noise levels that suit this course."""
-        return best_levels(
-            lambda levels: self._weigh(course, levels), self._model.level_prior, start
-        )
+        start = np.minimum(start, self._level_prior.high)
+        return best_levels(lambda levels: self._weigh(course, levels), self._level_prior, start)
 
     def hot_beside(self, best: Found) -> Mask:
         """Return the cells in which what an account leaves over stands out."""
+        levels = np.minimum(best.levels, self._level_prior.high)
         if best.refitted is not None:
-            return self._hot(self._model.left_by(best.terms, best.refitted))
-        return self._hot(self._left(best.terms, self._model.course, best.levels))
+            fit = replace(best.refitted, levels=levels)
+            return self._hot(self._model.left_by(best.terms, fit))
+        return self._hot(self._left(best.terms, self._model.course, levels))
+
+    def wanders(self, levels: Floats) -> bool:
+        """Tell whether wheels slip more than usual, all along."""
+        return bool(levels[SLIP_WANDER] > self._level_prior.high[SLIP_WANDER])
 
     def hot(self, course: Course, levels: Floats) -> Mask:
         """Return the cells in which what no effect leaves over stands out."""

@@ -55,6 +55,8 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.dt_s,
         course.step_x_m,
         course.step_y_m,
+        course.left_way_m,
+        course.right_way_m,
         course.left_path_m,
         course.right_path_m,
         course.left_moved,
@@ -88,6 +90,8 @@ def _whiten(
     dt_s: Floats,
     step_x: Floats,
     step_y: Floats,
+    left_way: Floats,
+    right_way: Floats,
     left_path: Floats,
     right_path: Floats,
     left_moved: Floats,
@@ -163,7 +167,7 @@ def _whiten(
             for q in range(10, 12):
                 # Both last for as long: an effect that varies and slip of its own are one motion.
                 effect = inexact * (left_astray[k] if q == 10 else right_astray[k])
-                own = wander * (left_path[k] if q == 10 else right_path[k])
+                own = wander * (left_way[k] if q == 10 else right_way[k])
                 slips = np.sqrt(effect * effect + own * own)
                 if slips == 0.0:
                     continue
