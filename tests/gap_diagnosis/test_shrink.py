@@ -121,7 +121,7 @@ def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
 def test_the_gap_of_several_logs_is_over_all_their_windows_and_each_has_its_own() -> None:
     mismatch = EffectSetting("radius_mismatch", (("mismatch", 0.02),))
     logs = [
-        replace(drive("figure8", *effects), name=name)
+        replace(drive("calibration", *effects), name=name)
         for name, effects in (("good.log", ()), ("bad.log", (mismatch,)))
     ]
     found, (good, bad) = shrink_each(

@@ -17,6 +17,7 @@ from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.motion.whitening import LEVELS as NAMES
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
@@ -31,7 +32,9 @@ Floats = NDArray[np.float64]
 
 ROBOT = load_robot()
 WIRE = load_wire()
-LEVELS = level_prior(ROBOT).median
+_PRIOR = level_prior(ROBOT)
+LEVELS = np.where(np.array(NAMES) == "slip_wander", _PRIOR.low, _PRIOR.median)
+"""The usual noise of wheels that do not slip: none here does."""
 EXACT = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
 SLIP_AND_BASE = (
     EffectSetting("lateral_slip", (("compliance", 0.02),)),

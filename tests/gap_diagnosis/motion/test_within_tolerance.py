@@ -21,8 +21,10 @@ from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.spells import lay_out_ways
 from gap_diagnosis.motion.unknown import alternatives, beyond_tolerance, lay_out
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.scoring import best_levels
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting, parse_effect
@@ -92,10 +94,20 @@ def wandering(size: float) -> Recording:
     return wandering_by(log, size)
 
 
+def levels_of_wheels_that_hold(model: MotionModel) -> np.ndarray:
+    """Return levels of wheels that slip less than on any floor: else the wandering is theirs."""
+    prior = model.level_prior
+    is_slip = np.array(LEVELS) == "slip_wander"
+    low, high = (np.where(is_slip, 1e-6, one) for one in (prior.low, prior.high))
+    holding = replace(prior, low=low, high=high)
+    start = np.minimum(prior.median, high)
+    return best_levels(model._of_levels(()), holding, start)
+
+
 def unlisted_beyond_tolerance(size: float) -> tuple[float, float]:
     """Return the best unlisted cause's evidence as it is, and beyond what may be off anyway."""
     model = model_of(wandering(size))
-    found = alternatives(model, model.no_effect_levels)
+    found = alternatives(model, levels_of_wheels_that_hold(model))
     beyond = beyond_tolerance(found)
     return found[0].log_evidence, beyond[0].log_evidence
 
@@ -156,7 +168,7 @@ def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
     model = model_of(wandering(0.8 * ROBOT.tolerance.radius_mismatch), *FOR_A_WHILE)
     motion = SimpleNamespace(
         model=model,
-        levels=model.no_effect_levels,
+        levels=levels_of_wheels_that_hold(model),
         explained=5.0,
         tolerated=0.0,
         log_evidence_of_levels=lambda _: 0.0,
@@ -178,7 +190,7 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
     )
     model = model_of(log, *FOR_A_WHILE)
     suiting = model.no_effect_levels
-    wandering = suiting * np.array([1, 1, 1, 1, 1, 1, 1, 2.0, 20.0, 90.0])
+    wandering = suiting * np.array([1, 1, 1, 1, 1, 1, 1, 1, 2.0, 20.0, 90.0])
 
     def height(levels: np.ndarray) -> float:
         return model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
