@@ -1,0 +1,54 @@
+"""A slip that wanders is noise: its level is told, and it hides no cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.whitening import SLIP_WANDER
+from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+SHARE = 0.004
+WANDERS = EffectSetting("micro_slip", (("wander_left", SHARE), ("wander_right", SHARE)))
+REFERENCE = ReferenceNoise(0.0005, 0.0005, 0.0, 0.0)
+
+
+def drive(seed: int, *effects: EffectSetting) -> Recording:
+    still = replace(scenario("calibration"), effects=())
+    return synthetic_recording(ROBOT, WIRE, still, effects, seed, reference=REFERENCE)
+
+
+def level_of(log: Recording) -> float:
+    return float(MotionModel(log, ROBOT, default_prior()).no_effect_levels[SLIP_WANDER])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_by_how_much_wheels_slip_now_more_and_now_less_is_told(seed: int) -> None:
+    """Some 80 s in motion are 40 correlation times of either wheel: a spread of 80 values is told to
+    8 %; four of those, and what the usual level beforehand draws it to."""
+    assert level_of(drive(seed, WANDERS)) == pytest.approx(SHARE, rel=0.4)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_wheels_that_hold_slip_by_no_more_than_is_usual(seed: int) -> None:
+    model = MotionModel(drive(seed), ROBOT, default_prior())
+    assert model.no_effect_levels[SLIP_WANDER] <= model.level_prior.median[SLIP_WANDER]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gyro_scale_needs_no_slip_for_company_where_slip_wanders(seed: int) -> None:
+    """Of a random walk alone, slips and lost counts explained what wanders: XX."""
+    log = drive(seed, WANDERS, EffectSetting("gyro_scale", (("scale", 0.03),)))
+    scan = MotionBlock(MotionModel(log, ROBOT, default_prior())).scan
+    gained = {one: scan.gained(found)[0] for one, found in scan.found.items()}
+    alone = gained[frozenset({"gyro_scale"})]
+    assert alone > 50
+    assert max(gained.values()) < alone + 6
