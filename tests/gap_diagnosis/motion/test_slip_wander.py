@@ -32,8 +32,8 @@ def level_of(log: Recording) -> float:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_by_how_much_wheels_slip_now_more_and_now_less_is_told(seed: int) -> None:
-    """Some 80 s in motion are 40 correlation times of either wheel: a spread of 80 values is told to
-    8 %; four of those, and what the usual level beforehand draws it to."""
+    """Some 80 s in motion are 40 correlation times of either wheel: the spread of 80 values is told
+    to 8 %; four of those, and what the usual level beforehand draws it to."""
     assert level_of(drive(seed, WANDERS)) == pytest.approx(SHARE, rel=0.4)
 
 
