@@ -163,10 +163,13 @@ def _write_table(cause: Cause, seen: Driven, draw: np.random.Generator, home: Pa
 def _lagging(rate: Floats, lag_s: float) -> Floats:
     if lag_s == 0.0:
         return rate
-    follows, last, lagging = 1.0 - math.exp(-TICK_S / lag_s), 0.0, np.zeros(len(rate))
+    # Of a rate that is constant over a tick, what lags behind it exactly: its mean, and its end.
+    stays = math.exp(-TICK_S / lag_s)
+    behind = lag_s / TICK_S * (1.0 - stays)
+    last, lagging = 0.0, np.zeros(len(rate))
     for k, one in enumerate(rate):
-        last += follows * (one - last)
-        lagging[k] = last
+        lagging[k] = one + (last - one) * behind
+        last = one + (last - one) * stays
     return lagging
 
 
