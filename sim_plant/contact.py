@@ -51,7 +51,7 @@ PARAMETERS = [
 ]
 
 _TURNING_RAD_S = 0.05  # slower is no turn that a caster follows
-_WANDER_S = 2.0  # correlation time of a slip that comes and goes: a turn lasts for so long
+_WANDER_S = 2.0  # correlation time of a slip that comes and goes; a diagnosis assumes its own
 _DRIVING_M_S = 0.02  # slower is no driving: who spins on the spot creeps to and fro
 
 # The pose and the wheel angles at the end of a tick, and what the tick did to them.

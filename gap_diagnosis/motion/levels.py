@@ -18,12 +18,14 @@ _HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
 8 s had another track, where that might be nothing for the rest of a log."""
 _LOUDER: Final = 1.3
 FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
-"""No floor is smoother than 0.1 mm per root metre and no room measures better than 0.1 mm: without
-these, data without noise would make any small misfit a certainty."""
+"""No floor is smoother than 0.1 mm per root metre, on none does a wheel slip by less than 0.01 % of
+its way, and no room measures better than 0.1 mm: without these, data without noise would make any
+small misfit a certainty."""
 
 
 def level_prior(robot: Robot) -> LevelPrior:
-    """Return the prior: contact 0.1 to 3 mm per square root of a metre, gyro as described."""
+    """Return the prior: contact 0.1 to 3 mm per square root of a metre and slip that wanders by
+    0.03 % of the way, gyro as described."""
     gyro = robot.plant.gyro
     contact = max(robot.plant.contact.noise_m_per_sqrt_m, USUAL_CONTACT_M_PER_SQRT_M)
     noise = max(gyro.noise_density_rad_per_sqrt_s, 1e-5)

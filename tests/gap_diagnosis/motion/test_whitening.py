@@ -89,7 +89,7 @@ def dense_covariance() -> Floats:
             )
             # An effect that varies and slip of its own last for as long, and are one motion.
             effects = inexact * COURSE.left_astray_m[k], inexact * COURSE.right_astray_m[k]
-            own = wander * COURSE.left_path_m[k], wander * COURSE.right_path_m[k]
+            own = wander * COURSE.left_way_m[k], wander * COURSE.right_way_m[k]
             more_left = math.hypot(effects[0], own[0]), slips[0]
             more_right = -math.hypot(effects[1], own[1]), slips[1]
             angle = plus((1.0, angle), _scaled(1 / axle, more_right), _scaled(-1 / axle, more_left))
