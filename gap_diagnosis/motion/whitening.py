@@ -49,7 +49,12 @@ without an effect of the contact: a turn of a robot lasts for so long."""
 def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
     """Whiten residual columns float64[4, m, c]; return float64[rows, c] and the logarithm of each
     row's variance before, float64[rows] (their sum is that of the determinant of the covariance, of
-    counts as described)."""
+    counts as described).
+
+    Raises ValueError unless there is one level for each of LEVELS.
+    """
+    if len(levels) != len(LEVELS):
+        raise ValueError(f"{len(levels)} levels of noise: {len(LEVELS)} are meant: {LEVELS}")
     white, log_variance = _whiten(
         columns,
         course.dt_s,

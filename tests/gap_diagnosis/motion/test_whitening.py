@@ -276,7 +276,28 @@ def test_a_wheel_that_counts_in_every_third_row_goes_on_between():
     )
     nodes = nodes_of(log, robot)
     data = residuals(nodes, predict(nodes.motion))
-    levels = np.array([1e-4, 2e-5, 1e-4, 1e-6, 1e-3, 5e-4, 5e-4, 1e-5, 1e-5, 1.0])
+    known = dict(SIZES) | {
+        "contact_m_per_sqrt_m": 1e-4,
+        "lateral_m_per_sqrt_m": 2e-5,
+        "gyro_noise_rad_per_sqrt_s": 1e-4,
+        "gyro_bias_walk_rad_s_per_sqrt_s": 1e-6,
+        "slip_wander": 1e-5,
+        "reference_position_m": 5e-4,
+        "reference_heading_rad": 5e-4,
+        "reference_slow_position_m": 1e-5,
+        "reference_slow_heading_rad": 1e-5,
+        "reference_slow_s": 1.0,
+    }
+    levels = np.array([known[name] for name in NAMES])
     course = course_of(nodes, encoder.noise_ticks)
     white, _ = whiten(np.ascontiguousarray(data[..., None]), course, levels, nodes.ticks)
     assert np.mean(white**2) < 4.0
+
+
+def test_levels_that_are_not_one_for_each_noise_are_refused_before_machine_code_reads_past_them():
+    log = synthetic_recording(ROBOT, WIRE, scenario("stop_and_go"), (), 5)
+    nodes = nodes_of(log)
+    data = residuals(nodes, predict(nodes.motion))
+    course = course_of(nodes, ROBOT.plant.encoder.noise_ticks)
+    with pytest.raises(ValueError, match=f"10 levels of noise: {len(NAMES)} are meant"):
+        whiten(np.ascontiguousarray(data[..., None]), course, np.ones(10), nodes.ticks)
