@@ -15,6 +15,7 @@ from typing import Final
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.trials.forks import Worker
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD, RESULTS
+from gap_diagnosis.trials.seal import COMMITMENT
 
 _LINES: Final = 3
 _MANY: Final = 8
@@ -60,11 +61,20 @@ def run_trial(
 
 
 def case_folders(folder: Path) -> list[Path]:
-    """Return the cases of a trial, by name."""
+    """Return the cases of a sealed trial, by name.
+
+    What was not committed to before it is diagnosed proves nothing, and while a trial is being made
+    some of its cases are half written. Raises DiagnosisError where there are no cases or no seal.
+    """
     home = folder / CASES
     found = sorted(one for one in home.iterdir() if one.is_dir()) if home.is_dir() else []
     if not found:
         raise DiagnosisError(f"{folder}: no cases: expected a folder of `chiplog blind make`")
+    if not (folder / COMMITMENT).exists():
+        raise DiagnosisError(
+            f"{folder}: not sealed yet: expected {COMMITMENT}, which `chiplog blind make` writes "
+            "last"
+        )
     return found
 
 

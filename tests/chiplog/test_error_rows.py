@@ -34,6 +34,7 @@ def test_the_message_is_one_line_and_the_status_two(
 ) -> None:
     for name, content in row.files.items():
         data = content.encode() if isinstance(content, str) else content
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(data)
         if name.endswith(".c"):
             build(tmp_path / name)

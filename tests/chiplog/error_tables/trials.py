@@ -56,6 +56,12 @@ TRIALS: tuple[Row, ...] = (
         "trial: no cases: expected a folder of `chiplog blind make`",
     ),
     Row(
+        "a trial to run that is still being made",
+        "chiplog blind run trial",
+        "trial: not sealed yet: expected seal.json, which `chiplog blind make` writes last",
+        {"trial/cases/0001/bus.log": ""},
+    ),
+    Row(
         "a trial that was never sealed",
         "chiplog blind score trial",
         "trial: no sealed trial: expected seal.json and answers.sealed, as `chiplog blind "

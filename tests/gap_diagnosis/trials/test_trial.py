@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,14 @@ def test_every_case_has_what_a_lab_has_and_no_more(trial: Path) -> None:
         home = trial / CASES / case.name
         assert {path.name for path in home.iterdir()} == {LOG, ROBOT, REFERENCE, TASK}
     assert {path.name for path in trial.iterdir()} == {CASES, SEALED, "seal.json"}
+
+
+def test_a_trial_that_is_still_being_made_is_not_diagnosed(trial: Path, tmp_path: Path) -> None:
+    making = tmp_path / "making"
+    copytree(trial / CASES, making / CASES)
+    with pytest.raises(DiagnosisError, match=r"not sealed yet: expected seal\.json"):
+        run_trial(making, jobs=1, method=method(trial, "silent_early", SILENT))
+    assert not (making / "results").exists()
 
 
 def test_the_same_secret_makes_the_same_trial_in_however_many_processes(
