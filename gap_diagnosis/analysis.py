@@ -19,7 +19,7 @@ from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.lost_tracking import Lost, with_tracking
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.bursts import Burst
+from gap_diagnosis.motion.bursts import Burst, beside_burst
 from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.levels import is_louder
@@ -66,6 +66,8 @@ class Analysis:
         traces: by stage, what frames or codes show of a cause whether or not it is listed.
         burst: windows in which wheels lose their hold, if they are likelier than no effect.
         standstills: stretches in which counts stand while their wheels turn, likewise.
+        has_burst: the burst is at work whatever else is: the motion's accounts are beside it, where
+            no effect means no other one.
         mistake: of the reference's set-up, put right in the recording.
     """
 
@@ -82,6 +84,12 @@ class Analysis:
     pushes: Pushes | None = None
     mistake: Mistake | None = None
     standstills: Standstills | None = None
+    has_burst: bool = False
+
+    @property
+    def as_ever(self) -> dict[str, float]:
+        """How likely it is, by stage, that no unlisted cause is at work beside any other."""
+        return {"reference": self.lost.as_ever, "wheel": 0.0 if self.has_burst else 1.0}
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -177,16 +185,28 @@ def analyse(
     # A wheel that slides is counted: where counts stand, no contact is rough.
     burst = None if motion is None or stood is not None else motion.burst
     pushes = None if motion is None or gross else motion.pushes
+    has_burst = False
     if motion is not None:
         windowed = [_rough(burst)] if burst is not None else []
         windowed += [_standing(stood)] if stood is not None else []
         others = _alternatives(motion, windowed, pushes, gross=gross, smooth=others)
+        if burst is not None and _is_always_there(burst, motion, others):
+            has_burst = True
+            motion, others = _beside_slack(
+                MotionBlock(
+                    beside_burst(motion.model, burst),
+                    lambda share: progress("beside wheels that lose hold", 0.7 + 0.1 * share),
+                ),
+                gross=gross,
+            )
+            blocks[0] = motion
+            others = _alternatives(motion, gross=gross, smooth=others)
     seen = traces(blocks, without)
     return Analysis(
         as_received,
         motion,
         tuple(_without(one, without) for one in blocks),
-        tuple(others),
+        (*([_rough(burst)] if burst is not None and has_burst else []), *others),
         _unknown(others, seen, drive, firmware)
         | ({} if motion is None or not motion.is_gross else {"setup": motion.nameless}),
         outliers,
@@ -197,6 +217,7 @@ def analyse(
         pushes,
         mistake,
         stood,
+        has_burst,
     )
 
 
@@ -376,6 +397,17 @@ def _rough(burst: Burst) -> Alternative:
     return Alternative(
         "wheel", "time", burst.log_evidence, burst.log_likelihood, burst.share, burst.windows
     )
+
+
+def _is_always_there(burst: Burst, motion: MotionBlock, others: Sequence[Alternative]) -> bool:
+    """Tell whether listed effects act beside a burst that explains a log better than any of them,
+    or any other unlisted cause."""
+    told = motion.dispersed(burst.log_evidence, burst.log_likelihood)[0]
+    rivals = [motion.explained, *(o.log_evidence for o in others if o.windows != burst.windows)]
+    return bool(burst.beside) and told > max(rivals) + _FAR_BETTER
+
+
+_FAR_BETTER: Final = 20.0
 
 
 def _standing(stood: Standstills) -> Alternative:

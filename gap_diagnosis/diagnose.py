@@ -156,7 +156,9 @@ def diagnose_recordings(
         stage_of,
         _unknown(analyses),
         [some for one in analyses if one.motion is not None for some in one.motion.several],
-        as_ever=min(one.lost.as_ever for one in analyses),
+        as_ever={
+            stage: min(one.as_ever[stage] for one in analyses) for stage in analyses[0].as_ever
+        },
     )
     progress("how far the gap shrinks", 0.8)
     effects = {**catalogue(), **library}

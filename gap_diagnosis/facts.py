@@ -154,8 +154,10 @@ def notes_on(
         notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
         notes += _on_a_while(analysis, unlisted_in)
+        if analysis.has_burst or unlisted_in == "wheel":
+            notes += _on_burst(analysis)
         if unlisted_in == "wheel":
-            notes += [*_on_burst(analysis), *_on_pushes(analysis)]
+            notes += _on_pushes(analysis)
         if unlisted_in == "encoder":
             notes += _on_standstills(analysis)
     return (*notes, *more, *_missing(recordings))
@@ -276,8 +278,8 @@ def _on_burst(analysis: Analysis) -> list[str]:
         return []
     wheel = "Both wheels lose" if burst.side == "both" else f"The {burst.side} wheel loses"
     times = "in one window" if len(burst.windows) == 1 else f"in {len(burst.windows)} windows"
-    also = f" Beside it: {', '.join(burst.beside)}." if burst.beside else ""
-    return [f"{analysis.recording.name}: {wheel} hold {times}.{also}"]
+    also = ", and no listed effect explains it" if analysis.has_burst else ""
+    return [f"{analysis.recording.name}: {wheel} hold {times}{also}."]
 
 
 def _on_standstills(analysis: Analysis) -> list[str]:

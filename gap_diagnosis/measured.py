@@ -36,6 +36,7 @@ from gap_diagnosis.modelled import (
     unseen_dropped,
 )
 from gap_diagnosis.motion.block import MotionBlock
+from gap_diagnosis.motion.bursts import beside_burst
 from gap_diagnosis.motion.drawing import draw
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel, Refitted
@@ -214,6 +215,8 @@ def measured(
         is_unlisted = not effects and stage != "none"
         seen = unseen_dropped(where, sides.fit) if is_unlisted else where
         fit_side = MotionModel(seen, robot, model.prior, keep=sides.fit)
+        if analysis.burst is not None and analysis.has_burst:
+            fit_side = beside_burst(fit_side, analysis.burst)
         fitted = _refitted(fit_side, analysis.motion, own)
         if is_unlisted:
             unlisted, why_not = modelled_on(fit_side, analysis, stage, sides.fit)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,7 @@ _COUNTED: Final = 2
 """So many errors of counting are asked of the drive together with what it alone sees."""
 _MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
+_NEVER_AS_EVER: Final = 1e-12
 _BIT: Final = frozenset({"adc_stuck_bit"})
 _BEND: Final = frozenset({"adc_inl"})
 _BIAS: Final = frozenset({"gyro_bias"})
@@ -121,14 +123,15 @@ def rank(
     unknown: Mapping[str, float],
     several: Sequence[Effects] = (),
     *,
-    as_ever: float = 1.0,
+    as_ever: Mapping[str, float] = MappingProxyType({}),
 ) -> Ranking:
     """Return the probabilities of all single effects and pairs, and of some larger sets.
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
     effects and more of one block that are worth a look. *as_ever*: how likely it is that a
-    reference which lost the robot for a while is as it always is; no block says anything of it.
+    stage is as it always is, a reference that lost the robot for a while, wheels that lost hold; no
+    block says anything of it.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -193,11 +196,12 @@ def rank(
         if not _is_hidden(larger, bent):
             scored[larger], kept[larger] = one, kept[effects]
             logs_of[larger] = one[0] + one[2] + kept[larger]
-    if as_ever < 1.0:
-        # Beside any cause there is that too; by itself it is one that is not listed.
-        nothing, elsewhere = logs_of[frozenset()], guesses.get("reference", -math.inf)
-        guesses["reference"] = float(np.logaddexp(nothing + math.log1p(-as_ever), elsewhere))
-        logs_of[frozenset()] = nothing + math.log(as_ever)
+    for stage, usual in as_ever.items():
+        if usual < 1.0:
+            # Beside any cause there is that too; by itself it is one that is not listed.
+            nothing, elsewhere = logs_of[frozenset()], guesses.get(stage, -math.inf)
+            guesses[stage] = float(np.logaddexp(nothing + math.log1p(-usual), elsewhere))
+            logs_of[frozenset()] = nothing + math.log(max(usual, _NEVER_AS_EVER))
     news = moved(logs, prior, logs_of, {effects: one[1] for effects, one in scored.items()})
     logs_of = news.log_probability
     top = max([*logs_of.values(), *guesses.values()])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,7 +24,7 @@ from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER, whiten
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
 
 _CELL_S: Final = 0.5
 _HOT: Final = 12.0
@@ -40,6 +41,8 @@ _LEAST_M: Final = 0.01
 _BESIDE: Final = 3
 _CLEARLY: Final = 50.0
 """A listed effect beside it must add this much [nat]: what slides is not described so well."""
+_LARGE: Final = 100.0
+"""So many tolerances is what acts all along, as far as windows go."""
 SIDES: Final = ("left", "right", "both")
 
 Mask = NDArray[np.bool_]
@@ -52,7 +55,8 @@ class Burst:
     Attributes:
         side: left, right or both.
         windows: [start_s, stop_s] each, log time.
-        contact_m_per_sqrt_m: how far contact wanders inside.
+        contact_m_per_sqrt_m: how far contact wanders inside,
+        times_rougher: so many times as far as elsewhere.
         beside: listed effects that act at all times as well.
         log_evidence, log_likelihood: comparable with those of the search.
         share: of the energy that no effect leaves over, what lies in the windows.
@@ -61,6 +65,7 @@ class Burst:
     side: str
     windows: tuple[tuple[float, float], ...]
     contact_m_per_sqrt_m: float
+    times_rougher: float
     beside: tuple[str, ...]
     log_evidence: float
     log_likelihood: float
@@ -73,9 +78,25 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
     *nothing* is the account of no effect. Windows grow while what is left outside of them stands
     out; their choice costs what two ends each may be anywhere cost.
     """
-    log = _Log(model)
-    if not log.hot_beside(best).any():
+    if not _Log(model).hot_beside(best).any():
         return None
+    terms: list[Term] = []
+    found, tried = None, set[frozenset[str]]()
+    while (names := frozenset(term.variant.effect for term in terms)) not in tried:
+        # What an effect does all along is in no window: those found without it hide it.
+        tried.add(names)
+        there = _windows_beside(model, terms, best, nothing)
+        if there is None:
+            break
+        found, terms = there
+    return found
+
+
+def _windows_beside(
+    model: MotionModel, terms: Sequence[Term], best: Found, nothing: Found
+) -> tuple[Burst, list[Term]] | None:
+    """Return rough windows of what *terms* leave over, and what acts at all times as well."""
+    log = _Log(model, terms)
     course = model.course
     levels = log.levels(course, nothing.levels) if log.wanders(nothing.levels) else nothing.levels
     inside = np.zeros(log.cells, dtype=np.bool_)
@@ -103,18 +124,58 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
     windows = log.windows(inside)
     cost = log.cost_of_window * len(windows) + math.log(len(SIDES) * len(_FACTORS))
     gram = make_gram(model.columns, course, levels, model.nodes.ticks)
-    beside, gained = _beside(model, gram)
+    chosen, gained = _beside(model, gram)
     density = model.level_prior.log_density(np.log(levels))
     likelihood = gram.log_nothing + density + gained
-    return Burst(
+    burst = Burst(
         side=side,
         windows=windows,
         contact_m_per_sqrt_m=float(factor * levels[0]),
-        beside=beside,
+        times_rougher=factor,
+        beside=tuple(sorted(term.variant.effect for term in chosen)),
         log_evidence=likelihood - cost,
         log_likelihood=likelihood,
         share=log.share(inside, nothing.levels),
     )
+    return burst, chosen
+
+
+def beside_burst(model: MotionModel, burst: Burst) -> MotionModel:
+    """Return the model with the contact as rough in the windows of a burst as it found it.
+
+    What happens there and not elsewhere is the burst's: no effect in a window of its own is sought
+    beside it.
+    """
+    t_s = model.nodes.mean(model.nodes.motion.t_s)
+    inside = np.any([(start <= t_s) & (t_s < stop) for start, stop in burst.windows], axis=0)
+    rough = copy(model)
+    rough.course = _roughened(model.course, inside, burst.side, burst.times_rougher)
+    rough.columns = replace(model.columns, terms=tuple(t for t in model.columns.terms if _lasts(t)))
+    rough.level_prior = _calm(model.level_prior)
+    vars(rough).pop("no_effect_levels", None)  # those of an even floor
+    return rough
+
+
+def _lasts(term: Term) -> bool:
+    """Tell whether an effect acts at all times."""
+    return "start_s" not in term.variant.fixed
+
+
+def _calm(prior: LevelPrior) -> LevelPrior:
+    """Return the prior of noise levels beside rough windows: wheels slip no more than usual there.
+
+    A slip that wanders all along grows with these until nothing stands out.
+    """
+    is_slip = np.arange(len(LEVELS)) == SLIP_WANDER
+    return replace(prior, high=np.where(is_slip, prior.median, prior.high))
+
+
+def _roughened(course: Course, inside: Mask, side: str, factor: float) -> Course:
+    """Return a course with contact *factor* times as rough in the blocks *inside*, bool[m]."""
+    more = np.where(inside, factor**2, 1.0)
+    left = course.left_path_m * (more if side != "right" else 1.0)
+    right = course.right_path_m * (more if side != "left" else 1.0)
+    return replace(course, left_path_m=left, right_path_m=right)
 
 
 def _quiet(described: Floats, suiting: Floats) -> Floats:
@@ -123,7 +184,7 @@ def _quiet(described: Floats, suiting: Floats) -> Floats:
     return np.where(is_reference, suiting, described)
 
 
-def _beside(model: MotionModel, gram: Gram) -> tuple[tuple[str, ...], float]:
+def _beside(model: MotionModel, gram: Gram) -> tuple[list[Term], float]:
     """Return listed effects that act at all times as well, one by one, and what they add."""
     chosen: list[Term] = []
     gained = 0.0
@@ -132,7 +193,7 @@ def _beside(model: MotionModel, gram: Gram) -> tuple[tuple[str, ...], float]:
         rest = [
             term
             for term in model.columns.terms
-            if term.variant.effect not in taken and "start_s" not in term.variant.fixed
+            if term.variant.effect not in taken and _lasts(term)
         ]
         scored = [score(gram, [*chosen, term], model.prior) for term in rest]
         if not scored:
@@ -141,28 +202,28 @@ def _beside(model: MotionModel, gram: Gram) -> tuple[tuple[str, ...], float]:
         if best.log_evidence < gained + _CLEARLY:
             break
         chosen, gained = list(best.terms), best.log_evidence
-    return tuple(sorted(term.variant.effect for term in chosen)), gained
+    return chosen, gained
 
 
 class _Log:
-    """One log's residuals, with tolerances free, at whatever contact."""
+    """One log's residuals, with tolerances free and the sizes of terms, at whatever contact."""
 
-    def __init__(self, model: MotionModel) -> None:
+    def __init__(self, model: MotionModel, terms: Sequence[Term] = ()) -> None:
         self._model = model
-        # Beside rough windows wheels slip no more than usual: a slip that wanders all along grows
-        # with these until nothing stands out.
-        prior = model.level_prior
-        is_slip = np.arange(len(LEVELS)) == SLIP_WANDER
-        self._level_prior = replace(prior, high=np.where(is_slip, prior.median, prior.high))
+        self._level_prior = _calm(model.level_prior)
         nodes = model.nodes
         t_s = nodes.mean(nodes.motion.t_s)
         self._start_s = float(t_s[0])
         self._cell = ((t_s - t_s[0]) / _CELL_S).astype(np.int64)
         self.cells = int(self._cell[-1]) + 1
         self._row_node, self._row_channel = np.nonzero(~np.isnan(model.columns.values[..., 0]).T)
-        free = [index for index, _ in model.columns.nuisances]
-        self._nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
-        self._values = self._chosen(free)
+        sizes = dict(model.columns.nuisances)
+        for term in terms:
+            for weight, small in zip(term.weights, term.tolerances, strict=False):
+                sizes |= dict.fromkeys((index for index, _ in weight), _LARGE * small)
+        self._nuisances = list(enumerate(sizes.values()))
+        self._free = list(sizes)
+        self._values = self._chosen(self._free)
 
     def _chosen(self, indices: Sequence[int]) -> Floats:
         values = self._model.columns.values
@@ -170,11 +231,7 @@ class _Log:
 
     def rough(self, inside: Mask, side: str, factor: float) -> Course:
         """Return the course with contact *factor* times as rough in the cells *inside*."""
-        course = self._model.course
-        more = np.where(inside[self._cell], factor**2, 1.0)
-        left = course.left_path_m * (more if side != "right" else 1.0)
-        right = course.right_path_m * (more if side != "left" else 1.0)
-        return replace(course, left_path_m=left, right_path_m=right)
+        return _roughened(self._model.course, inside[self._cell], side, factor)
 
     def evidence(self, course: Course, levels: Floats) -> float:
         """Return the log evidence of no effect on this course."""
@@ -245,8 +302,7 @@ class _Log:
     def _left(self, terms: Sequence[Term], course: Course, levels: Floats) -> Floats:
         """Return what *terms* and tolerances leave over, whitened: float64[rows]."""
         own = sorted({index for term in terms for weight in term.weights for index, _ in weight})
-        free = [index for index, _ in self._model.columns.nuisances]
-        values = self._chosen([*free, *own]) if own else self._values
+        values = self._chosen([*self._free, *own]) if own else self._values
         white, _ = whiten(values, course, levels, self._model.nodes.ticks)
         data, columns = white[:, 0], white[:, 1:]
         sizes = [1 / sd for _, sd in self._nuisances] + [1e-6] * len(own)

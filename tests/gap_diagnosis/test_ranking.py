@@ -74,13 +74,24 @@ def test_a_reference_that_lost_the_robot_is_what_is_wrong_where_nothing_else_is(
     """Beside whatever else there is, that is there too: it takes nothing from any other cause."""
     block = FakeBlock({"gyro_bias": 3.0, "missed_ticks": 0.0})
     well = ranked(block, unknown={"reference": -5.0})
-    lost = rank([[block]], PRIOR, STAGE, {"reference": -5.0}, as_ever=0.02)
+    lost = rank([[block]], PRIOR, STAGE, {"reference": -5.0}, as_ever={"reference": 0.02})
     nothing = well.of(frozenset()).probability
     assert lost.of(frozenset()).probability == pytest.approx(0.02 * nothing)
     assert lost.unknown["reference"] == pytest.approx(0.98 * nothing + well.unknown["reference"])
     for effects in ({"gyro_bias"}, {"gyro_bias", "missed_ticks"}):
         told = lost.of(frozenset(effects)).probability
         assert told == pytest.approx(well.of(frozenset(effects)).probability)
+
+
+def test_no_effect_beside_wheels_that_lose_hold_is_a_cause_that_is_not_listed() -> None:
+    block = FakeBlock({"gyro_bias": 3.0})
+    well = ranked(block, unknown={"wheel": -5.0})
+    lost = rank([[block]], PRIOR, STAGE, {"wheel": -5.0}, as_ever={"reference": 1.0, "wheel": 0.0})
+    assert lost.of(frozenset()).probability < 1e-11
+    nothing = well.of(frozenset()).probability
+    assert lost.unknown["wheel"] == pytest.approx(nothing + well.unknown["wheel"])
+    told = frozenset({"gyro_bias"})
+    assert lost.of(told).probability == pytest.approx(well.of(told).probability)
 
 
 def test_three_nats_are_odds_of_twenty() -> None:
