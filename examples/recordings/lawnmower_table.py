@@ -1,6 +1,9 @@
 """Turns a Plaza recording (text, and GPS as a MATLAB file) into a table and a reference.
 
     python lawnmower_table.py Plaza1 OUT
+    python lawnmower_table.py Plaza2 OUT --left 1.02
+
+The second one has an error made up: its left wheel counts 2 % too much.
 
 `Plaza1_DR.txt` has distance and heading increments; the distances of two wheels that would have
 made them go into the table. `Plaza1_.mat` has GPS positions; they become a reference without
@@ -24,6 +27,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording", type=Path, help="path and name, without _DR.txt")
     parser.add_argument("out", type=Path)
+    for side in ("left", "right"):
+        text = f"so many times the {side} wheel's way is counted"
+        parser.add_argument(f"--{side}", type=float, default=1.0, help=text)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     time_s, distance_m, turn_rad = np.loadtxt(f"{given.recording}_DR.txt").T
@@ -31,7 +37,9 @@ def main() -> None:
     along_m = np.cumsum(distance_m)
     np.savetxt(
         given.out / "table.csv",
-        np.stack([time_s, along_m - apart_m, along_m + apart_m], axis=1),
+        np.stack(
+            [time_s, given.left * (along_m - apart_m), given.right * (along_m + apart_m)], axis=1
+        ),
         fmt="%.9f",
         delimiter=",",
         header="t_s,left_m,right_m",

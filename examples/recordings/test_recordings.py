@@ -85,8 +85,9 @@ def made_up_kobuki(folder: Path) -> Path:
     return folder
 
 
-def convert(script: str, recording: Path, out: Path) -> None:
-    subprocess.run([sys.executable, HERE / script, recording, out], check=True, timeout=120)
+def convert(script: str, recording: Path, out: Path, *options: str) -> None:
+    command = [sys.executable, HERE / script, recording, out, *options]
+    subprocess.run(command, check=True, timeout=120)
 
 
 def test_a_kobuki_is_read_with_its_clock_its_gaps_and_its_gyro(
@@ -119,7 +120,8 @@ def test_a_lawnmower_is_read_with_its_gps(plaza: Path | None, tmp_path: Path) ->
         )
         savemat(tmp_path / "Plaza0_.mat", {"GT": gps})
         plaza = tmp_path / "Plaza0_DR.txt"
-    convert("lawnmower_table.py", Path(str(plaza).removesuffix("_DR.txt")), tmp_path / "out")
+    recording = Path(str(plaza).removesuffix("_DR.txt"))
+    convert("lawnmower_table.py", recording, tmp_path / "out")
     out = tmp_path / "out"
     found = read_recording(
         out / "table.csv",
@@ -132,3 +134,9 @@ def test_a_lawnmower_is_read_with_its_gps(plaza: Path | None, tmp_path: Path) ->
     metres = (found.left_ticks + found.right_ticks)[-1] / 2 / 60_000 * 2 * np.pi * 0.1
     increments = np.loadtxt(plaza)[1:, 1]
     assert metres == pytest.approx(np.sum(increments), rel=1e-6)
+    convert("lawnmower_table.py", recording, tmp_path / "off", "--left", "1.02")
+    rows, off = (
+        np.loadtxt(tmp_path / name / "table.csv", delimiter=",", skiprows=1)
+        for name in ("out", "off")
+    )
+    assert off == pytest.approx(rows * [1.0, 1.02, 1.0], rel=1e-9, abs=2e-9)
