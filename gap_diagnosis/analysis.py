@@ -190,7 +190,7 @@ def analyse(
         windowed = [_rough(burst)] if burst is not None else []
         windowed += [_standing(stood)] if stood is not None else []
         others = _alternatives(motion, windowed, pushes, gross=gross, smooth=others)
-        if burst is not None and _is_always_there(burst, motion, others):
+        if burst is not None and not gross and _is_always_there(burst, motion, others):
             has_burst = True
             motion, others = _beside_slack(
                 MotionBlock(
@@ -408,6 +408,7 @@ def _is_always_there(burst: Burst, motion: MotionBlock, others: Sequence[Alterna
 
 
 _FAR_BETTER: Final = 20.0
+"""By so much [nat]: odds at which whatever else there is, the burst is there."""
 
 
 def _standing(stood: Standstills) -> Alternative:

@@ -80,13 +80,13 @@ def find_burst(model: MotionModel, best: Found, nothing: Found) -> Burst | None:
     """
     if not _Log(model).hot_beside(best).any():
         return None
-    terms: list[Term] = []
-    found, tried = None, set[frozenset[str]]()
+    found, terms = None, list[Term]()
+    tried = set[frozenset[str]]()
     while (names := frozenset(term.variant.effect for term in terms)) not in tried:
         # What an effect does all along is in no window: those found without it hide it.
         tried.add(names)
         there = _windows_beside(model, terms, best, nothing)
-        if there is None:
+        if there is None or (found is not None and there[0].log_evidence < found.log_evidence):
             break
         found, terms = there
     return found
