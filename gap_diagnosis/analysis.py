@@ -89,7 +89,7 @@ class Analysis:
     @property
     def as_ever(self) -> dict[str, float]:
         """How likely it is, by stage, that no unlisted cause is at work beside any other."""
-        return {"reference": self.lost.as_ever, "wheel": 0.0 if self.has_burst else 1.0}
+        return {"reference": self.lost.as_ever, "wheel": _HARDLY if self.has_burst else 1.0}
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -408,7 +408,9 @@ def _is_always_there(burst: Burst, motion: MotionBlock, others: Sequence[Alterna
 
 
 _FAR_BETTER: Final = 20.0
-"""By so much [nat]: odds at which whatever else there is, the burst is there."""
+"""By so much [nat]: odds at which whatever else there is, the burst is there,"""
+_HARDLY: Final = math.exp(-_FAR_BETTER)
+"""and wheels that hold all the time are at most so likely."""
 
 
 def _standing(stood: Standstills) -> Alternative:

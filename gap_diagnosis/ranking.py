@@ -43,7 +43,6 @@ _COUNTED: Final = 2
 """So many errors of counting are asked of the drive together with what it alone sees."""
 _MOST_OF: Final = {"drive": 1, "firmware": REPLAYED_TOGETHER}
 """So many effects of one block are told together: what they say does not add up."""
-_NEVER_AS_EVER: Final = 1e-12
 _BIT: Final = frozenset({"adc_stuck_bit"})
 _BEND: Final = frozenset({"adc_inl"})
 _BIAS: Final = frozenset({"gyro_bias"})
@@ -129,9 +128,9 @@ def rank(
 
     *logs* are the blocks of each log; evidence adds up over logs and blocks. *unknown* is the log
     evidence, less that of no effect, of an unlisted cause by stage. *several* are sets of three
-    effects and more of one block that are worth a look. *as_ever*: how likely it is that a
-    stage is as it always is, a reference that lost the robot for a while, wheels that lost hold; no
-    block says anything of it.
+    effects and more of one block that are worth a look. *as_ever*: how likely it is, above
+    nothing, that a stage is as it always is where a reference lost the robot for a while, or wheels
+    lost hold; no block says anything of it.
     """
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
@@ -201,7 +200,7 @@ def rank(
             # Beside any cause there is that too; by itself it is one that is not listed.
             nothing, elsewhere = logs_of[frozenset()], guesses.get(stage, -math.inf)
             guesses[stage] = float(np.logaddexp(nothing + math.log1p(-usual), elsewhere))
-            logs_of[frozenset()] = nothing + math.log(max(usual, _NEVER_AS_EVER))
+            logs_of[frozenset()] = nothing + math.log(usual)
     news = moved(logs, prior, logs_of, {effects: one[1] for effects, one in scored.items()})
     logs_of = news.log_probability
     top = max([*logs_of.values(), *guesses.values()])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.explanations.variant import Setting, Value
+from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
@@ -68,6 +69,13 @@ def model_of(log: Recording, *listed: str, robot: Robot = ROBOT) -> MotionModel:
     beside any other.
     """
     return MotionModel(log, robot, default_prior(), without=frozenset(EXPLAINED).difference(listed))
+
+
+def nothing_of(model: MotionModel) -> Found:
+    """Return the account of no effect, at the noise levels that suit it."""
+    levels = model.no_effect_levels
+    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
+    return Found(frozenset(), (), evidence, evidence, levels)
 
 
 def misfit(

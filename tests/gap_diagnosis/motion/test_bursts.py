@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, nothing_of
 
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.bursts import Burst, find_burst
@@ -34,9 +34,7 @@ def on_ice(recording: Recording) -> Recording:
 def burst_of(recording: Recording) -> tuple[Burst | None, Found]:
     """Return what is found beside no effect, and the account of no effect."""
     model = MotionModel(recording, ROBOT, default_prior())
-    levels = model.no_effect_levels
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model)
     return find_burst(model, nothing, nothing), nothing
 
 

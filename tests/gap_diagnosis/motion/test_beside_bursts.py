@@ -5,21 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from motion_cases import ROBOT, WIRE, Floats, nothing_of
 
 from gap_diagnosis.diagnose import diagnose_recordings
-from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.bursts import Burst, beside_burst, find_burst
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import NumberEstimate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness import load_robot, load_wire
 from hil_harness.effects import EffectSetting, catalogue
 from hil_harness.scenarios import scenario
 
-ROBOT = load_robot()
-WIRE = load_wire()
 SLIPPERY_S = ((6.0, 8.0), (17.0, 20.0), (31.0, 32.5), (44.0, 47.0))
 WIDER = EffectSetting("wheelbase_scale", (("scale", 0.04),))
 FAR_WIDER = EffectSetting("wheelbase_scale", (("scale", 0.1),))
@@ -71,9 +68,7 @@ def on_a_slippery_floor(kind: str, *effects: EffectSetting) -> Recording:
 def model_with_burst(log: Recording) -> tuple[MotionModel, Burst]:
     """Return the log's motion and what is found beside no effect."""
     model = MotionModel(log, ROBOT, default_prior())
-    levels = model.no_effect_levels
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model)
     burst = find_burst(model, nothing, nothing)
     assert burst is not None
     return model, burst
