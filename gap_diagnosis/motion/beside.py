@@ -63,7 +63,7 @@ def gains_beside(
             line = Term(term.variant, tuple(weights), term.tolerances, term.log_weight)
             about.setdefault(effect, []).append((term, line))
     whole = np.ascontiguousarray(np.concatenate(columns, axis=-1))
-    course = model.scattered(terms, fit.coefficients)
+    course = model.scattered(terms, fit.coefficients, fit.levels)
     white = whiten(whole, course, fit.levels, model.nodes.ticks)
     gram = gram_of(*white, nuisances, fit.levels)
     alone = score(gram, tangent, model.prior).log_evidence

@@ -43,7 +43,7 @@ def dispersion(
     H_i, which add up to the unit matrix.
     """
     values, _, _ = model.linearised(terms, coefficients, levels)
-    course = model.scattered(terms, coefficients)
+    course = model.scattered(terms, coefficients, levels)
     about, _ = whiten(values, course, levels, model.nodes.ticks)
     library, _ = whiten(model.columns.values, course, levels, model.nodes.ticks)
     if not (np.isfinite(about).all() and np.isfinite(library).all()):

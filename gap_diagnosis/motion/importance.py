@@ -127,7 +127,7 @@ class Bends:
         values, self._nuisances, self._tangent = model.linearised(
             terms, fit.coefficients, fit.levels
         )
-        self._course: Course = model.scattered(terms, fit.coefficients)
+        self._course: Course = model.scattered(terms, fit.coefficients, fit.levels)
         white, log_variance = whiten(values, self._course, fit.levels, model.nodes.ticks)
         lines = [place + 1 for term in self._tangent for one in term.weights for place, _ in one]
         known = [place + 1 for place, _ in self._nuisances]

@@ -82,8 +82,6 @@ class MotionModel:
         recording, robot, prior: what it was made from.
         nodes, course, columns: see there.
         level_prior: prior of the noise levels.
-        usual_levels: noise levels, float64[levels], at which courses of other wheelbases are
-            compared.
     """
 
     def __init__(
@@ -135,7 +133,6 @@ class MotionModel:
             speed_cycle_s=recording.speed_cycle_s,
         )
         self.level_prior: LevelPrior = level_prior(robot)
-        self.usual_levels: Floats = self.level_prior.median
         self._begin_at(coarse_gyro_delay_s(motion))
 
     def of(
@@ -306,12 +303,13 @@ class MotionModel:
                 if gained < _STILL:
                     break
             values, nuisances, tangent = self.linearised(terms, coefficients, levels)
-            course = self.scattered(terms, coefficients)
+            course = self.scattered(terms, coefficients, levels)
             if step > 0 and gained >= _STILL:
                 starts = [levels] if known is None else [levels, known]
                 if any(varies(term.variant, self.nodes) for term in terms):
                     starts += roughly(levels, self.level_prior.median)
                 levels, gained = self._better_levels(values, nuisances, tangent, starts, course)
+                course = self.scattered(terms, coefficients, levels)
                 known, height = None, None
             white = whiten(values, course, levels, self.nodes.ticks)
             gram = gram_of(*white, nuisances, levels)
@@ -338,7 +336,7 @@ class MotionModel:
         """Return the whitened log about a fit: data float64[r], free columns float64[r, c], their
         inverse variances float64[c] beforehand, and which of them are each effect's."""
         values, nuisances, tangent = self.linearised(terms, fit.coefficients, fit.levels)
-        course = self.scattered(terms, fit.coefficients)
+        course = self.scattered(terms, fit.coefficients, fit.levels)
         white, _ = whiten(values, course, fit.levels, self.nodes.ticks)
         known = [place for place, _ in nuisances]
         owners: dict[str, list[int]] = {}
@@ -390,15 +388,17 @@ class MotionModel:
         columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        course = self.scattered(terms, coefficients)
+        course = self.scattered(terms, coefficients, levels)
         return self._weigh(values, nuisances, (), levels, course).log_evidence
 
     def scattered(
         self,
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
+        levels: Floats,
     ) -> Course:
-        """Return the course with what rates and probabilities of these sizes leave to chance."""
+        """Return the course with what rates and probabilities of these sizes leave to chance, to be
+        compared with others at these levels of noise."""
         course = self.course
         varying = [
             (term.variant, sizes)
@@ -409,7 +409,7 @@ class MotionModel:
             course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
             if _turns_less(term.variant, sizes):
-                course = self._wider(course, sizes[0])
+                course = self._wider(course, sizes[0], levels)
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
                 course = course.scattered(self.nodes, *variances)
@@ -417,11 +417,15 @@ class MotionModel:
                 course = course.jumping(self.nodes, term.variant.jumps(self.nodes.motion))
         return course
 
-    def _wider(self, course: Course, scale: float) -> Course:
+    def _wider(self, course: Course, scale: float, levels: Floats) -> Course:
         """Return the course of wheels that stand farther apart, with a likelihood to be compared
-        with that of others, whatever turn a count stands for."""
+        with that of others, whatever turn a count stands for.
+
+        At louder levels than the log's own, what counts round off seems to matter less, and wheels
+        far apart would be likelier for nothing.
+        """
         wider = course.wider(scale)
-        data, levels = np.ascontiguousarray(self.columns.values[..., :1]), self.usual_levels
+        data = np.ascontiguousarray(self.columns.values[..., :1])
         variances = [whiten(data, one, levels, self.nodes.ticks)[1] for one in (course, wider)]
         before, after = (float(one.mean()) for one in variances)
         return replace(wider, log_more=course.log_more + before - after)
@@ -469,16 +473,31 @@ class MotionModel:
         ]
         change = residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
         far = [one for one in settings if _turns_less(*one)]
-        return change + self._beyond_sharp(far) if far else change
+        return change + self._beyond_sharp(far, settings) if far else change
 
-    def _beyond_sharp(self, far: Sequence[Setting]) -> Floats:
-        """Return what effects that are far from none change of what is not sharp, float64[4, m]:
-        of two turns that differ by so much not even the rounding of counts is the same."""
+    def _beyond_sharp(self, far: Sequence[Setting], settings: Sequence[Setting]) -> Floats:
+        """Return what effects that are far from none, of these settings, change of what is not
+        sharp, float64[4, m]: of two turns that differ by so much not even the rounding of counts is
+        the same.
+
+        Against the gyro it is less by as much as a turn is, by whatever effects: else wheels
+        farther apart and a gyro that reads as much more would hide it, and were likelier.
+        """
         counted = self.nodes.motion
         change = residuals(self.nodes, predict(counted, far))
         change -= residuals(self.nodes, predict(counted))
         change -= residuals(self.nodes, predict(self.nodes.sharp, far))
-        return change + self._sharp_nominal
+        change += self._sharp_nominal
+        by_far, by_all = (1.0 - self._read_per_turn(one) for one in (far, settings))
+        change[3] *= by_all / by_far
+        return np.asarray(change)
+
+    def _read_per_turn(self, settings: Sequence[Setting]) -> float:
+        """Return how much of a turn as described the gyro reads with effects, 1 with none."""
+        smooth = self.nodes.smooth
+        described, read = (predict(smooth, one).gyro_rad_s for one in ((), settings))
+        rate = described - described.mean()
+        return float(rate @ read) / float(rate @ rate)
 
     @cached_property
     def _sharp_nominal(self) -> Floats:

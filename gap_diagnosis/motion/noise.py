@@ -86,7 +86,8 @@ def fit_noise(
     described = model.level_prior.median
     course = model.course
     if quiet.refitted is not None:
-        course = model.scattered(quiet.terms, quiet.refitted.coefficients)
+        fitted = quiet.refitted
+        course = model.scattered(quiet.terms, fitted.coefficients, fitted.levels)
 
     def plain(at: Floats, free: Sequence[int] = ()) -> float:
         density = model.level_prior.log_density(np.log(at), free)

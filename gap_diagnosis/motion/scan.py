@@ -79,7 +79,6 @@ class Scan(Neighbours):
         if better is not None:
             # What led at levels this wrong was noise.
             levels = model.levels_for(self._greedy(model.gram(better)), better)
-        model.usual_levels = levels
         self._add_levels(levels)
         progress(0.2)
         self._add_levels(model.levels_for((), self._grams[-1].levels))

@@ -207,7 +207,7 @@ class _Grid:
             for term, sizes in zip(terms, coefficients, strict=True)
             if term is not terms[place]
         ]
-        self._course = model.scattered(terms, coefficients)
+        self._course = model.scattered(terms, coefficients, levels)
         values, nuisances, tangent = model.linearised(terms, coefficients, levels)
         free = list(nuisances)
         for term in tangent:

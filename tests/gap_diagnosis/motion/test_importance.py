@@ -100,7 +100,7 @@ def likelihoods(names: Sequence[str], sizes: Floats) -> tuple[Floats, Floats]:
     lines = values[..., len(nuisances) + 1 :]
     best = np.array([one for (one,) in fit.coefficients])
     nodes = MODEL.nodes
-    course = MODEL.scattered(terms, fit.coefficients)
+    course = MODEL.scattered(terms, fit.coefficients, fit.levels)
 
     def changes(some: Floats) -> Floats:
         settings = [(t.variant, (float(one),)) for t, one in zip(terms, some, strict=True)]

@@ -74,7 +74,7 @@ def astray_m(log: Recording, scale: float) -> float:
     """Return how far a track wider by *scale* is taken to lead a wheel astray, RMS of a block."""
     model = MotionModel(log, ROBOT, default_prior())
     (track,) = (one for one in model.columns.terms if one.variant.effect == "wheelbase_scale")
-    course = model.scattered((track,), ((scale,),))
+    course = model.scattered((track,), ((scale,),), model.level_prior.median)
     return float(np.sqrt(np.mean(course.left_astray_m**2)))
 
 
