@@ -29,7 +29,11 @@ _INNER_SESSION: Final = (
     *("-p", "no:cacheprovider"),
 )
 # Each import costs the machine about fifteen times what it costs here: no plugin but this module.
-_LEAN: Final = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(Path(__file__).parent)}
+# This checkout and no other is what is compiled outside: what is not is compiled in the machine.
+_LEAN: Final = {
+    "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+    "PYTHONPATH": f"{Path(__file__).parent}{os.pathsep}{_ROOT}",
+}
 _HANG_S: Final = 1800
 """Ends a machine that hangs; no test waits for it otherwise."""
 _CONSOLE_LINES: Final = 40
