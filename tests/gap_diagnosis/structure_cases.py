@@ -27,7 +27,11 @@ CONTACT = 5e-4
 
 
 def drive(
-    name: str, *effects: EffectSetting, reference: bool = True, heading: bool = True
+    name: str,
+    *effects: EffectSetting,
+    reference: bool = True,
+    heading: bool = True,
+    duration_s: float | None = None,
 ) -> Recording:
     """Return a drive with contact noise, its own effects replaced by *effects*."""
     recording = synthetic_recording(
@@ -38,6 +42,7 @@ def drive(
         3,
         reference=ReferenceNoise() if reference else None,
         contact_noise_m_per_sqrt_m=CONTACT,
+        duration_s=duration_s,
     )
     if recording.reference is not None and not heading:
         recording = replace(recording, reference=replace(recording.reference, heading_rad=None))

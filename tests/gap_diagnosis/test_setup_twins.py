@@ -71,7 +71,7 @@ def test_what_else_is_wrong_with_a_robot_tells_no_sign_from_swapped_wheels() -> 
 
 def by_positions_alone(name: str, *effects: EffectSetting) -> Recording:
     """Return a drive of wheels beside a reference without headings, and no gyro."""
-    recording = drive(name, *effects, heading=False)
+    recording = drive(name, *effects, heading=False, duration_s=60.0)
     return replace(recording, gyro_code=None, gyro_rate_rad_s=None)
 
 

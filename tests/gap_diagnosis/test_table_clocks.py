@@ -23,7 +23,8 @@ from hil_harness.scenarios import scenario
 
 def table(*effects: EffectSetting, seed: int = 3) -> Recording:
     drive = replace(scenario("calibration"), effects=())
-    return replace(synthetic_recording(ROBOT, WIRE, drive, effects, seed), frames={})
+    log = synthetic_recording(ROBOT, WIRE, drive, effects, seed, duration_s=60.0)
+    return replace(log, frames={})
 
 
 OTHERS = frozenset(EXPLAINED) - {

@@ -40,7 +40,13 @@ def push(yaw_rad: float) -> EffectSetting:
 def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recording:
     """Return a drive with what acts in it."""
     return synthetic_recording(
-        robot, WIRE, scenario("calibration"), effects, seed, reference=ReferenceNoise()
+        robot,
+        WIRE,
+        scenario("calibration"),
+        effects,
+        seed,
+        reference=ReferenceNoise(),
+        duration_s=60.0,
     )
 
 
