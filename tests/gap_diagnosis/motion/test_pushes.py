@@ -37,8 +37,13 @@ def push(yaw_rad: float) -> EffectSetting:
     return EffectSetting("floor_bump", (("time", AT_S), ("yaw", yaw_rad), ("forward", 0.0)))
 
 
-def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recording:
-    """Return a drive with what acts in it."""
+def driven(
+    seed: int,
+    *effects: EffectSetting,
+    robot: Robot = ROBOT,
+    duration_s: float | None = 60.0,
+) -> Recording:
+    """Return a drive with what acts in it, of a minute or of its whole length."""
     return synthetic_recording(
         robot,
         WIRE,
@@ -46,7 +51,7 @@ def driven(seed: int, *effects: EffectSetting, robot: Robot = ROBOT) -> Recordin
         effects,
         seed,
         reference=ReferenceNoise(),
-        duration_s=60.0,
+        duration_s=duration_s,
     )
 
 
@@ -73,7 +78,7 @@ def test_a_push_is_found_at_its_moment_and_as_far_as_it_went() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_healthy_robot_is_pushed_by_nothing(seed: int) -> None:
-    assert pushes_of(driven(seed)) is None
+    assert pushes_of(driven(seed, duration_s=None)) is None
 
 
 @pytest.mark.parametrize(
