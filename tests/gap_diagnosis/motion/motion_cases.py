@@ -71,9 +71,9 @@ def model_of(log: Recording, *listed: str, robot: Robot = ROBOT) -> MotionModel:
     return MotionModel(log, robot, default_prior(), without=frozenset(EXPLAINED).difference(listed))
 
 
-def nothing_of(model: MotionModel) -> Found:
-    """Return the account of no effect, at the noise levels that suit it."""
-    levels = model.no_effect_levels
+def nothing_of(model: MotionModel, levels: Floats | None = None) -> Found:
+    """Return the account of no effect, at the noise levels that suit it or at others."""
+    levels = model.no_effect_levels if levels is None else levels
     evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
     return Found(frozenset(), (), evidence, evidence, levels)
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, nothing_of
 
 from gap_diagnosis.hypothesis import Fit
-from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import _drawn, fit_noise
@@ -34,9 +33,7 @@ def fitted(share_of_time: float) -> Fit:
     model = MotionModel(
         replace(quiet, gyro_rate_rad_s=disturbed), ROBOT, default_prior(), without=frozenset()
     )
-    levels = model.no_effect_levels
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model)
     return fit_noise(model, nothing, nothing, "gyro_noise", ("gyro_noise",))
 
 
@@ -122,8 +119,7 @@ def test_a_walk_that_was_taken_for_rough_contact_is_found_from_a_larger_level() 
     levels = model.no_effect_levels.copy()
     place = LEVELS.index("gyro_bias_walk_rad_s_per_sqrt_s")
     levels[place] = model.level_prior.median[place]
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model, levels)
     fit = fit_noise(model, nothing, nothing, "gyro_bias_walk", ("gyro_bias_walk",))
     assert fit.log_evidence > 20
     assert fit.parameters["gyro_bias_walk.density"].value == pytest.approx(0.00025, rel=0.5)
@@ -168,9 +164,7 @@ def test_a_gps_is_no_noisy_reference_of_a_lab(position_m: float, is_noise: bool)
     assert log.reference is not None
     places = replace(log.reference, heading_rad=None)
     model = MotionModel(replace(log, reference=places), ROBOT, default_prior())
-    levels = model.no_effect_levels
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model)
     fit = fit_noise(model, nothing, nothing, "reference_noise", ("reference_noise",))
     assert (fit.log_evidence > 0) == is_noise
     assert fit.parameters.keys() == ({"reference_noise.position"} if is_noise else set())

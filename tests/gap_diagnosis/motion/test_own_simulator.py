@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from motion_cases import ROBOT, Floats
+from motion_cases import ROBOT, Floats, nothing_of
 
 from gap_diagnosis.explanations.reference import turn_rate_with_details
-from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import fit_noise
@@ -175,9 +174,7 @@ def test_speeds_that_are_means_since_the_row_before_are_not_late() -> None:
 
 def test_a_search_that_ends_at_better_levels_makes_no_noise_of_a_reference() -> None:
     model = MotionModel(recorded(ROBOT, position_m=0.03), ROBOT, default_prior())
-    levels = model.level_prior.median
-    evidence = model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
-    nothing = Found(frozenset(), (), evidence, evidence, levels)
+    nothing = nothing_of(model, model.level_prior.median)
     fit = fit_noise(model, nothing, nothing, "reference_noise", ("reference_noise",))
     assert fit.log_evidence < NEWS
 
