@@ -488,16 +488,18 @@ class MotionModel:
         change -= residuals(self.nodes, predict(counted))
         change -= residuals(self.nodes, predict(self.nodes.sharp, far))
         change += self._sharp_nominal
-        by_far, by_all = (1.0 - self._read_per_turn(one) for one in (far, settings))
+        by_far, by_all = (self._unread_turn(one) for one in (far, settings))
         change[3] *= by_all / by_far
         return np.asarray(change)
 
-    def _read_per_turn(self, settings: Sequence[Setting]) -> float:
-        """Return how much of a turn as described the gyro reads with effects, 1 with none."""
+    def _unread_turn(self, settings: Sequence[Setting]) -> float:
+        """Return how much of the described turns the gyro does not read with effects [rad²/s²].
+
+        A robot that never turns has no wheelbase to be told.
+        """
         smooth = self.nodes.smooth
         described, read = (predict(smooth, one).gyro_rad_s for one in ((), settings))
-        rate = described - described.mean()
-        return float(rate @ read) / float(rate @ rate)
+        return float((described - described.mean()) @ (described - read))
 
     @cached_property
     def _sharp_nominal(self) -> Floats:
