@@ -124,7 +124,10 @@ def case(effect: str, number: int, wire: Wire, folder: Path) -> dict[str, Any] |
         if effect == "blend_weight":  # no weight is more than 1
             most = 1.0 - robot.firmware.blend_weight
             truth["weight"] = min(float(truth["weight"]), most * float(draw.uniform(0.0, 1.0)))
-        worlds = {**draw_nominal(robot, frozenset({effect}), draw), **draw_surroundings(draw)}
+        worlds = {
+            **draw_nominal(robot, frozenset({effect}), "field", draw),
+            **draw_surroundings(draw),
+        }
         settings = [EffectSetting(one, tuple(v.items())) for one, v in worlds.items()]
         if effect in SMOOTH_DRIVE:
             without = synthetic_recording(robot, wire, scenario, settings, number + 1)

@@ -26,16 +26,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, n
 
 import numpy as np
 from numpy.typing import NDArray
+from results import put_page, read_rows, sizes_of
 
 from gap_diagnosis.diagnose import diagnose
+from hil_harness.robot import Robot, load_robot
 
 Floats = NDArray[np.float64]
 Table = dict[str, Floats]
 
 _TABLES: Final = Path(__file__).parent.parent / "examples" / "recordings"
 _KOBUKI, _LAWNMOWER = "Kobuki", "lawnmower"
-_CODES_PER_RAD_S: Final = 6548.089
-_WRAPS_AT: Final = 65536
 
 
 @dataclass(frozen=True)
@@ -45,39 +45,32 @@ class Error:
     Attributes:
         robot: whose recording.
         parameters: those that may tell it, each with the value it should move by: the likeliest set
-            that has one of them is looked at. None: nothing is made up.
-        table: changes the columns of the table.
+            that has one of them is looked at. Empty: nothing is made up.
+        options: of the script that makes the table.
+        table: changes the columns of the table of a robot.
         described: text of robot.toml and what stands there instead.
         late_s: what is added to the reference's stamps.
     """
 
     robot: str
     parameters: Mapping[str, float]
-    table: Callable[[Table], None] = lambda table: None
+    options: tuple[str, ...] = ()
+    table: Callable[[Table, Robot], None] = lambda table, robot: None
     described: tuple[str, str] = ("", "")
     late_s: float = 0.0
 
 
-def _longer(*sides: str, times: float) -> Callable[[Table], None]:
-    """Return what counts more of a wheel's way than it went."""
-
-    def change(table: Table) -> None:
-        for side in sides:
-            table[f"{side}_m"] *= times
-
-    return change
+def _smaller_left(table: Table, robot: Robot) -> None:
+    wraps_at = 2**robot.plant.encoder.counter_bits
+    counts = np.unwrap(table["left_ticks"], period=wraps_at)
+    table["left_ticks"] = np.rint(counts[0] + (counts - counts[0]) / 0.97) % wraps_at
 
 
-def _smaller_left(table: Table) -> None:
-    counts = np.unwrap(table["left_ticks"], period=_WRAPS_AT)
-    table["left_ticks"] = np.rint(counts[0] + (counts - counts[0]) / 0.97) % _WRAPS_AT
+def _more_bias(table: Table, robot: Robot) -> None:
+    table["gyro_code"] += np.rint(0.02 * robot.plant.gyro.sensitivity_lsb_per_rad_s)
 
 
-def _more_bias(table: Table) -> None:
-    table["gyro_code"] += np.rint(0.02 * _CODES_PER_RAD_S)
-
-
-def _later_gyro(table: Table) -> None:
+def _later_gyro(table: Table, robot: Robot) -> None:
     """Let each row have the reading of 0.1 s before, rounded as a code is."""
     t_s, code = table["t_s"], table["gyro_code"]
     there = np.isfinite(code)
@@ -87,23 +80,23 @@ def _later_gyro(table: Table) -> None:
 
 ERRORS: Final[dict[str, Error]] = {
     "nothing": Error(_KOBUKI, {}),
-    "gyro reads 20 mrad/s more": Error(
-        _KOBUKI, {"gyro_bias.bias": 0.02, "adc_inl.peak": 0.02 * _CODES_PER_RAD_S}, _more_bias
-    ),
-    "gyro 0.1 s later": Error(_KOBUKI, {"frame_latency.delay": 0.1}, _later_gyro),
+    "gyro reads 20 mrad/s more": Error(_KOBUKI, {"gyro_bias.bias": 0.02}, table=_more_bias),
+    "gyro 0.1 s later": Error(_KOBUKI, {"frame_latency.delay": 0.1}, table=_later_gyro),
     "left wheel 3 % smaller": Error(
-        _KOBUKI, {"radius_mismatch.mismatch": 0.03, "payload.compression_left": 0.03}, _smaller_left
+        _KOBUKI,
+        {"radius_mismatch.mismatch": 0.03, "payload.compression_left": 0.03},
+        table=_smaller_left,
     ),
     "nothing at all": Error(_LAWNMOWER, {}),
     "left wheel 1.96 % smaller": Error(
         _LAWNMOWER,
         {"payload.compression_left": 0.0196, "radius_mismatch.mismatch": 0.0196},
-        _longer("left", times=1.02),
+        ("--left", "1.02"),
     ),
     "both wheels 2.91 % smaller": Error(
         _LAWNMOWER,
         {"ticks_per_rev.scale": 0.03, "radius_scale.scale": -0.0291},
-        _longer("left", "right", times=1.03),
+        ("--left", "1.03", "--right", "1.03"),
     ),
     "track 4.76 % narrower": Error(
         _LAWNMOWER,
@@ -120,7 +113,7 @@ def write_case(error: Error, data: Path, home: Path) -> None:
     if error.robot == _LAWNMOWER:
         script, name = ("lawnmower_table", "lawnmower/Plaza2")
     subprocess.run(
-        [sys.executable, _TABLES / f"{script}.py", data / name, home],
+        [sys.executable, _TABLES / f"{script}.py", data / name, home, *error.options],
         check=True,
         stdout=subprocess.DEVNULL,
     )
@@ -128,13 +121,13 @@ def write_case(error: Error, data: Path, home: Path) -> None:
     names = rows.read_text(encoding="utf-8").partition("\n")[0]
     columns = np.genfromtxt(rows, delimiter=",", skip_header=1).T
     table = dict(zip(names.split(","), columns, strict=True))
-    error.table(table)
+    robot = home / "robot.toml"
+    error.table(table, load_robot(robot))
     lines = (
         ",".join("" if np.isnan(one) else f"{one:.9f}".rstrip("0").rstrip(".") for one in row)
         for row in zip(*table.values(), strict=True)
     )
     rows.write_text("\n".join([names, *lines]) + "\n", encoding="utf-8")
-    robot = home / "robot.toml"
     robot.write_text(robot.read_text(encoding="utf-8").replace(*error.described), encoding="utf-8")
     reference = home / "reference.tum"
     if reference.exists():
@@ -147,7 +140,7 @@ def run(data: Path, folder: Path) -> None:
     """Make and diagnose what is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = folder / "results.jsonl"
-    done = {one["error"] for one in _read(rows)}
+    done = {one["error"] for one in read_rows(rows)}
     for place, (name, error) in enumerate(ERRORS.items(), 1):
         if name in done:
             continue
@@ -167,12 +160,6 @@ def run(data: Path, folder: Path) -> None:
         print(name, result["verdict"], flush=True)
 
 
-def _read(rows: Path) -> list[dict[str, Any]]:
-    if not rows.exists():
-        return []
-    return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
-
-
 def _told(which: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, Any] | None:
     """Return what the likeliest set that has a parameter says of it."""
     return next((one["parameters"][name] for one in which if name in one["parameters"]), None)
@@ -180,7 +167,7 @@ def _told(which: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, Any] | 
 
 def page(folder: Path, commit: str) -> str:
     """Return the page: a row for each error."""
-    rows = {one["error"]: one for one in _read(folder / "results.jsonl")}
+    rows = {one["error"]: one for one in read_rows(folder / "results.jsonl")}
     lines = [
         "<!-- Written by benchmarks/known_errors.py; run that again instead of editing. -->",
         "",
@@ -195,7 +182,7 @@ def page(folder: Path, commit: str) -> str:
         "",
         "    python benchmarks/known_errors.py run --data DIR --results RESULTS",
         "",
-        "| robot | made up | told | group | moved by | made up | gap before, after, floor |",
+        "| robot | made up | told | group | moved by | by | gap before, after, floor |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     own: Sequence[Mapping[str, Any]] = ()
@@ -219,15 +206,9 @@ def _row(name: str, error: Error, one: Mapping[str, Any], own: Sequence[Mapping[
         made_up = f"{error.parameters[key]:.4g}"
     elif error.parameters:
         moved = "not told"
-    gap = one["gap"] or {}
-    sizes = ", ".join(
-        "–" if gap.get(key) is None else f"{1e3 * gap[key]:.3g}"
-        for key in ("before", "after", "floor")
-    )
-    unit = {"m": "mm", "rad": "mrad"}.get(gap.get("unit", ""), "")
     group = f"{best['group_probability']:.2f}"
-    cells = error.robot, name, "+".join(best["effects"]), group, moved, made_up, f"{sizes} {unit}"
-    return "| " + " | ".join(cells) + " |"
+    cells = error.robot, name, "+".join(best["effects"]), group, moved, made_up
+    return "| " + " | ".join([*cells, sizes_of(one["gap"])]) + " |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -243,10 +224,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given.data is None:
             parser.error("run needs --data")
         run(given.data, given.results)
-    elif given.out is not None:
-        given.out.write_text(page(given.results, given.commit), encoding="utf-8")
     else:
-        print(page(given.results, given.commit))
+        put_page(page(given.results, given.commit), given.out)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,8 @@ from typing import Any, Final
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, not a thread
 
+from results import put_page, read_rows
+
 from gap_diagnosis.diagnose import diagnose
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.trials.drives import FAMILIAR, NEW
@@ -68,7 +70,7 @@ def run(seeds: Sequence[int], folder: Path) -> None:
     """Make and diagnose what is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = folder / _RESULTS
-    done = {(one["cause"], one["seed"]) for one in _read(rows)}
+    done = {(one["cause"], one["seed"]) for one in read_rows(rows)}
     kinds = (*FAMILIAR, *NEW)
     for seed in seeds:
         for place, cause in enumerate(CAUSES):
@@ -93,12 +95,6 @@ def _diagnosed(home: Path) -> dict[str, Any]:
         "probability": best["group_probability"],
         "parameters": best["parameters"],
     }
-
-
-def _read(rows: Path) -> list[dict[str, Any]]:
-    if not rows.exists():
-        return []
-    return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
 
 
 def right_answers(one: Mapping[str, Any]) -> set[Answer]:
@@ -145,7 +141,7 @@ def is_right(one: Mapping[str, Any]) -> bool:
 def page(folder: Path, commit: str) -> str:
     """Return the page: a row for each case, and how many were right."""
     rows = sorted(
-        _read(folder / _RESULTS), key=lambda one: (list(RIGHT).index(one["cause"]), one["seed"])
+        read_rows(folder / _RESULTS), key=lambda one: (list(RIGHT).index(one["cause"]), one["seed"])
     )
     shown = [one for one in rows if not is_hidden(one)]
     right = share([is_right(one) for one in shown])
@@ -237,10 +233,8 @@ def main() -> None:
     given = parser.parse_args()
     if given.what == "run":
         run(given.seeds, given.results)
-    elif given.out is not None:
-        given.out.write_text(page(given.results, given.commit), encoding="utf-8")
     else:
-        print(page(given.results, given.commit))
+        put_page(page(given.results, given.commit), given.out)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from pybullet_world import (
     calibrated,
     drive,
 )
+from results import put_page, read_rows, sizes_of
 
 from gap_diagnosis.diagnose import diagnose
 from gap_diagnosis.trials.truth import UNKNOWN, canonical
@@ -187,7 +188,7 @@ def run(folder: Path) -> None:
     """Make and diagnose what is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = folder / "results.jsonl"
-    done = {(one["cause"], one["wheels"]) for one in _read(rows)}
+    done = {(one["cause"], one["wheels"]) for one in read_rows(rows)}
     for place, (wheels, width_m) in enumerate(WHEELS.items()):
         for seed, (name, cause) in enumerate(CAUSES.items(), 1):
             if (name, wheels) in done:
@@ -213,12 +214,6 @@ def run(folder: Path) -> None:
             print(name, wheels, kind, result["verdict"], flush=True)
 
 
-def _read(rows: Path) -> list[dict[str, Any]]:
-    if not rows.exists():
-        return []
-    return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
-
-
 def is_right(one: Mapping[str, Any]) -> bool:
     """Tell whether one of the right answers is in the reported group."""
     right = {canonical(names) for names in CAUSES[one["cause"]].right}
@@ -235,7 +230,7 @@ def is_astray(one: Mapping[str, Any]) -> bool:
 
 def page(folder: Path, commit: str) -> str:
     """Return the page: a row for each case, and how many were right on each kind of wheels."""
-    rows = _read(folder / "results.jsonl")
+    rows = read_rows(folder / "results.jsonl")
     rows.sort(key=lambda one: (list(WHEELS).index(one["wheels"]), list(CAUSES).index(one["cause"])))
     lines = [
         "<!-- Written by benchmarks/third_engine.py; run that again instead of editing. -->",
@@ -275,15 +270,9 @@ def page(folder: Path, commit: str) -> str:
 def _row(one: Mapping[str, Any]) -> str:
     names = " or ".join("+".join(names) for names in one["group"][:3])
     names += f" and {len(one['group']) - 3} more" if len(one["group"]) > 3 else ""
-    gap = one["gap"] or {}
-    sizes = ", ".join(
-        "–" if gap.get(key) is None else f"{1e3 * gap[key]:.3g}"
-        for key in ("before", "after", "floor")
-    )
-    unit = {"m": "mm", "rad": "mrad", "s": "ms"}.get(gap.get("unit", ""), "")
     verdict = "" if is_right(one) else "WRONG" if is_astray(one) else "not found"
     cells = one["wheels"], one["drive"], one["cause"], names, f"{one['probability']:.3f}"
-    return "| " + " | ".join([*cells, f"{sizes} {unit}", verdict]) + " |"
+    return "| " + " | ".join([*cells, sizes_of(one["gap"]), verdict]) + " |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -296,10 +285,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     if given.what == "run":
         run(given.results)
-    elif given.out is not None:
-        given.out.write_text(page(given.results, given.commit), encoding="utf-8")
     else:
-        print(page(given.results, given.commit))
+        put_page(page(given.results, given.commit), given.out)
 
 
 if __name__ == "__main__":
