@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.variant import Setting, Variant
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.blocks import Course, course_of
 from gap_diagnosis.motion.coefficients import bounded, split
@@ -24,6 +24,7 @@ from gap_diagnosis.motion.columns import (
     build_columns,
     with_variant,
 )
+from gap_diagnosis.motion.details import Details, turns_less
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.levels import level_prior
@@ -31,7 +32,7 @@ from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import is_of_a_room, starts
-from gap_diagnosis.motion.whitening import CONTACT, whiten
+from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -42,8 +43,6 @@ from hil_harness.robot import Robot
 Unsure = Callable[[Motion], tuple[Floats, Floats]]
 """Of a motion, how much its wheels' counts vary by chance, counts² per tick of left and right."""
 
-_FAR: Final = 0.1
-"""Share by which wheels stand farther apart: a tenth of what counts round off matters little."""
 _LAG: Final = "gyro_lag.time_constant"
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
@@ -110,6 +109,7 @@ class MotionModel:
         if keep is not None:
             self.keep, motion = self.keep & keep, without_gyro(motion, ~keep)
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep, delay_s)
+        self._details = Details(self.nodes)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         if unsure is not None:
             self.course = self.course.scattered(self.nodes, *unsure(motion))
@@ -381,7 +381,7 @@ class MotionModel:
         levels: Floats,
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
-        change = self._exact_change(terms, coefficients, levels)
+        change = self._details.change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [self.columns.values[..., 0] + change]
@@ -408,7 +408,7 @@ class MotionModel:
         if varying:
             course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
-            if _turns_less(term.variant, sizes):
+            if turns_less(term.variant, sizes):
                 course = self._wider(course, sizes[0], levels)
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
@@ -460,51 +460,6 @@ class MotionModel:
                 columns[place] = (there - beside) / sd
         return columns
 
-    def _exact_change(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
-    ) -> Floats | float:
-        """Return what effects change of the residuals, in every detail, float64[4, m]."""
-        if not terms:
-            return 0.0
-        contact = float(levels[CONTACT])
-        settings = [
-            (term.variant.in_noise(contact), sizes)
-            for term, sizes in zip(terms, coefficients, strict=True)
-        ]
-        change = residuals(self.nodes, predict(self.nodes.sharp, settings)) - self._sharp_nominal
-        far = [one for one in settings if _turns_less(*one)]
-        return change + self._beyond_sharp(far, settings) if far else change
-
-    def _beyond_sharp(self, far: Sequence[Setting], settings: Sequence[Setting]) -> Floats:
-        """Return what effects that are far from none, of these settings, change of what is not
-        sharp, float64[4, m]: of two turns that differ by so much not even the rounding of counts is
-        the same.
-
-        Against the gyro it is less by as much as a turn is, by whatever effects: else wheels
-        farther apart and a gyro that reads as much more would hide it, and were likelier.
-        """
-        counted = self.nodes.motion
-        change = residuals(self.nodes, predict(counted, far))
-        change -= residuals(self.nodes, predict(counted))
-        change -= residuals(self.nodes, predict(self.nodes.sharp, far))
-        change += self._sharp_nominal
-        by_far, by_all = (self._unread_turn(one) for one in (far, settings))
-        change[3] *= by_all / by_far
-        return np.asarray(change)
-
-    def _unread_turn(self, settings: Sequence[Setting]) -> float:
-        """Return how much of the described turns the gyro does not read with effects [rad²/s²].
-
-        A robot that never turns has no wheelbase to be told.
-        """
-        smooth = self.nodes.smooth
-        described, read = (predict(smooth, one).gyro_rad_s for one in ((), settings))
-        return float((described - described.mean()) @ (described - read))
-
-    @cached_property
-    def _sharp_nominal(self) -> Floats:
-        return residuals(self.nodes, predict(self.nodes.sharp))
-
     def _better_levels(
         self,
         values: Floats,
@@ -540,7 +495,7 @@ class MotionModel:
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
-        here = self.columns.values[..., 0] + self._exact_change(terms, coefficients, levels)
+        here = self.columns.values[..., 0] + self._details.change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [here, *self._free_about(free, terms, coefficients)]
@@ -586,11 +541,6 @@ def _tolerances(robot: Robot) -> dict[str, float]:
         "reference_time_offset.offset": known.time_offset_s,
         _LAG: known.time_offset_s,
     }
-
-
-def _turns_less(variant: Variant, sizes: Sequence[float]) -> bool:
-    """Tell whether an effect turns the robot by so much less that errors of counting do, too."""
-    return variant.widens and abs(sizes[0]) > _FAR
 
 
 def is_far(first: Floats, second: Floats) -> bool:

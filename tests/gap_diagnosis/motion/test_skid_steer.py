@@ -15,6 +15,7 @@ from test_dispersion import on_many_floors
 from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.explanations.choices import setup_unit
 from gap_diagnosis.hypothesis import NEVER
+from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.mended import in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
@@ -114,7 +115,8 @@ def test_what_rounds_off_counts_turns_a_robot_less_whose_wheels_stand_farther_ap
         model = MotionModel(log, ROBOT, default_prior())
         (term,) = (one for one in model.columns.terms if one.variant.widens)
         levels = model.level_prior.median
-        change = model._exact_change([term], [(WIDER,)], levels) if effects else 0.0
+        details = Details(model.nodes)
+        change = details.change([term], [(WIDER,)], levels) if effects else 0.0
         noises_rad.append(float(np.std(np.diff((model.columns.values[..., 0] + change)[3]))))
     described, skidding_rad = noises_rad
     block_s = float(np.median(model.course.dt_s))
@@ -187,6 +189,7 @@ def test_what_counts_round_off_is_hidden_by_no_gyro_that_reads_as_much_more() ->
     (wider,) = (one for one in model.columns.terms if one.variant.widens)
     (reads,) = (one for one in model.columns.terms if one.variant.effect == "gyro_scale")
     far = (wider.variant, (0.3,))
-    alone = model._beyond_sharp([far], [far])[3]
-    beside = model._beyond_sharp([far], [far, (reads.variant, (0.3,))])[3]
+    details = Details(model.nodes)
+    alone = details.beyond_sharp([far], [far])[3]
+    beside = details.beyond_sharp([far], [far, (reads.variant, (0.3,))])[3]
     assert np.std(beside) < 0.02 * np.std(alone)
