@@ -350,7 +350,7 @@ def _off_in_steps(name: str, one: Mapping[str, Any]) -> float | None:
         return abs(float(value) - truth)
     if name in _THRESHOLDS:
         return abs(float(value) - truth) / (0.01 * abs(truth))
-    return None if name not in _STEP else float(abs(value - truth)) / _STEP[name]
+    return None if name not in _STEP else abs(float(value) - float(truth)) / _STEP[name]
 
 
 def _held(ranks: list[float], level: float) -> float:

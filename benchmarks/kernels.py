@@ -23,6 +23,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,7 +102,7 @@ def rivals(config: KernelConfig, drive: Inputs, loops: dict[str, tuple[Any, int]
     for name, (loop, ticks) in loops.items():
         part = drive[:ticks]
         assert loop(config, part) == python_pose(config, part), name
-        rows.append(Row(name, ticks, lambda loop=loop, part=part: loop(config, part)))
+        rows.append(Row(name, ticks, partial(loop, config, part)))
     return rows
 
 

@@ -21,8 +21,19 @@ def run(*command: str) -> str:
     return result.stdout
 
 
-def test_types_are_strict_in_every_package() -> None:
-    run("mypy", *PACKAGES)
+def test_types_are_strict_in_every_package_and_every_benchmark() -> None:
+    run("mypy", *PACKAGES, "benchmarks")
+
+
+def test_what_a_room_exports_has_no_module_of_its_name(tmp_path: Path) -> None:
+    """`from hil_harness import scenario` was a module to type checkers, which cannot be called."""
+    script = tmp_path / "mine.py"
+    script.write_text(
+        "from hil_harness import scenario\n"
+        "from hil_harness.assembly import RunConfig\n"
+        'print(scenario("lesson"), RunConfig)\n'
+    )
+    run("mypy", str(script))
 
 
 def test_the_linter_finds_nothing() -> None:

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from hil_harness.scenarios.drive import Scenario
 from hil_harness.scenarios.profile import Segment, SegmentProfile
-from hil_harness.scenarios.scenario import Scenario
 
 Draw = np.random.Generator
 

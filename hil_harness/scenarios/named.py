@@ -8,8 +8,8 @@ import numpy as np
 
 from hil_harness.effects.model import EffectSetting
 from hil_harness.errors import HarnessError
+from hil_harness.scenarios.drive import Scenario
 from hil_harness.scenarios.profile import FigureEight, LessonProfile, Segment, SegmentProfile
-from hil_harness.scenarios.scenario import Scenario
 
 _RAMP_S: Final = 0.8
 _REST_S: Final = 2.0
