@@ -349,7 +349,7 @@ def _off_in_steps(name: str, one: Mapping[str, Any]) -> float | None:
     if isinstance(truth, int):
         return abs(float(value) - truth)
     if name in _THRESHOLDS:
-        return abs(float(value) - truth) / (0.01 * abs(truth))
+        return float(abs(float(value) - truth) / (0.01 * abs(truth)))
     return None if name not in _STEP else abs(float(value) - float(truth)) / _STEP[name]
 
 
