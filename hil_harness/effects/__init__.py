@@ -3,7 +3,7 @@
 An effect is declared once, in the file of its stage; its mechanism lives where it acts.
 """
 
-from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.listed import catalogue
 from hil_harness.effects.model import (
     Effect,
     EffectParameter,

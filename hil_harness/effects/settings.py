@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.listed import catalogue
 from hil_harness.effects.model import Effect, EffectParameter, EffectSetting, Settings, Value
 from hil_harness.errors import HarnessError
 from hil_harness.nearest import did_you_mean

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, get_args
 
-from hil_harness.effects.catalogue import catalogue
+from hil_harness.effects.listed import catalogue
 from hil_harness.effects.model import Effect, EffectParameter, Settings, Stage
 from hil_harness.errors import HarnessError
 
