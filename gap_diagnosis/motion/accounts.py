@@ -28,6 +28,8 @@ _LEADERS: Final = 6
 _VARIANTS_KEPT: Final = 10
 _NARROWER: Final = 0.9
 """Wheels stand nearer to each other than described by no more than this share."""
+_OF_A_TURN: Final = frozenset({"radius_scale", "wheelbase_scale", "gyro_scale"})
+"""Of a turn by wheels and gyro alone only what these make of it together is measured."""
 NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
 
@@ -90,6 +92,13 @@ class Accounts:
     def effects(self) -> Effects:
         """The effects that this log's motion can tell of."""
         return frozenset(self.by_effect)
+
+    def of_one_quotient(self, effects: Effects) -> Effects:
+        """Return those of these effects of which this log measures a quotient alone.
+
+        What details of a turn would say of each is how their noise is described.
+        """
+        return frozenset() if self.model.nodes.has_reference else effects & _OF_A_TURN
 
     def account(self, effects: Effects) -> Found:
         """Return the best account of a set; of a set that was not worth it, an approximate one."""
@@ -250,6 +259,8 @@ class Accounts:
         """
         of = self.model.prior.of
         if any(is_a_moment(term, self.model.nodes.motion) for term in terms):
+            return NEVER
+        if len(self.of_one_quotient(frozenset(term.variant.effect for term in terms))) > 1:
             return NEVER
         ranges = []
         for term in terms:

@@ -196,6 +196,11 @@ class MotionBlock:
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             return self._late(effects)
+        quotient = self.scan.of_one_quotient(aliased(effects))
+        if len(quotient) > 1:
+            parts = [self._fit(aliased(effects) - quotient | {one}) for one in sorted(quotient)]
+            best = max(parts, key=lambda one: one.log_evidence)
+            return replace(best, effects=tuple(sorted(effects)))
         found = self.scan.account(aliased(effects - NOISES.keys()))
         if self._accounts_for_nothing(found):
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)

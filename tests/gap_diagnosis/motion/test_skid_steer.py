@@ -9,12 +9,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motion_cases import EXACT, ROBOT, WIRE
+from motion_cases import EXACT, ROBOT, WIRE, model_of
 from test_dispersion import on_many_floors
 
 from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.explanations.choices import setup_unit
 from gap_diagnosis.hypothesis import NEVER
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.mended import in_its_own_unit
@@ -193,3 +194,33 @@ def test_what_counts_round_off_is_hidden_by_no_gyro_that_reads_as_much_more() ->
     alone = details.beyond_sharp([far], [far])[3]
     beside = details.beyond_sharp([far], [far, (reads.variant, (0.3,))])[3]
     assert np.std(beside) < 0.02 * np.std(alone)
+
+
+def test_without_a_reference_no_set_names_two_that_make_one_quotient() -> None:
+    """Only how much of the wheels' turn a gyro reads is measured: a wheelbase 41 % wider beside a
+    gyro that reads 44 % less were told of a real robot, 97.5 %, by how details of turns scatter."""
+    motion = told_of(uneven=False).motion
+    assert motion is not None
+    of_a_turn = frozenset({"wheelbase_scale", "gyro_scale"})
+    alone = max(motion.fit(frozenset({one})).log_evidence for one in of_a_turn)
+    assert motion.fit(of_a_turn).log_evidence == alone
+    assert not motion.scan.likeliest.effects >= of_a_turn
+    late = frozenset({"gyro_lag"})
+    beside = max(motion.fit(late | {one}).log_evidence for one in of_a_turn)
+    assert motion.fit(late | of_a_turn).log_evidence == beside
+
+
+def test_a_reference_tells_a_wheelbase_from_a_gyro_that_reads_less() -> None:
+    """Whatever one log without a reference says of a pair, another with one may bear it out."""
+    both = (
+        EffectSetting("wheelbase_scale", (("scale", 0.02),)),
+        EffectSetting("gyro_scale", (("scale", 0.03),)),
+    )
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), both, 2, reference=EXACT, duration_s=30.0
+    )
+    of_a_turn = frozenset({"wheelbase_scale", "gyro_scale"})
+    model = model_of(log, *of_a_turn)
+    motion = MotionBlock(model)
+    alone = max(motion.fit(frozenset({one})).log_evidence for one in of_a_turn)
+    assert motion.fit(of_a_turn).log_evidence > alone + 29.0
