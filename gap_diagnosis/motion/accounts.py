@@ -17,6 +17,7 @@ from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.importance import Bends
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.onset import is_a_moment
 from gap_diagnosis.recording import Floats
 from hil_harness.effects import catalogue
@@ -92,13 +93,6 @@ class Accounts:
     def effects(self) -> Effects:
         """The effects that this log's motion can tell of."""
         return frozenset(self.by_effect)
-
-    def of_one_quotient(self, effects: Effects) -> Effects:
-        """Return those of these effects of which this log measures a quotient alone.
-
-        What details of a turn would say of each is how their noise is described.
-        """
-        return frozenset() if self.model.nodes.has_reference else effects & _OF_A_TURN
 
     def account(self, effects: Effects) -> Found:
         """Return the best account of a set; of a set that was not worth it, an approximate one."""
@@ -260,7 +254,8 @@ class Accounts:
         of = self.model.prior.of
         if any(is_a_moment(term, self.model.nodes.motion) for term in terms):
             return NEVER
-        if len(self.of_one_quotient(frozenset(term.variant.effect for term in terms))) > 1:
+        effects = frozenset(term.variant.effect for term in terms)
+        if len(of_one_quotient(effects, self.model.nodes)) > 1:
             return NEVER
         ranges = []
         for term in terms:
@@ -350,6 +345,14 @@ class Accounts:
             again,
             max(one.log_evidence - evidence, 0.0),
         )
+
+
+def of_one_quotient(effects: Effects, nodes: Nodes) -> Effects:
+    """Return those of these effects of which a log measures a quotient alone.
+
+    What details of a turn would say of each is how their noise is described.
+    """
+    return frozenset() if nodes.has_reference else effects & _OF_A_TURN
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.accounts import NEAR, Found, dispersed
+from gap_diagnosis.motion.accounts import NEAR, Found, dispersed, of_one_quotient
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
@@ -196,7 +196,7 @@ class MotionBlock:
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if LATENCY in effects and LATENCY not in self.scan.effects:
             return self._late(effects)
-        quotient = self.scan.of_one_quotient(aliased(effects))
+        quotient = of_one_quotient(aliased(effects), self.model.nodes)
         if len(quotient) > 1:
             parts = [self._fit(aliased(effects) - quotient | {one}) for one in sorted(quotient)]
             best = max(parts, key=lambda one: one.log_evidence)

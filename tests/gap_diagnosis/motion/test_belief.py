@@ -12,7 +12,9 @@ from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 
-MINUTE = SimpleNamespace(motion=SimpleNamespace(t_s=np.linspace(0.0, 60.0, 6001)))
+MINUTE = SimpleNamespace(
+    motion=SimpleNamespace(t_s=np.linspace(0.0, 60.0, 6001)), has_reference=True
+)
 SEARCH = cast(Scan, SimpleNamespace(model=SimpleNamespace(prior=default_prior(), nodes=MINUTE)))
 
 
