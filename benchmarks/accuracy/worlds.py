@@ -21,7 +21,7 @@ from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import EffectSetting, catalogue
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot, load_robot
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 
 Draw = np.random.Generator
 Values = Mapping[str, Value]

@@ -31,7 +31,7 @@ from hil_harness.assembly import Wire, commands_on_the_wire
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 from hil_harness.signal_roles import Role
 
 Draw = np.random.Generator

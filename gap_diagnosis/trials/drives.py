@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 from hil_harness.scenarios.profile import Segment, SegmentProfile
 
 Draw = np.random.Generator

@@ -48,7 +48,7 @@ from hil_harness.effect_runs import EffectRun, run_with_effects
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import EffectSetting
 from hil_harness.robot import Robot, load_robot
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 
 _STEPS: Final = (2, 4, 5)
 _STAMP_S: Final = 946_684_800

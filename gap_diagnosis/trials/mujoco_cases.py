@@ -28,7 +28,7 @@ from gap_diagnosis.trials.reference_noise import draw_levels
 from hil_harness.assembly import Wire, commands_on_the_wire, load_wire
 from hil_harness.effect_runs import run_with_effects
 from hil_harness.robot import Robot, load_robot
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 from sim_plant import PlantDescription
 
 _FASTEST_M_S: Final = 0.4

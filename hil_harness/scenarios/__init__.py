@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hil_harness.errors import HarnessError
 from hil_harness.nearest import did_you_mean
-from hil_harness.scenarios.drive import Drive, EncoderModel, Noise, Scenario
+from hil_harness.scenarios.model import Drive, EncoderModel, Noise, Scenario
 from hil_harness.scenarios.named import NAMED, random
 from hil_harness.scenarios.profile import Profile, Segment, SegmentProfile
 from hil_harness.scenarios.scenario_file import ScenarioTable, load_scenario

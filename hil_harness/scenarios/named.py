@@ -8,7 +8,7 @@ import numpy as np
 
 from hil_harness.effects.model import EffectSetting
 from hil_harness.errors import HarnessError
-from hil_harness.scenarios.drive import Scenario
+from hil_harness.scenarios.model import Scenario
 from hil_harness.scenarios.profile import FigureEight, LessonProfile, Segment, SegmentProfile
 
 _RAMP_S: Final = 0.8

@@ -6,7 +6,7 @@ from typing import Any, Final, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hil_harness.effects.settings import effects_from_toml
-from hil_harness.scenarios.drive import Drive, Scenario
+from hil_harness.scenarios.model import Drive, Scenario
 from hil_harness.scenarios.profile import Segment, SegmentProfile
 from hil_harness.toml_model import validate
 from hil_harness.toml_source import load_toml

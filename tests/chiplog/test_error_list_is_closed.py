@@ -68,7 +68,7 @@ UNLISTED = {
         "hil_harness/rig.py:_last_value",
         "hil_harness/running.py:_run_lockstep",
         "hil_harness/scenarios/profile.py:__post_init__",
-        "hil_harness/scenarios/drive.py:commands",
+        "hil_harness/scenarios/model.py:commands",
         "hil_harness/sensor_frames.py:code_scale",
         "sim_plant/batch.py:__init__",
         "sim_plant/batch.py:_check_commands",
