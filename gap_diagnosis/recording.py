@@ -26,12 +26,14 @@ class Reference:
         t_s: float64[m], ascending, its own stamps on (nominally) the log's clock.
         x_m, y_m: float64[m].
         heading_rad: float64[m], unwrapped; None where the file has no orientation.
+        without_fix: what a GPS receiver said while it had no fix, left out of the samples.
     """
 
     t_s: Floats
     x_m: Floats
     y_m: Floats
     heading_rad: Floats | None
+    without_fix: int = 0
 
     def only(self, kept: NDArray[np.bool_]) -> Reference:
         """Return the samples of which *kept*, bool[m], is true."""

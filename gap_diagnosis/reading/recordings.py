@@ -22,7 +22,7 @@ from gap_diagnosis.reading.reference_file import (
 )
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
 
@@ -100,11 +100,20 @@ def read_recording(
         measured = read_reference(reference)
         refuse_other_unit(measured, recording, str(reference))
         refuse_no_overlap(measured, recording, str(reference), robot)
-        recording = replace(recording, reference=measured)
+        notes = (*recording.notes, *_without_fix(measured, Path(reference)))
+        recording = replace(recording, reference=measured, notes=notes)
     elif own is not None:
         recording = replace(recording, reference=own)
     _refuse_unbelievable(recording, path, robot)
     return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))
+
+
+def _without_fix(reference: Reference, path: Path) -> tuple[str, ...]:
+    """Say how often a receiver had no fix."""
+    if not reference.without_fix:
+        return ()
+    of = reference.without_fix + len(reference.t_s)
+    return (f"{path.name}: {reference.without_fix} of {of} messages without a fix are left out.",)
 
 
 def _cut_off(path: Path, reference: str | Path | None) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.cut_off import unfinished_line
-from gap_diagnosis.reading.ros_reference import read_ros_rows, ros_file
+from gap_diagnosis.reading.ros_reference import RosPoses, read_ros_poses, ros_file
 from gap_diagnosis.recording import Recording, Reference
 from hil_harness.robot import Robot
 
@@ -41,7 +41,7 @@ def read_reference(path: str | Path) -> Reference:
     A rosbag2 folder, its ``.db3`` or a ``.bag`` will do as well.
 
     The heading is left out where every row has the same quaternion although the path bends: such a
-    file has positions only.
+    file has positions only, as the fixes of a GPS receiver (sensor_msgs/NavSatFix) have.
 
     A last line that was cut off while it was written is left out.
 
@@ -51,10 +51,12 @@ def read_reference(path: str | Path) -> Reference:
     path = Path(path)
     recording = ros_file(path)
     if recording is None:
-        rows, lines = _read(path)
+        read, lines = _read(path)
+        poses = RosPoses(read, has_headings=True, without_fix=0)
     else:
-        rows = read_ros_rows(*recording, MAX_ROWS)
-        lines = np.arange(1, len(rows) + 1)
+        poses = read_ros_poses(*recording, MAX_ROWS)
+        lines = np.arange(1, len(poses.rows) + 1)
+    rows = poses.rows
     if len(rows) < 2:
         raise DiagnosisError(f"{path}: {len(rows)} rows: expected at least two, each {_FORM}")
     broken = np.asarray(~np.isfinite(rows).all(axis=1), dtype=np.bool_)
@@ -74,8 +76,9 @@ def read_reference(path: str | Path) -> Reference:
     )
     heading = unwrapped(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     x_m, y_m = rows[:, 1].copy(), rows[:, 2].copy()
-    is_position_only = bool(np.ptp(heading) == 0) and _bends(x_m, y_m)
-    return Reference(t_s.copy(), x_m, y_m, None if is_position_only else heading)
+    has_headings = poses.has_headings and not (np.ptp(heading) == 0 and _bends(x_m, y_m))
+    heading_rad = heading if has_headings else None
+    return Reference(t_s.copy(), x_m, y_m, heading_rad, without_fix=poses.without_fix)
 
 
 _OTHER_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
