@@ -35,7 +35,7 @@ class Course:
     *quantum_m* float64[2] is the standard deviation of one reading of each wheel's way, *beat_m*
     that of its part which beats with the samples: of a rounding error after noise of sigma counts,
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
-    chapter 4). What counts round off turns the robot about *count_base_m*. By as much as *log_more*
+    chapter 4). What counts are off by turns a robot about *count_base_m*. By as much as *log_more*
     the log variance of each row is less than if counts turned the robot as described. A wheel's
     path is its way, longer where its contact is rougher.
     """

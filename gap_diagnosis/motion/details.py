@@ -27,9 +27,15 @@ class Details:
         self._nodes = nodes
 
     def change(
-        self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
+        self,
+        terms: Sequence[Term],
+        coefficients: Sequence[tuple[float, ...]],
+        levels: Floats,
+        *,
+        is_sharp: bool = False,
     ) -> Floats | float:
-        """Return what effects of these sizes change, at these levels of noise, float64[4, m]."""
+        """Return what effects of these sizes change, at these levels of noise, float64[4, m];
+        *is_sharp*: of what is sharp alone, however far from none they are."""
         if not terms:
             return 0.0
         contact = float(levels[CONTACT])
@@ -38,7 +44,7 @@ class Details:
             for term, sizes in zip(terms, coefficients, strict=True)
         ]
         change = residuals(self._nodes, predict(self._nodes.sharp, settings)) - self._nominal
-        far = [one for one in settings if turns_less(*one)]
+        far = [] if is_sharp else [one for one in settings if turns_less(*one)]
         return change + self.beyond_sharp(far, settings) if far else change
 
     def beyond_sharp(self, far: Sequence[Setting], settings: Sequence[Setting]) -> Floats:

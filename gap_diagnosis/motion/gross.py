@@ -198,6 +198,19 @@ def _averaged(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
     return np.asarray(np.interp(at_s, t_s, averaged))
 
 
+def _swapped(recording: Recording) -> Recording:
+    """Return the recording with what each wheel says told of the other one."""
+    left_step, right_step = recording.counts_per_step
+    unsure = recording.unsure_ticks2
+    return replace(
+        recording,
+        left_ticks=recording.right_ticks,
+        right_ticks=recording.left_ticks,
+        counts_per_step=(right_step, left_step),
+        unsure_ticks2=None if unsure is None else unsure[::-1],
+    )
+
+
 def put_right(
     recording: Recording, effect: str, values: Mapping[str, Value]
 ) -> tuple[Recording, float]:
@@ -207,7 +220,7 @@ def put_right(
     """
     left, right = recording.left_ticks, recording.right_ticks
     if effect == "setup_wheels_swapped":
-        return replace(recording, left_ticks=right, right_ticks=left), 0.0
+        return _swapped(recording), 0.0
     factor = -1.0 if effect == "setup_sign" else float(values["factor"])
     signal = values["signal"]
     if signal == "reference":

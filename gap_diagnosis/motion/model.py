@@ -24,9 +24,10 @@ from gap_diagnosis.motion.columns import (
     build_columns,
     with_variant,
 )
-from gap_diagnosis.motion.details import Details, turns_less
+from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
+from gap_diagnosis.motion.far_apart import FarApart
 from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
@@ -133,6 +134,7 @@ class MotionModel:
             speed_cycle_s=recording.speed_cycle_s,
         )
         self.level_prior: LevelPrior = level_prior(robot)
+        self._apart = FarApart(self)
         self._begin_at(coarse_gyro_delay_s(motion))
 
     def of(
@@ -381,14 +383,27 @@ class MotionModel:
         levels: Floats,
     ) -> float:
         """Return the log likelihood at given coefficients, tolerances marginalised."""
-        change = self._details.change(terms, coefficients, levels)
+        course = self.scattered(terms, coefficients, levels)
+        return self.likelihood(terms, coefficients, levels, course)
+
+    def likelihood(
+        self,
+        terms: Sequence[Term],
+        coefficients: Sequence[tuple[float, ...]],
+        levels: Floats,
+        course: Course,
+        *,
+        is_sharp: bool = False,
+    ) -> float:
+        """Return the log likelihood at given coefficients along a course; *is_sharp*: what counts
+        are off by turns the robot as described."""
+        change = self._details.change(terms, coefficients, levels, is_sharp=is_sharp)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         columns = [self.columns.values[..., 0] + change]
         columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        course = self.scattered(terms, coefficients, levels)
         return self._weigh(values, nuisances, (), levels, course).log_evidence
 
     def scattered(
@@ -408,27 +423,12 @@ class MotionModel:
         if varying:
             course = course.beside(*astray(self.nodes, varying, self._seen_astray_m))
         for term, sizes in zip(terms, coefficients, strict=True):
-            if turns_less(term.variant, sizes):
-                course = self._wider(course, sizes[0], levels)
             if term.variant.scatter is not None:
                 variances = term.variant.scatter(self.nodes.motion, sizes[0], **term.variant.fixed)
                 course = course.scattered(self.nodes, *variances)
             if term.variant.jumps is not None:
                 course = course.jumping(self.nodes, term.variant.jumps(self.nodes.motion))
-        return course
-
-    def _wider(self, course: Course, scale: float, levels: Floats) -> Course:
-        """Return the course of wheels that stand farther apart, with a likelihood to be compared
-        with that of others, whatever turn a count stands for.
-
-        At louder levels than the log's own, what counts round off seems to matter less, and wheels
-        far apart would be likelier for nothing.
-        """
-        wider = course.wider(scale)
-        data = np.ascontiguousarray(self.columns.values[..., :1])
-        variances = [whiten(data, one, levels, self.nodes.ticks)[1] for one in (course, wider)]
-        before, after = (float(one.mean()) for one in variances)
-        return replace(wider, log_more=course.log_more + before - after)
+        return self._apart.course(terms, coefficients, levels, course)
 
     @cached_property
     def _seen_astray_m(self) -> float:

@@ -202,12 +202,13 @@ def _whiten(
             covariance[91] += fresh * slow_position**2
             covariance[104] += fresh * slow_position**2
             covariance[117] += fresh * slow_heading**2
-            left = contact * contact * left_path[k] + left_scatter[k]
-            right = contact * contact * right_path[k] + right_scatter[k]
-            along = 0.25 * (left + right)
+            left, right = contact * contact * left_path[k], contact * contact * right_path[k]
+            along = 0.25 * (left + right + left_scatter[k] + right_scatter[k])
             cross = 0.5 * (right - left) / wheelbase_m
+            cross += 0.5 * (right_scatter[k] - left_scatter[k]) / count_base_m
             side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
             turn = (left + right) / (wheelbase_m * wheelbase_m)
+            turn += (left_scatter[k] + right_scatter[k]) / (count_base_m * count_base_m)
             covariance[0] += turn
             covariance[13] += c * c * along + s * s * side
             covariance[26] += s * s * along + c * c * side

@@ -104,6 +104,15 @@ def test_what_a_speed_is_unsure_by_is_in_its_unit_as_well() -> None:
     np.testing.assert_allclose(found.unsure_ticks2[:, 0], [1.0, 3.6**2])
 
 
+def test_what_a_wheel_is_unsure_by_goes_with_it_where_wheels_are_swapped() -> None:
+    unsure = np.array([[1.0], [4.0]]) * np.ones(len(LOG.t_s))
+    log = replace(LOG, unsure_ticks2=unsure, counts_per_step=(1.0, 0.25))
+    found, _ = put_right(log, "setup_wheels_swapped", {})
+    assert found.unsure_ticks2 is not None
+    np.testing.assert_allclose(found.unsure_ticks2[:, 0], [4.0, 1.0])
+    assert found.counts_per_step == (0.25, 1.0)
+
+
 @pytest.mark.parametrize("signal", ["left_ticks", "right_ticks", "gyro"])
 def test_a_sign_is_turned_back(signal):
     found, log_scale = put_right(wrong(signal, -1.0), "setup_sign", {"signal": signal})
