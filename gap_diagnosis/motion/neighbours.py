@@ -38,7 +38,8 @@ class Neighbours(OffTheGrid):
 
     def __init__(self, model: MotionModel) -> None:
         super().__init__(model)
-        self._weighed: set[Effects] = set()
+        # How likely a set was when stretches of the log were asked of it, and what that took.
+        self._weighed: dict[Effects, tuple[float, float]] = {}
         self._parts_beside: dict[Effects, Refitted] = {}
         self._surrounded: set[Effects] = set()
         self._compared_alike: set[Effects] = set()
@@ -197,4 +198,4 @@ class Neighbours(OffTheGrid):
         if known is None or known.refitted is None or evidence > known.log_evidence:
             self.found[effects] = Found(effects, terms, evidence, likelihood, again.levels, again)
             # What stretches contradicted was of the fit before.
-            self._weighed.discard(effects)
+            self._weighed.pop(effects, None)

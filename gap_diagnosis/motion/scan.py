@@ -40,6 +40,8 @@ _LOOSE: Final = 0.25
 """Single effects so near are fitted, and those that lack at most this share of the best's gain."""
 _CLEAR: Final = 20.0
 """An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
+_AS_WELL: Final = 3.0
+"""Sets whose likelihoods differ by no more [nat] explain a log as well as each other."""
 _CONTRADICTED: Final = 2
 """Once stretches contradict so many of the best sets, they are asked of the next one before its
 parts, windows and neighbours are fitted: on a wheel on ice they contradict every set."""
@@ -245,7 +247,6 @@ class Scan(Neighbours):
         """
         if head.refitted is None or len(head.effects) < 2 or head.effects in self._weighed:
             return False
-        self._weighed.add(head.effects)
         too_much = 0.0
         for effect, times in excess(self.model, head.terms, head.refitted).items():
             if times == 1.0:
@@ -257,14 +258,34 @@ class Scan(Neighbours):
             gained = max(head.log_likelihood - less.log_likelihood, 0.0)
             if gained / times < _CLEAR:
                 too_much = max(too_much, gained * (1 - 1 / times))
-        self.found[head.effects] = replace(
-            head,
-            log_evidence=head.log_evidence - too_much,
-            log_likelihood=head.log_likelihood - too_much,
-        )
+        self._weighed[head.effects] = head.log_likelihood, too_much
+        self._take_no_more_than_from_rivals(head.effects)
+        self._lower(head.effects, self._weighed[head.effects][1])
         is_beaten = max(self.found.values(), key=self._belief).effects != head.effects
         self._contradicted += is_beaten
         return is_beaten
+
+    def _take_no_more_than_from_rivals(self, effects: Effects) -> None:
+        """Let sets that explain the log as well as this one, and differ in one effect, lose as
+        little to stretches as any of them: what is clear of one by a hair is so of its twin."""
+        likelihood, taken = self._weighed[effects]
+        for rival, (as_well, less) in list(self._weighed.items()):
+            if len(rival) != len(effects) or len(rival & effects) != len(effects) - 1:
+                continue
+            if abs(as_well - likelihood) > _AS_WELL:
+                continue
+            taken = min(taken, less)
+            if less > taken:
+                self._weighed[rival] = as_well, taken
+                self._lower(rival, taken - less)
+        self._weighed[effects] = likelihood, taken
+
+    def _lower(self, effects: Effects, by: float) -> None:
+        """Let a set be worth so much less [nat]."""
+        one = self.found[effects]
+        self.found[effects] = replace(
+            one, log_evidence=one.log_evidence - by, log_likelihood=one.log_likelihood - by
+        )
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.
