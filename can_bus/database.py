@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from can_bus.e2e import PROFILE_1A, E2EProtection
 from can_bus.errors import CanBusError, one_line, quiet
+from can_bus.faulty import what_is_wrong, without_unused, without_wrong_identifiers
 from can_bus.signals import SignalSpec
 from can_bus.specs import MessageSpec
 
@@ -58,12 +59,14 @@ class Database:
         messages: name to message, in order of priority (identifier).
         nodes: names of the nodes.
         bitrate: network attribute `Baudrate` in bit/s, None where the file gives none.
+        faulty: name to what is wrong, `file:line: …`, of messages that were left out.
     """
 
     path: Path
     messages: Mapping[str, MessageSpec]
     nodes: tuple[str, ...] = ()
     bitrate: int | None = None
+    faulty: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     _by_key: Mapping[int, MessageSpec] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -72,7 +75,12 @@ class Database:
         object.__setattr__(self, "_by_key", by_key)
 
     def message(self, name: str) -> MessageSpec:
-        """Return a message by name. Raises CanBusError with the names there are."""
+        """Return a message by name.
+
+        Raises CanBusError with what is wrong with it, or with the names there are.
+        """
+        if name in self.faulty:
+            raise CanBusError(self.faulty[name])
         try:
             return self.messages[name]
         except KeyError:
@@ -106,17 +114,23 @@ def identifier_key(frame_id: int, is_extended: bool) -> int:
     return frame_id | _EXTENDED if is_extended else frame_id
 
 
-def load_database(path: str | Path | None = None) -> Database:
+def load_database(path: str | Path | None = None, *, leave_out_faulty: bool = False) -> Database:
     """Read a DBC file; without a path the one that Chiplog ships.
+
+    *leave_out_faulty*: messages that cannot be right (signals that overlap or lie outside, an
+    identifier of too many bits) are in `Database.faulty` instead of an error. To read what others
+    send, never to send.
 
     Raises CanBusError `file:line: what is wrong` for a file that is missing, truncated or corrupt.
     """
-    return _shipped() if path is None else _load(Path(path))
+    if path is None:
+        return _shipped()
+    return parse_database(_read(Path(path)), Path(path), leave_out_faulty=leave_out_faulty)
 
 
 @cache
 def _shipped() -> Database:
-    return _load(shipped_path())
+    return load_database(shipped_path())
 
 
 def shipped_path() -> Path:
@@ -129,35 +143,38 @@ def shipped_path() -> Path:
     raise CanBusError(f"{DBC_NAME} is missing: looked at {' and '.join(map(str, candidates))}")
 
 
-def _load(path: Path) -> Database:
-    return parse_database(_read(path), path)
-
-
-def parse_database(text: str, path: Path) -> Database:
+def parse_database(text: str, path: Path, *, leave_out_faulty: bool = False) -> Database:
     """Return the database in the text of a DBC file; `path` is named in errors.
 
     Raises CanBusError as `load_database` does.
     """
     _refuse_bomb(path, text)
-    # cantools takes 0.2 s to import: only who reads a DBC pays for it.
-    from cantools.database import load_string  # noqa: PLC0415
-
+    faulty: dict[str, str] = {}
+    if leave_out_faulty:
+        readable, wrong = without_wrong_identifiers(text)
+        faulty = {name: str(_located(path, text, problem)) for name, problem in wrong.items()}
+        parsed = _parsed(path, readable, is_strict=False)
+    else:
+        parsed = _parsed(path, text, is_strict=True)
+    messages = []
+    for message in parsed.messages:
+        problem = what_is_wrong(message) if leave_out_faulty else None
+        try:
+            if problem is not None:
+                raise CanBusError(f"{message.name}: {problem}")
+            messages.append(_message(message))
+        except CanBusError as error:
+            located = _located(path, text, str(error))
+            if not leave_out_faulty:
+                raise located from error
+            faulty[message.name] = str(located)
     try:
-        with quiet("cantools"):
-            parsed = cast(
-                "cantools.database.can.Database",
-                load_string(text + _END, database_format="dbc"),
-            )
-    except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
-        # cantools wraps what went wrong in one of its own, also what has no text of its own.
-        cause = getattr(error, "e_dbc", None) or error
-        raise _located(path, text, one_line(cause)) from error
-    try:
-        messages = [_message(message) for message in parsed.messages]
         _require_distinct(messages)
     except CanBusError as error:
         raise _located(path, text, str(error)) from error
     if not messages:
+        if faulty:
+            raise CanBusError(next(iter(faulty.values())))
         raise CanBusError(f"{path}:1: no message (BO_) in this DBC file: is it truncated?")
     messages.sort(key=_priority)
     bitrate = _attribute(parsed, "Baudrate", None)
@@ -166,7 +183,33 @@ def parse_database(text: str, path: Path) -> Database:
         messages=MappingProxyType({m.name: m for m in messages}),
         nodes=tuple(node.name for node in parsed.nodes),
         bitrate=None if bitrate is None else int(bitrate),
+        faulty=MappingProxyType(faulty),
     )
+
+
+def _parsed(path: Path, text: str, *, is_strict: bool) -> cantools.database.can.Database:
+    # cantools takes 0.2 s to import: only who reads a DBC pays for it.
+    from cantools.database import load_string  # noqa: PLC0415
+
+    def load(some: str) -> cantools.database.can.Database:
+        with quiet("cantools"):
+            return cast(
+                "cantools.database.can.Database",
+                load_string(some + _END, database_format="dbc", strict=is_strict),
+            )
+
+    try:
+        try:
+            return load(text)
+        except Exception as error:
+            readable = text if is_strict else without_unused(text, str(error))
+            if readable == text:
+                raise
+            return load(readable)
+    except Exception as error:  # cantools lets KeyError, ValueError and others of corrupt files out
+        # cantools wraps what went wrong in one of its own, also what has no text of its own.
+        cause = getattr(error, "e_dbc", None) or error
+        raise _located(path, text, one_line(cause)) from error
 
 
 def _read(path: Path) -> str:

@@ -240,7 +240,11 @@ def _wire(
     for log, recording in zip(logs, recordings, strict=True):
         if recording.frames:
             return wire_of_log(Path(log), robot, dbc, signals)
-    return load_wire(dbc) if dbc is not None and signals is None else load_wire()
+    return (
+        load_wire(dbc, leave_out_faulty=True)
+        if dbc is not None and signals is None
+        else load_wire()
+    )
 
 
 def _unknown(analyses: Sequence[Analysis]) -> dict[str, float]:

@@ -151,9 +151,14 @@ class Wire:
         )
 
 
-def load_wire(dbc: Path | None = None, signals: Path | None = None) -> Wire:
-    """Load a DBC (None: the shipped one) and its map (None: names as in the shipped one)."""
-    database = load_database(dbc)
+def load_wire(
+    dbc: Path | None = None, signals: Path | None = None, *, leave_out_faulty: bool = False
+) -> Wire:
+    """Load a DBC (None: the shipped one) and its map (None: names as in the shipped one).
+
+    *leave_out_faulty* as in `load_database`.
+    """
+    database = load_database(dbc, leave_out_faulty=leave_out_faulty)
     return Wire(database, default_map(database) if signals is None else load_map(signals, database))
 
 

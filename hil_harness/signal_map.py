@@ -283,6 +283,8 @@ def _find(
     message_name, signal_name = name.split(".")
     dbc = database.path.name
     message = database.messages.get(message_name)
+    if message_name in database.faulty:
+        raise source.error(at, f'{at[1]} = "{name}": {database.faulty[message_name]}')
     if message is None:
         near = did_you_mean(message_name, database.messages)
         raise source.error(at, f'{at[1]} = "{name}": {dbc} has no such message: {near}')

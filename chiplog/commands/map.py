@@ -38,14 +38,14 @@ def command(
     from can_bus import load_database
     from chiplog.terminal import show_line, show_table
     from gap_diagnosis.errors import DiagnosisError
-    from gap_diagnosis.reading.left_out import left_out
+    from gap_diagnosis.reading.left_out import faulty_messages, left_out
     from gap_diagnosis.reading.map_text import propose_map, signals_of
     from gap_diagnosis.reading.table_file import is_table
 
     given = parse_known(known or [])
     if out is not None and out.exists():
         raise CommandError(f"{out} exists: expected a new file, or remove it first")
-    database = None if is_table(log) else load_database(dbc)
+    database = None if is_table(log) else load_database(dbc, leave_out_faulty=True)
     try:
         found, guesses, text = propose_map(log, database, given)
     except DiagnosisError:
@@ -54,6 +54,8 @@ def command(
         raise
     roles = {guess.signal.path: guess for guess in guesses.values()}
     show_table(HEAD, [_row(signal, roles) for signal in found.values()])
+    for sentence in faulty_messages(database) if database is not None else ():
+        show_line(sentence)
     if out is not None:
         out.write_text(text, encoding="utf-8")
         guessed = sum(not (guess.is_certain or guess.lacks_unit) for guess in guesses.values())

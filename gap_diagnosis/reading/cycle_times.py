@@ -34,7 +34,7 @@ def wire_of_log(log: Path, robot: Robot, dbc: Path | None, signals: Path | None)
     Raises DiagnosisError, CanBusError or HarnessError for what cannot be read, and for a DBC that
     says another tick than the one that *robot* is made for.
     """
-    wire = load_wire(dbc, signals)
+    wire = load_wire(dbc, signals, leave_out_faulty=True)
     first: dict[str, MappedSignal] = {}
     for mapped in wire.signal_map.signals.values():
         first.setdefault(mapped.message.name, mapped)

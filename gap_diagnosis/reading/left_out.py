@@ -1,4 +1,5 @@
-"""What a proposed map leaves out though its name says a role: for a unit that nobody understands.
+"""What is left out, in words: of a proposed map what has a role's name but a unit that nobody
+understands, of a DBC what cannot be right.
 
 Without a word the diagnosis would do without a gyro that the log has.
 """
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from can_bus import Database
 from gap_diagnosis.reading.propose import Guess, is_whole
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
@@ -84,3 +86,13 @@ def _role_by_name(signal: FoundSignal) -> Role | None:
     axes = {AXES[word] for word in words & AXES.keys()}
     is_other = is_named(signal, ("accel", "acc")) or bool(axes - {"z"})
     return "gyro" if is_turn and not is_other else None
+
+
+def faulty_messages(database: Database) -> tuple[str, ...]:
+    """Say which messages of a DBC cannot be right and were not read."""
+    if not database.faulty:
+        return ()
+    first, *more = database.faulty.values()
+    said = first.replace(str(database.path), database.path.name, 1)
+    also = f"; and {len(more)} more" if more else ""
+    return (f"Not read, as it cannot be right: {said.rstrip(chr(46))}{also}.",)

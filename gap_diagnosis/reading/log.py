@@ -11,6 +11,7 @@ from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading.angles import unwrapped
+from gap_diagnosis.reading.left_out import faulty_messages
 from gap_diagnosis.reading.log_ticks import LogByTicks
 from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
 from gap_diagnosis.reading.ticks import Ticks
@@ -83,7 +84,11 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
         speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
-        notes=(*_boundless(log), *_beyond_the_counter(log, robot)),
+        notes=(
+            *faulty_messages(log.wire.database),
+            *_boundless(log),
+            *_beyond_the_counter(log, robot),
+        ),
     )
     return recording, _reference(log)
 

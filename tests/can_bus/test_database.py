@@ -147,6 +147,58 @@ def test_a_broken_database_is_one_line_with_file_and_line(text: str, message: st
     assert "\n" not in str(caught.value)
 
 
+WRONG = """\
+BO_ 1 RIGHT: 8 A
+ SG_ speed : 0|16@1+ (0.01,0) [0|0] "m/s" A
+
+BO_ 2 OVERLAPS: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+ SG_ u : 4|8@1+ (1,0) [0|0] "" A
+
+BO_ 3 OUTSIDE: 1 A
+ SG_ s : 4|8@1+ (1,0) [0|0] "" A
+
+BO_ 419360000 TOO_MANY_BITS: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+
+BO_ 4 ALSO_RIGHT: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+
+VAL_ 419360000 s 1 "on; or \\"on\\"" 0 "off" ;
+VAL_ 4 s 1 "on" ;
+VAL_ 4 gone 1 "on" ;
+"""
+
+
+def test_to_read_a_log_messages_that_cannot_be_right_are_left_out_and_said_to_be() -> None:
+    """43 of 119 files that a public collection has for cars were refused for such a one."""
+    database = parse_database(WRONG, Path("mine.dbc"), leave_out_faulty=True)
+    assert list(database.messages) == ["RIGHT", "ALSO_RIGHT"]
+    assert database.message("ALSO_RIGHT").signal("s").choices == {1: "on"}
+    assert {name: text.split(":")[1] for name, text in database.faulty.items()} == {
+        "OVERLAPS": "4",
+        "OUTSIDE": "8",
+        "TOO_MANY_BITS": "11",
+    }
+    with pytest.raises(CanBusError, match=r"^mine.dbc:4: OVERLAPS: The signals .* overlapping"):
+        database.message("OVERLAPS")
+
+
+def test_to_send_every_message_must_be_right() -> None:
+    for text in (
+        WRONG,
+        WRONG.replace("BO_ 419360000", "BO_ 5").replace("VAL_ 419360000", "VAL_ 5"),
+    ):
+        with pytest.raises(CanBusError, match=r"^mine.dbc:\d+: "):
+            parse(text)
+
+
+def test_a_database_of_which_nothing_is_right_is_refused() -> None:
+    wrong = 'BO_ 3 OUTSIDE: 1 A\n SG_ s : 4|8@1+ (1,0) [0|0] "" A\n'
+    with pytest.raises(CanBusError, match=r"^mine.dbc:[12]: .*does not fit in message OUTSIDE"):
+        parse_database(wrong, Path("mine.dbc"), leave_out_faulty=True)
+
+
 def test_a_missing_database_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(CanBusError, match=r"none.dbc: cannot read this DBC file: No such file"):
         load_database(tmp_path / "none.dbc")

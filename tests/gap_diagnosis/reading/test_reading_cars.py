@@ -195,3 +195,10 @@ def test_wheels_in_a_unit_that_is_not_understood_are_told_which_would_be(tmp_pat
         "expected none (counts), m, cm, mm, rad, mrad, deg, turn, m/s, cm/s, mm/s, km/h, mph, "
         "rad/s, mrad/s, deg/s, turn/s, rpm"
     )
+
+
+def test_what_says_that_a_sensor_failed_is_not_the_sensor(tmp_path: Path) -> None:
+    """A car's TEMP_ACC_FAULTED was its temperature."""
+    names = NAMES.replace("LatAccel_m_s2", "TEMP_ACC_FAULTED")
+    _, guesses, _ = propose_map(car(tmp_path, names), None)
+    assert "temperature" not in guesses

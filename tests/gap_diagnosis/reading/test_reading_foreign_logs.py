@@ -11,7 +11,7 @@ from drives import ROBOT
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.recording import Recording
-from hil_harness import Robot
+from hil_harness import HarnessError, Robot
 
 HEAD = 'VERSION ""\nBU_: A B\n'
 CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
@@ -183,3 +183,28 @@ def test_of_several_buses_a_message_is_read_from_one(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.left_ticks, plain.left_ticks)
     np.testing.assert_array_equal(found.gyro_rate_rad_s, plain.gyro_rate_rad_s)
     assert found.rejected["other_bus"] == 2000
+
+
+OVERLAPS = """BO_ 258 GUESSED: 8 A
+ SG_ a : 0|16@1+ (1,0) [0|0] "" B
+ SG_ b : 8|16@1+ (1,0) [0|0] "" B
+"""
+
+
+def test_a_message_that_cannot_be_right_says_nothing_against_those_beside_it(
+    tmp_path: Path,
+) -> None:
+    lines = [(1 + 0.02 * k, wheels(40 * k, 30 * k)) for k in range(400)]
+    lines += [(1 + 0.02 * k, yaw(1000)) for k in range(400)]
+    found = read(tmp_path, COUNTS, (20, 20), lines, yaw_message=YAW + OVERLAPS)
+    assert found.left_ticks[-1] == 40 * 399
+    (note,) = (one for one in found.notes if "cannot be right" in one)
+    assert note.startswith("Not read, as it cannot be right: mine.dbc:8: GUESSED: The signals ")
+
+
+def test_a_map_that_asks_for_it_is_refused(tmp_path: Path) -> None:
+    told = (
+        r'map.toml:2: left_count = "WHEELS.left": .*mine.dbc:3: WHEELS: The signals .* overlapping'
+    )
+    with pytest.raises(HarnessError, match=told):
+        read(tmp_path, OVERLAPS.replace("258 GUESSED", "256 WHEELS"), None, [], yaw_message=YAW)
