@@ -50,3 +50,30 @@ time = "t_s"
 left_count = { column = "left_m", unit = "m" }
 right_count = { column = "right_m", unit = "m" }
 """
+
+CAR = """\
+# A Toyota RAV4: its rear track, and wheels of about the size of its tyres. Ticks are any number, as
+# the table has speeds.
+schema = 1
+
+[robot]
+name = "car"
+
+[wheels]
+radius_m = 0.316
+wheelbase_m = 1.563
+
+[encoder]
+ticks_per_rev = 4096
+
+[drive]
+max_wheel_rate_rad_s = 150.0
+"""
+
+CAR_MAP = """\
+[columns]
+time = { column = "t_s", unit = "s" }
+left_count = { column = "left_m_s", unit = "m/s" }
+right_count = { column = "right_m_s", unit = "m/s" }
+gyro = { column = "yaw_rad_s", unit = "rad/s" }
+"""

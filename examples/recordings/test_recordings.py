@@ -2,7 +2,8 @@
 
     CHIPLOG_RECORDINGS=FOLDER pytest examples/recordings
 
-FOLDER holds `kobuki/NAME/*.csv.gz` and `plaza_lawnmower/Plaza1_DR.txt`, … as they are published.
+FOLDER holds `kobuki/NAME/*.csv.gz`, `plaza_lawnmower/Plaza1_DR.txt`, … and a `global_pose` below
+`comma2k19`, as they are published.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pytest
 from scipy.io import savemat
 
@@ -24,6 +26,7 @@ HERE = Path(__file__).parent
 RECORDINGS = Path(os.environ.get("CHIPLOG_RECORDINGS", HERE / "none"))
 KOBUKI = sorted(path.parent for path in RECORDINGS.glob("kobuki/*/_odom.csv.gz"))
 PLAZA = sorted(RECORDINGS.glob("plaza_lawnmower/*_DR.txt"))
+CARS = sorted(path.parent for path in RECORDINGS.glob("comma2k19/**/global_pose"))
 NS = 10**9
 START = 1_494_449_908 * NS
 
@@ -34,6 +37,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize(
             "kobuki", [None, *KOBUKI], ids=lambda p: "made up" if p is None else p.name
         )
+    if "car" in metafunc.fixturenames:
+        metafunc.parametrize("car", [None, *CARS], ids=lambda p: "made up" if p is None else p.name)
     if "plaza" in metafunc.fixturenames:
         metafunc.parametrize(
             "plaza", [None, *PLAZA], ids=lambda p: "made up" if p is None else p.stem
@@ -140,3 +145,47 @@ def test_a_lawnmower_is_read_with_its_gps(plaza: Path | None, tmp_path: Path) ->
         for name in ("out", "off")
     )
     assert off == pytest.approx(rows * [1.0, 1.02, 1.0], rel=1e-9, abs=2e-9)
+
+
+def made_up_car(folder: Path) -> Path:
+    """Ten seconds to the north at 20 m/s, by a phone that reads 0.07 rad/s of no turn."""
+
+    def save(name: str, array: np.ndarray) -> None:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as file:  # as published: NumPy's format without its suffix
+            np.save(file, array)
+
+    wheel_s, gyro_s, fix_s = (100.0 + np.arange(0, 10, step) for step in (0.012, 0.01, 0.1))
+    save("processed_log/CAN/wheel_speed/t", wheel_s)
+    save("processed_log/CAN/wheel_speed/value", np.full((len(wheel_s), 4), 20.0))
+    save("processed_log/IMU/gyro_uncalibrated/t", gyro_s)
+    save("processed_log/IMU/gyro_uncalibrated/value", np.full((len(gyro_s), 3), 0.07))
+    north_deg = 37.7 + (fix_s - 100.0) * 20.0 / 111_000.0
+    east_deg = np.full(len(fix_s), -122.5)
+    save("processed_log/GNSS/live_gnss_ublox/t", fix_s)
+    save("processed_log/GNSS/live_gnss_ublox/value", np.stack([north_deg, east_deg], axis=1))
+    save("global_pose/frame_times", fix_s)
+    places_m = pymap3d.geodetic2ecef(north_deg, east_deg, np.zeros(len(fix_s)))
+    save("global_pose/frame_positions", np.stack(places_m, axis=1))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["reference", "fixes"])
+def test_a_car_is_read_with_its_wheels_a_phone_and_a_gps(
+    car: Path | None, name: str, tmp_path: Path
+) -> None:
+    convert("car_table.py", car or made_up_car(tmp_path / "recording"), tmp_path / "out")
+    out = tmp_path / "out"
+    found = read_recording(
+        out / "table.csv",
+        robot=load_robot(out / "robot.toml"),
+        signals=out / "map.toml",
+        reference=out / f"{name}.tum",
+    )
+    assert found.reference is not None
+    assert found.gyro_rate_rad_s is not None
+    assert np.nanmean(found.gyro_rate_rad_s) == pytest.approx(-0.07, abs=0.005)
+    way = np.hypot(np.diff(found.reference.x_m), np.diff(found.reference.y_m)).sum()
+    metres = (found.left_ticks + found.right_ticks)[-1] / 2 / 4096 * 2 * np.pi * 0.316
+    assert way == pytest.approx(metres, rel=0.03)
