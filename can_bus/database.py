@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from can_bus.e2e import PROFILE_1A, E2EProtection
 from can_bus.errors import CanBusError, one_line, quiet
-from can_bus.faulty import what_is_wrong, without_unused, without_wrong_identifiers
+from can_bus.faulty import what_is_wrong, with_free_identifiers, without_unused
 from can_bus.signals import SignalSpec
 from can_bus.specs import MessageSpec
 
@@ -79,11 +79,11 @@ class Database:
 
         Raises CanBusError with what is wrong with it, or with the names there are.
         """
-        if name in self.faulty:
-            raise CanBusError(self.faulty[name])
         try:
             return self.messages[name]
         except KeyError:
+            if name in self.faulty:
+                raise CanBusError(self.faulty[name]) from None
             raise CanBusError(
                 f"{self.path.name} has no message {name!r}: it has {', '.join(self.messages)}"
             ) from None
@@ -118,8 +118,8 @@ def load_database(path: str | Path | None = None, *, leave_out_faulty: bool = Fa
     """Read a DBC file; without a path the one that Chiplog ships.
 
     *leave_out_faulty*: messages that cannot be right (signals that overlap or lie outside, an
-    identifier of too many bits) are in `Database.faulty` instead of an error. To read what others
-    send, never to send.
+    identifier of too many bits) are in `Database.faulty` instead of an error, and values of no
+    signal are passed over. To read what others send, never to send.
 
     Raises CanBusError `file:line: what is wrong` for a file that is missing, truncated or corrupt.
     """
@@ -149,19 +149,19 @@ def parse_database(text: str, path: Path, *, leave_out_faulty: bool = False) -> 
     Raises CanBusError as `load_database` does.
     """
     _refuse_bomb(path, text)
+    readable, wrong = with_free_identifiers(text) if leave_out_faulty else (text, {})
+    parsed = _parsed(path, readable, is_strict=not leave_out_faulty)
+    messages: list[MessageSpec] = []
     faulty: dict[str, str] = {}
-    if leave_out_faulty:
-        readable, wrong = without_wrong_identifiers(text)
-        faulty = {name: str(_located(path, text, problem)) for name, problem in wrong.items()}
-        parsed = _parsed(path, readable, is_strict=False)
-    else:
-        parsed = _parsed(path, text, is_strict=True)
-    messages = []
     for message in parsed.messages:
-        problem = what_is_wrong(message) if leave_out_faulty else None
+        if message.is_extended_frame and message.frame_id in wrong:
+            line, problem = wrong[message.frame_id]
+            faulty[message.name] = f"{path}:{line}: {problem}"
+            continue
+        refused = what_is_wrong(message) if leave_out_faulty else None
         try:
-            if problem is not None:
-                raise CanBusError(f"{message.name}: {problem}")
+            if refused is not None:
+                raise CanBusError(f"{message.name}: {refused}")
             messages.append(_message(message))
         except CanBusError as error:
             located = _located(path, text, str(error))
@@ -282,18 +282,27 @@ def _excerpt(text: str) -> str:
 def _located(path: Path, text: str, problem: str) -> CanBusError:
     """Return the error with the line it speaks of: as stated, or that of the name it quotes."""
     match = re.search(r"[Ii]nvalid syntax at line (\d+), column (\d+): (.*)", problem)
-    lines = text.splitlines()
+    named_at, last = _lines_of_names(text)
     if match:
         line, column, excerpt = int(match[1]), match[2], match[3].strip('"')
-        if line > len(lines):
-            return CanBusError(
-                f"{path}:{max(1, len(lines))}: this DBC file breaks off within a statement"
-            )
+        if line > last:
+            return CanBusError(f"{path}:{last}: this DBC file breaks off within a statement")
         return CanBusError(
             f"{path}:{line}: invalid DBC syntax at column {column}: {_excerpt(excerpt)}"
         )
+    for name in re.findall(r"\w+\.\w+|\w+", problem):
+        if name in named_at:
+            return CanBusError(f"{path}:{named_at[name]}: {problem}")
+    return CanBusError(f"{path}:{last}: {problem}")
+
+
+@lru_cache(maxsize=1)
+def _lines_of_names(text: str) -> tuple[dict[str, int], int]:
+    """Return in which line messages and signals (``MESSAGE.signal`` too) first stand, and the last
+    line."""
     named_at: dict[str, int] = {}
     message = ""
+    lines = text.splitlines()
     for number, content in enumerate(lines, start=1):
         declared = re.match(r"\s*(BO_\s+\d+|SG_)\s+(\w+)", content)
         if declared is None:
@@ -304,10 +313,7 @@ def _located(path: Path, text: str, problem: str) -> CanBusError:
         else:
             message = name
         named_at.setdefault(name, number)
-    for name in re.findall(r"\w+\.\w+|\w+", problem):
-        if name in named_at:
-            return CanBusError(f"{path}:{named_at[name]}: {problem}")
-    return CanBusError(f"{path}:{max(1, len(lines))}: {problem}")
+    return named_at, max(1, len(lines))
 
 
 def _require_distinct(messages: list[MessageSpec]) -> None:

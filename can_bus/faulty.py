@@ -9,40 +9,72 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
+from can_bus.errors import one_line
+
 if TYPE_CHECKING:
     import cantools.database.can
 
 _MOST_STANDARD: Final = 0x7FF
+_MOST_EXTENDED: Final = 0x1FFF_FFFF
 _EXTENDED: Final = 1 << 31
-_MESSAGE = re.compile(r"^BO_[ \t]+(\d{1,10})[ \t]+(\w+)[ \t]*:[^\n]*(?:\n[ \t]+SG_[^\n]*)*", re.M)
-_UNUSED = re.compile(r"(VAL_|SIG_VALTYPE_) (\d+) (\w+)")
+_MOST_DIGITS: Final = 10
+# No quantifier gives back what it took: scans stay linear. Strings and comments are stepped over.
+_STRING: Final = r'"(?:\\"|[^"\\]|\\(?!"))*+"'
+_OVER: Final = rf"{_STRING}|//[^\n]*+"
+_MESSAGE = re.compile(rf"{_OVER}|(?<!\w)BO_\s++(\d++)\s++(\w++)(?=\s*+:)")
+_VALUES = re.compile(
+    rf"{_OVER}|(?<!\w)(?:VAL_|SIG_VALTYPE_)\s++(\d++)\s++(\w++)(?:{_STRING}|[^\";])*+;"
+)
+_UNUSED = re.compile(r"(?:VAL_|SIG_VALTYPE_) (\d+) (\w+)")
 
 
-def without_wrong_identifiers(text: str) -> tuple[str, dict[str, str]]:
-    """Return a DBC's text without messages of 11 bits whose identifier has more, line by line where
-    it was, and what is wrong with each of them by name: cantools reads no file that has one."""
-    wrong: dict[str, str] = {}
+def with_free_identifiers(text: str) -> tuple[str, dict[int, tuple[int, str]]]:
+    """Return a DBC's text with identifiers of 29 bits that no other message has for those of too
+    many bits, as cantools reads no file that has one; and by each such identifier its line and what
+    was wrong with its message."""
+    taken = {int(one[1]) for one in _MESSAGE.finditer(text) if one[1] and _is_short(one[1])}
+    free = _MOST_EXTENDED
+    wrong: dict[int, tuple[int, str]] = {}
+    line, counted_to = 1, 0
 
-    def kept(match: re.Match[str]) -> str:
-        identifier, name = int(match[1]), match[2]
-        if identifier >= _EXTENDED or identifier <= _MOST_STANDARD:
+    def replaced(match: re.Match[str]) -> str:
+        nonlocal free, line, counted_to
+        if match[1] is None or (_is_short(match[1]) and _is_right(int(match[1]))):
             return match[0]
-        wrong[name] = (
-            f"{name}: identifier {identifier:#x} has more than 11 bits: expected bit 31 set, "
-            "which marks one of 29"
-        )
-        return "\n" * match[0].count("\n")
+        while _EXTENDED | free in taken:
+            free -= 1
+        line += text.count("\n", counted_to, match.start())
+        counted_to = match.start()
+        wrong[free] = (line, f"{match[2]}: identifier {match[1][:20]} has too many bits")
+        number = str(_EXTENDED | free)
+        free -= 1
+        before, after = match.start(1) - match.start(), match.end(1) - match.start()
+        return match[0][:before] + number + match[0][after:]
 
-    return _MESSAGE.sub(kept, text), wrong
+    return _MESSAGE.sub(replaced, text), wrong
+
+
+def _is_short(digits: str) -> bool:
+    return len(digits) <= _MOST_DIGITS
+
+
+def _is_right(identifier: int) -> bool:
+    if identifier < _EXTENDED:
+        return identifier <= _MOST_STANDARD
+    return identifier - _EXTENDED <= _MOST_EXTENDED
 
 
 def without_unused(text: str, problem: str) -> str:
     """Return a DBC's text without the values that *problem*, of cantools, says belong to no
     signal."""
-    for keyword, identifier, signal in _UNUSED.findall(problem):
-        statement = rf'{keyword}\s+{identifier}\s+{signal}\b(?:"(?:\\"|[^"])*"|[^";])*;'
-        text = re.sub(statement, lambda match: "\n" * match[0].count("\n"), text)
-    return text
+    unused = {(int(identifier), signal) for identifier, signal in _UNUSED.findall(problem)}
+
+    def kept(match: re.Match[str]) -> str:
+        if match[1] is None or not _is_short(match[1]) or (int(match[1]), match[2]) not in unused:
+            return match[0]
+        return "\n" * match[0].count("\n")
+
+    return _VALUES.sub(kept, text)
 
 
 def what_is_wrong(message: cantools.database.can.Message) -> str | None:
@@ -51,5 +83,5 @@ def what_is_wrong(message: cantools.database.can.Message) -> str | None:
     try:
         message.refresh(strict=True)
     except Exception as error:  # its own, and what corrupt sizes make it run into
-        return str(error)
+        return one_line(error)
     return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,17 +38,18 @@ class Reference:
     def only(self, kept: NDArray[np.bool_]) -> Reference:
         """Return the samples of which *kept*, bool[m], is true."""
         heading = self.heading_rad
-        return Reference(
-            self.t_s[kept],
-            self.x_m[kept],
-            self.y_m[kept],
-            None if heading is None else heading[kept],
+        return replace(
+            self,
+            t_s=self.t_s[kept],
+            x_m=self.x_m[kept],
+            y_m=self.y_m[kept],
+            heading_rad=None if heading is None else heading[kept],
         )
 
     def mirrored(self) -> Reference:
         """Return the trajectory as axes of the other hand have it."""
         heading = self.heading_rad
-        return Reference(self.t_s, self.x_m, -self.y_m, None if heading is None else -heading)
+        return replace(self, y_m=-self.y_m, heading_rad=None if heading is None else -heading)
 
 
 @dataclass(frozen=True)

@@ -151,11 +151,14 @@ def default_map(database: Database) -> SignalMap:
     """Return the map of a DBC whose messages are named as those of the shipped one.
 
     Roles whose message it lacks are left out. Raises HarnessError where the wheels' signals are
-    missing (a foreign DBC needs a map.toml) or a signal's unit does not fit.
+    missing (a foreign DBC needs a map.toml), a message of theirs is faulty, or a signal's unit does
+    not fit.
     """
     found: dict[Role, MappedSignal] = {}
     for role, (message_name, signal_name) in SHIPPED.items():
         message = database.messages.get(message_name)
+        if message is None and message_name in database.faulty:
+            raise HarnessError(database.faulty[message_name])
         if message is None or signal_name not in message.signals:
             continue
         details = SignalTable(signal=f"{message_name}.{signal_name}")
@@ -283,7 +286,7 @@ def _find(
     message_name, signal_name = name.split(".")
     dbc = database.path.name
     message = database.messages.get(message_name)
-    if message_name in database.faulty:
+    if message is None and message_name in database.faulty:
         raise source.error(at, f'{at[1]} = "{name}": {database.faulty[message_name]}')
     if message is None:
         near = did_you_mean(message_name, database.messages)

@@ -177,11 +177,12 @@ class Accounts:
             return one
         again = self.model.evidence_about(one.terms, one.refitted.coefficients, levels)
         gained = again.log_evidence - one.refitted.log_evidence
+        explained = again.log_likelihood - one.refitted.log_likelihood
         if gained > 0:
             self.found[one.effects] = replace(
                 one,
                 log_evidence=one.log_evidence + gained,
-                log_likelihood=again.log_likelihood,
+                log_likelihood=one.log_likelihood + explained,
                 levels=again.levels,
                 refitted=again,
             )

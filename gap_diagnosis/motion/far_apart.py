@@ -70,7 +70,8 @@ class FarApart:
         turns bear out wheels that stand far apart.
 
         What wheels tremble beyond what is described turns a robot by less then, too: a car's, on a
-        straight road, stood 27 % farther apart by 240 nats.
+        straight road, stood 27 % farther apart by 240 nats. Once a step of a fit bears wheels out
+        they are in every later one: what is compared must be so by one rule.
         """
         effects = frozenset(term.variant.effect for term in terms)
         if effects in self._borne_out:

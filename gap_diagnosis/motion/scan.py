@@ -268,17 +268,20 @@ class Scan(Neighbours):
     def _take_no_more_than_from_rivals(self, effects: Effects) -> None:
         """Let sets that explain the log as well as this one, and differ in one effect, lose as
         little to stretches as any of them: what is clear of one by a hair is so of its twin."""
-        likelihood, taken = self._weighed[effects]
-        for rival, (as_well, less) in list(self._weighed.items()):
-            if len(rival) != len(effects) or len(rival & effects) != len(effects) - 1:
-                continue
-            if abs(as_well - likelihood) > _AS_WELL:
-                continue
-            taken = min(taken, less)
-            if less > taken:
-                self._weighed[rival] = as_well, taken
-                self._lower(rival, taken - less)
-        self._weighed[effects] = likelihood, taken
+        likelihood = self._weighed[effects][0]
+        alike = [
+            one
+            for one, (as_well, _) in self._weighed.items()
+            if len(one) == len(effects)
+            and len(one & effects) >= len(effects) - 1
+            and abs(as_well - likelihood) <= _AS_WELL
+        ]
+        least = min(self._weighed[one][1] for one in alike)
+        for one in alike:
+            explained, taken = self._weighed[one]
+            self._weighed[one] = explained, least
+            if one != effects:
+                self._lower(one, least - taken)
 
     def _lower(self, effects: Effects, by: float) -> None:
         """Let a set be worth so much less [nat]."""

@@ -95,4 +95,4 @@ def faulty_messages(database: Database) -> tuple[str, ...]:
     first, *more = database.faulty.values()
     said = first.replace(str(database.path), database.path.name, 1)
     also = f"; and {len(more)} more" if more else ""
-    return (f"Not read, as it cannot be right: {said.rstrip(chr(46))}{also}.",)
+    return (f"Not read, as it cannot be right: {said.rstrip('.')}{also}.",)

@@ -45,8 +45,8 @@ _REFERENCES: Final[tuple[Role, ...]] = ("reference_x", "reference_y", "reference
 _ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
 _SENSORS: Final[tuple[Role, ...]] = ("accel_x", "accel_y", "temperature", "supply")
 _REFERENCE_WORDS: Final = ("reference", "mocap", "truth", "ground", "rtk", "gps", "optitrack")
-_FLAG_WORDS: Final = ("fault", "error", "valid", "status", "flag")
-"""What says of a sensor how it is does not say what it measures (TEMP_ACC_FAULTED)."""
+_FLAG_WORDS: Final = frozenset({"fault", "faulted", "error", "valid", "invalid", "status", "flag"})
+"""What ends in one says how a sensor is, not what it measures (TEMP_ACC_FAULTED)."""
 _SENSOR_WORDS: Final = ("gyro", "imu", "acc", "mag")
 """An axis of these is no coordinate."""
 
@@ -242,7 +242,7 @@ def _choose(
     for signal in search.free:
         if (role == "gyro" and signal.is_constant) or (fits is not None and not fits(signal)):
             continue
-        if role in _SENSORS and is_named(signal, _FLAG_WORDS):
+        if role in (*_SENSORS, "gyro") and _FLAG_WORDS & set(words_of(signal)[-1:]):
             continue
         if fits is None and (
             is_named(signal, COMMAND_WORDS)

@@ -20,6 +20,7 @@ from gap_diagnosis.reading.reference_file import (
     refuse_no_overlap,
     refuse_other_unit,
 )
+from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
 from gap_diagnosis.recording import Floats, Recording, Reference
@@ -113,7 +114,8 @@ def _without_fix(reference: Reference, path: Path) -> tuple[str, ...]:
     if not reference.without_fix:
         return ()
     of = reference.without_fix + len(reference.t_s)
-    return (f"{path.name}: {reference.without_fix} of {of} messages without a fix are left out.",)
+    file, _ = ros_file(path) or (path, None)
+    return (f"{file.name}: {reference.without_fix} of {of} messages have no fix and are left out.",)
 
 
 def _cut_off(path: Path, reference: str | Path | None) -> tuple[str, ...]:

@@ -57,6 +57,7 @@ def read_reference(path: str | Path) -> Reference:
         poses = read_ros_poses(*recording, MAX_ROWS)
         lines = np.arange(1, len(poses.rows) + 1)
     rows = poses.rows
+    _refuse_without_fixes(path, poses)
     if len(rows) < 2:
         raise DiagnosisError(f"{path}: {len(rows)} rows: expected at least two, each {_FORM}")
     broken = np.asarray(~np.isfinite(rows).all(axis=1), dtype=np.bool_)
@@ -79,6 +80,14 @@ def read_reference(path: str | Path) -> Reference:
     has_headings = poses.has_headings and not (np.ptp(heading) == 0 and _bends(x_m, y_m))
     heading_rad = heading if has_headings else None
     return Reference(t_s.copy(), x_m, y_m, heading_rad, without_fix=poses.without_fix)
+
+
+def _refuse_without_fixes(path: Path, poses: RosPoses) -> None:
+    if poses.without_fix and len(poses.rows) < 2:
+        raise DiagnosisError(
+            f"{path}: {poses.without_fix} messages have no fix, {len(poses.rows)} have one: "
+            "expected at least two with one"
+        )
 
 
 _OTHER_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}

@@ -25,7 +25,8 @@ _POSE_TYPES: Final = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
 }
 _FIX_TYPE: Final = "sensor_msgs/msg/NavSatFix"
-_NO_FIX: Final = -1
+_FIX: Final = 0
+"""NavSatStatus.STATUS_FIX: what is less has none, -1 by its name and -2 before it is known."""
 _NO_TURN: Final = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -75,7 +76,7 @@ def read_ros_poses(path: Path, topic: str | None, most_rows: int) -> RosPoses:
                 message = recording.deserialize(data, connection.msgtype)
                 if not is_fix:
                     rows.append(_row(message, _POSE_TYPES[connection.msgtype](message)))
-                elif message.status.status == _NO_FIX:
+                elif message.status.status < _FIX:
                     without_fix += 1
                 else:
                     rows.append(_fix(path, message))

@@ -158,7 +158,13 @@ BO_ 2 OVERLAPS: 8 A
 BO_ 3 OUTSIDE: 1 A
  SG_ s : 4|8@1+ (1,0) [0|0] "" A
 
-BO_ 419360000 TOO_MANY_BITS: 8 A
+  BO_ 419360000 TOO_MANY_BITS: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+
+// guessed
+SG_ t : 8|8@1+ (1,0) [0|0] "" A
+
+BO_ 3758096384 OF_30_BITS: 8 A
  SG_ s : 0|8@1+ (1,0) [0|0] "" A
 
 BO_ 4 ALSO_RIGHT: 8 A
@@ -166,7 +172,8 @@ BO_ 4 ALSO_RIGHT: 8 A
 
 VAL_ 419360000 s 1 "on; or \\"on\\"" 0 "off" ;
 VAL_ 4 s 1 "on" ;
-VAL_ 4 gone 1 "on" ;
+VAL_ 004 gone 1 "on" ;
+CM_ SG_ 4 s "not; VAL_ 4 gone 1 ;";
 """
 
 
@@ -174,11 +181,14 @@ def test_to_read_a_log_messages_that_cannot_be_right_are_left_out_and_said_to_be
     """43 of 119 files that a public collection has for cars were refused for such a one."""
     database = parse_database(WRONG, Path("mine.dbc"), leave_out_faulty=True)
     assert list(database.messages) == ["RIGHT", "ALSO_RIGHT"]
+    assert list(database.message("RIGHT").signals) == ["speed"]
     assert database.message("ALSO_RIGHT").signal("s").choices == {1: "on"}
+    assert database.message("ALSO_RIGHT").signal("s").comment == "not; VAL_ 4 gone 1 ;"
     assert {name: text.split(":")[1] for name, text in database.faulty.items()} == {
         "OVERLAPS": "4",
         "OUTSIDE": "8",
         "TOO_MANY_BITS": "11",
+        "OF_30_BITS": "17",
     }
     with pytest.raises(CanBusError, match=r"^mine.dbc:4: OVERLAPS: The signals .* overlapping"):
         database.message("OVERLAPS")
@@ -191,6 +201,20 @@ def test_to_send_every_message_must_be_right() -> None:
     ):
         with pytest.raises(CanBusError, match=r"^mine.dbc:\d+: "):
             parse(text)
+
+
+def test_a_right_message_is_not_hidden_by_a_faulty_one_of_its_name() -> None:
+    text = WRONG.replace("OVERLAPS", "RIGHT")
+    database = parse_database(text, Path("mine.dbc"), leave_out_faulty=True)
+    assert list(database.message("RIGHT").signals) == ["speed"]
+
+
+def test_what_is_left_out_is_found_in_time_that_grows_with_the_file() -> None:
+    """Backtracking doubled with each escaped quote, and each message looked through all lines."""
+    unclosed = "// VAL_ 4 gone " + '\\"' * 200
+    messages = "".join(f"BO_ {5000 + k} M{k}: 8 A\n" for k in range(3000))
+    database = parse_database(WRONG + messages + unclosed, Path("mine.dbc"), leave_out_faulty=True)
+    assert len(database.faulty) == 3004
 
 
 def test_a_database_of_which_nothing_is_right_is_refused() -> None:

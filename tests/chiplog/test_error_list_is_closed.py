@@ -97,6 +97,7 @@ UNLISTED = {
         "firmware_model/c99_library.py:find_compiler",
         "gap_diagnosis/reading/log_columns.py:load_columns",
         "gap_diagnosis/reading/reference_file.py:_read",
+        "gap_diagnosis/reading/reference_file.py:_refuse_without_fixes",
         "gap_diagnosis/reading/ros_reference.py:_chosen",
         "gap_diagnosis/reading/ros_reference.py:_fix",
         "gap_diagnosis/reading/ros_reference.py:_package",

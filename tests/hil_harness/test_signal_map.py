@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from foreign_bus import foreign_database, write_map
 
-from can_bus import Database, load_database
+from can_bus import Database, load_database, shipped_path
 from hil_harness.errors import HarnessError
 from hil_harness.signal_map import REQUIRED, default_map, load_map
 from hil_harness.signal_roles import QUANTITIES, RAW_KIND, ROLES, UNITS, unit_of
@@ -23,6 +23,18 @@ def test_the_shipped_dbc_fills_every_role() -> None:
     assert tuple(shipped.signals) == ROLES
     kinds = {role: mapped.kind for role, mapped in shipped.signals.items()}
     assert kinds == {role: RAW_KIND.get(role, "physical") for role in ROLES}
+
+
+def test_a_faulty_message_of_the_wheels_is_not_a_missing_one(tmp_path: Path) -> None:
+    text = shipped_path().read_text(encoding="utf-8")
+    path = tmp_path / "mine.dbc"
+    path.write_text(
+        text.replace("SG_ right_count : 40|", "SG_ right_count : 30|"), encoding="utf-8"
+    )
+    database = load_database(path, leave_out_faulty=True)
+    assert list(database.faulty) == ["ENCODER"]
+    with pytest.raises(HarnessError, match=r"mine.dbc:\d+: ENCODER: The signals .* overlapping"):
+        default_map(database)
 
 
 def test_the_tick_period_is_the_cycle_time_of_the_wheels(tmp_path: Path) -> None:

@@ -202,3 +202,9 @@ def test_what_says_that_a_sensor_failed_is_not_the_sensor(tmp_path: Path) -> Non
     names = NAMES.replace("LatAccel_m_s2", "TEMP_ACC_FAULTED")
     _, guesses, _ = propose_map(car(tmp_path, names), None)
     assert "temperature" not in guesses
+    names = NAMES.replace("ESP_YawRate_deg_s", "ESP_YawRate_valid")
+    _, guesses, _ = propose_map(car(tmp_path, names), None)
+    assert "gyro" not in guesses
+    names = NAMES.replace("LatAccel_m_s2", "imu_status_temperature_degc")
+    _, guesses, _ = propose_map(car(tmp_path, names), None)
+    assert guesses["temperature"].signal.path == "imu_status_temperature_degc"

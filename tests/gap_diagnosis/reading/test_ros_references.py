@@ -98,7 +98,7 @@ def test_what_is_no_recording_is_one_line(tmp_path: Path) -> None:
 EQUATOR_M, ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_14e-3
 """Semi-major axis and first eccentricity squared of WGS 84 (NGA.STND.0036, table 3.1)."""
 FIRST_DEG = (59.0, 11.0)
-NO_FIX, FIX = -1, 0
+UNKNOWN, NO_FIX, FIX = -2, -1, 0
 
 
 def degrees_of(x_m: float, y_m: float) -> tuple[float, float]:
@@ -153,16 +153,23 @@ def test_a_straight_way_of_fixes_has_no_headings_either(tmp_path: Path) -> None:
 
 def test_messages_without_a_fix_are_left_out_and_told(tmp_path: Path) -> None:
     nowhere = float("nan")
-    fixes = [(float(k), NO_FIX, nowhere, nowhere) for k in range(3)]
+    fixes = [(0.0, UNKNOWN, 0.0, 0.0), *((k, NO_FIX, nowhere, nowhere) for k in (1.0, 2.0))]
     fixes += [(float(k), FIX, *degrees_of(k, 0.0)) for k in range(3, 10)]
     bag = write_fixes(tmp_path / "bag", fixes)
     table = tmp_path / "table.csv"
     rows = [f"{k / 10},{40 * k},{40 * k}" for k in range(100)]
     table.write_text("\n".join(["t_s,left_ticks,right_ticks", *rows]))
-    recording = read_recording(table, robot=load_robot(), reference=bag)
-    assert recording.reference is not None
-    np.testing.assert_allclose(recording.reference.t_s, np.arange(3, 10))
-    assert "bag: 3 of 10 messages without a fix are left out." in recording.notes
+    for reference in (bag, f"{bag}:/gps/fix"):
+        recording = read_recording(table, robot=load_robot(), reference=reference)
+        assert recording.reference is not None
+        np.testing.assert_allclose(recording.reference.t_s, np.arange(3, 10))
+        assert "bag: 3 of 10 messages have no fix and are left out." in recording.notes
+
+
+def test_a_receiver_that_had_no_fix_is_no_reference(tmp_path: Path) -> None:
+    bag = write_fixes(tmp_path / "bag", [(float(k), NO_FIX, 0.0, 0.0) for k in range(5)])
+    with pytest.raises(DiagnosisError, match=r"bag: 5 messages have no fix, 0 have one: expected"):
+        read_reference(bag)
 
 
 def test_a_fix_beyond_the_poles_is_refused(tmp_path: Path) -> None:
