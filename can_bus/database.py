@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from can_bus.e2e import PROFILE_1A, E2EProtection
 from can_bus.errors import CanBusError, one_line, quiet
-from can_bus.faulty import what_is_wrong, with_free_identifiers, without_unused
+from can_bus.faulty import EXTENDED, what_is_wrong, with_free_identifiers, without_unused
 from can_bus.signals import SignalSpec
 from can_bus.specs import MessageSpec
 
@@ -46,7 +46,6 @@ _MESSAGE_LENGTH = re.compile(r"BO_\s*+[-+]?\d++\s*+(\w++)\s*+:\s*+[-+]?(\d++)")
 _SIGNAL_PLACE = re.compile(r"SG_\s*+(\w++)\s*+(?:\w++\s*+)?:\s*+[-+]?(\d++)\s*+\|\s*+[-+]?(\d++)")
 _MULTIPLEXER_RANGES = re.compile(r"SG_MUL_VAL_\s*+[-+]?\d++\s*+(\w++)\s++\w++([^;]*+)")
 _RANGE = re.compile(r"([-+]?\d++)\s*+[-+]?(\d++)")
-_EXTENDED = 1 << 31
 _EXCERPT_CHARACTERS = 80
 
 
@@ -111,7 +110,7 @@ class Database:
 
 def identifier_key(frame_id: int, is_extended: bool) -> int:
     """Return one integer for an identifier: bit 31 tells 29-bit ones from 11-bit ones."""
-    return frame_id | _EXTENDED if is_extended else frame_id
+    return frame_id | EXTENDED if is_extended else frame_id
 
 
 def load_database(path: str | Path | None = None, *, leave_out_faulty: bool = False) -> Database:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 _MOST_STANDARD: Final = 0x7FF
 _MOST_EXTENDED: Final = 0x1FFF_FFFF
-_EXTENDED: Final = 1 << 31
+EXTENDED: Final = 1 << 31
+"""The bit of a DBC that marks an identifier of 29 bits."""
 _MOST_DIGITS: Final = 10
 # No quantifier gives back what it took: scans stay linear. Strings and comments are stepped over.
 _STRING: Final = r'"(?:\\"|[^"\\]|\\(?!"))*+"'
@@ -41,12 +42,12 @@ def with_free_identifiers(text: str) -> tuple[str, dict[int, tuple[int, str]]]:
         nonlocal free, line, counted_to
         if match[1] is None or (_is_short(match[1]) and _is_right(int(match[1]))):
             return match[0]
-        while _EXTENDED | free in taken:
+        while EXTENDED | free in taken:
             free -= 1
         line += text.count("\n", counted_to, match.start())
         counted_to = match.start()
         wrong[free] = (line, f"{match[2]}: identifier {match[1][:20]} has too many bits")
-        number = str(_EXTENDED | free)
+        number = str(EXTENDED | free)
         free -= 1
         before, after = match.start(1) - match.start(), match.end(1) - match.start()
         return match[0][:before] + number + match[0][after:]
@@ -59,9 +60,9 @@ def _is_short(digits: str) -> bool:
 
 
 def _is_right(identifier: int) -> bool:
-    if identifier < _EXTENDED:
+    if identifier < EXTENDED:
         return identifier <= _MOST_STANDARD
-    return identifier - _EXTENDED <= _MOST_EXTENDED
+    return identifier - EXTENDED <= _MOST_EXTENDED
 
 
 def without_unused(text: str, problem: str) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Sizes = Sequence[tuple[float, ...]]
 
-_BORNE_OUT: Final = 29.0
+BORNE_OUT: Final = 29.0
 """Turns that are likelier by so much [nat] tell of wheels that stand far apart."""
 
 
@@ -85,7 +85,7 @@ class FarApart:
             likelihood(terms, sizes, levels, course, is_sharp=True)
             for sizes in (coefficients, as_described)
         )
-        if turned - straight > _BORNE_OUT:
+        if turned - straight > BORNE_OUT:
             self._borne_out.add(effects)
             return wider
         more = max(likelihood(terms, coefficients, levels, wider) - turned, 0.0)

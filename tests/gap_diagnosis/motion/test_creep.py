@@ -6,39 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from car_cases import read_car
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
-from gap_diagnosis.reading import read_recordings
-from hil_harness import load_robot
 
 CREEP_S2_PER_M = 0.002
 """Two thirds of what is no gap."""
-TRACK_M, RADIUS_M = 1.52, 0.316
+TRACK_M = 1.52
 STEP_S, FIX_S = 0.01, 0.1
 GPS_M = 0.02
 NO_NEWS = 5.0
 """Less evidence than this [nat] is none: a pair's prior is smaller by as much."""
-
-MAP = """[columns]
-time = { column = "t_s", unit = "s" }
-left_count = { column = "left_m_s", unit = "m/s" }
-right_count = { column = "right_m_s", unit = "m/s" }
-gyro = { column = "yaw_rad_s", unit = "rad/s" }
-"""
-ROBOT = f"""schema = 1
-[robot]
-name = "car"
-[wheels]
-radius_m = {RADIUS_M}
-wheelbase_m = {TRACK_M}
-[encoder]
-ticks_per_rev = 4096
-[drive]
-max_wheel_rate_rad_s = 120.0
-"""
 
 
 def driven(home: Path, seed: int) -> MotionModel:
@@ -64,30 +45,11 @@ def driven(home: Path, seed: int) -> MotionModel:
     apart = 0.5 * TRACK_M * turn_rate
     rows = [t_s, (speed - apart) * creeps, (speed + apart) * creeps, turn_rate]
     noise = np.array([[0.0], [0.003], [0.003], [5e-4]]) * rng.standard_normal((4, len(t_s)))
-    table = (np.array(rows) + noise).T
-    np.savetxt(
-        home / "car.csv",
-        table,
-        fmt="%.5f",
-        delimiter=",",
-        header="t_s,left_m_s,right_m_s,yaw_rad_s",
-        comments="",
-    )
     fixes_s = np.arange(0.0037, t_s[-1], FIX_S)
-    fixes = np.zeros((len(fixes_s), 8))
-    fixes[:, 0], fixes[:, 7] = fixes_s, 1.0
-    for column, way in ((1, x_m), (2, y_m)):
-        fixes[:, column] = np.interp(fixes_s, t_s, way) + GPS_M * rng.standard_normal(len(fixes))
-    np.savetxt(home / "car.tum", fixes, fmt="%.5f")
-    for name, text in (("map.toml", MAP), ("robot.toml", ROBOT)):
-        (home / name).write_text(text, encoding="utf-8")
-    robot = load_robot(home / "robot.toml")
-    (recording,) = read_recordings(
-        [home / "car.csv"],
-        robot=robot,
-        references=[home / "car.tum"],
-        signals=home / "map.toml",
-    )
+    way = np.array([np.interp(fixes_s, t_s, one) for one in (x_m, y_m)])
+    way += GPS_M * rng.standard_normal(way.shape)
+    table, fixes = (np.array(rows) + noise).T, np.column_stack([fixes_s, *way])
+    recording, robot = read_car(home, TRACK_M, table, fixes)
     return MotionModel(recording, robot, default_prior())
 
 
