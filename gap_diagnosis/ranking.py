@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
 from typing import Final
@@ -94,7 +95,11 @@ class Ranking:
 
     def of(self, effects: Effects) -> Ranked:
         """Return the entry of one set."""
-        return next(one for one in self.sets if one.effects == effects)
+        return self._entries[effects]
+
+    @cached_property
+    def _entries(self) -> dict[Effects, Ranked]:
+        return {one.effects: one for one in self.sets}
 
     def group(self, effects: Effects) -> list[Ranked]:
         """Return the other sets of at most as many effects that are not told apart from this.
@@ -112,7 +117,17 @@ class Ranking:
             and one.log_evidence > -0.5 * NEVER
             and 2 * (own.explained - _as_well(one, own)) < THRESHOLD
         ]
-        return [one for one in near if not any(_adds_nothing(one, less) for less in self.sets)]
+        return [one for one in near if not self._adds_nothing(one)]
+
+    def _adds_nothing(self, one: Ranked) -> bool:
+        """Tell whether a set is another with effects that gain what chance gives.
+
+        What unlisted causes explain beside it is not its gain.
+        """
+        size = len(one.effects)
+        less = (frozenset(part) for n in range(size) for part in combinations(one.effects, n))
+        known = (self._entries[part] for part in less if part in self._entries)
+        return any(2 * (one.log_likelihood - each.log_likelihood) < _BY_CHANCE for each in known)
 
 
 def rank(
@@ -309,15 +324,6 @@ def _as_well(one: Ranked, own: Ranked) -> float:
     """Return what a set explains with no more company than *own* has: what only an unlisted cause
     beside it explains, it does not."""
     return one.log_likelihood + min(one.company, own.company)
-
-
-def _adds_nothing(one: Ranked, less: Ranked) -> bool:
-    """Tell whether a set is *less* with effects that gain what chance gives.
-
-    What unlisted causes explain beside it is not its gain.
-    """
-    gain = 2 * (one.log_likelihood - less.log_likelihood)
-    return less.effects < one.effects and gain < _BY_CHANCE
 
 
 def _is_shared(logs: Sequence[Sequence[Block]], pair: Effects, effect: str) -> bool:

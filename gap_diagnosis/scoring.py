@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -68,12 +68,16 @@ class _Place(NamedTuple):
 @dataclass(frozen=True)
 class LevelPrior:
     """Log-normal priors of the levels: medians and standard deviations of the logarithm, and the
-    least and the largest that are believed; float64[levels] each."""
+    least and the largest that are believed; float64[levels] each.
+
+    On the *silent* ones nothing in the log depends: their slope is not asked for.
+    """
 
     median: Floats
     spread: Floats
     low: Floats
     high: Floats
+    silent: frozenset[int] = frozenset()
 
     def log_density(self, log_levels: Floats, free: Sequence[int] = ()) -> float:
         """Return the log density; the levels in *free* are even over `EVEN_OVER` instead."""
@@ -112,21 +116,22 @@ def best_levels(
         seen = weigh(np.exp(log_levels))
         return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
 
+    def held(log_levels: Floats, slope: Floats) -> NDArray[np.bool_]:
+        return ((log_levels <= low) & (slope < 0)) | ((log_levels >= high) & (slope > 0))
+
     here = at(np.log(np.maximum(start, prior.low)))
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
     damping = 0.0
     for _ in range(_ROUNDS):
-        slope, information = _slopes(weigh, here.log_levels, here.seen)
+        slope, information = _slopes(weigh, here.log_levels, here.seen, prior.silent)
         restraint = prior.restraint(free)
         slope -= restraint * (here.log_levels - np.log(prior.median))
         information += np.diag(restraint)
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
-        is_bound = ((here.log_levels <= low) & (slope < 0)) | (
-            (here.log_levels >= high) & (slope > 0)
-        )
+        is_bound = held(here.log_levels, slope)
         while True:
             reach = low - here.log_levels, high - here.log_levels
             step = _step(slope, information, damping, ~is_bound, reach)
@@ -141,6 +146,11 @@ def best_levels(
             best, share = _best_along(at, here, there, promised)
             gained = best.height - here.height
             if share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES:
+                return np.asarray(np.exp(best.log_levels))
+            left = slope - information @ (there - here.log_levels)
+            is_newtons = damping == 0.0 and share == 1.0 and promised < _SETTLES
+            leaves_bound = held(there, -left).any()
+            if is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE:
                 return np.asarray(np.exp(best.log_levels))
             if gained > _ENOUGH * share * promised:
                 here = best
@@ -166,6 +176,15 @@ def _best_along(
     share = max(0.5 * promised / (promised - gained), _NEAREST)
     nearer = at(here.log_levels + share * (there - here.log_levels))
     return (nearer, share) if nearer.height > end.height else (end, 1.0)
+
+
+def _promises(promised: float, gained: float) -> float:
+    """Return what the slope at a step's end promises along it, where the log is a parabola there.
+
+    A step of Newton's gains half of what its slope promised, and nothing is left; one that gained
+    another share ends on a slope, and the way on is as much longer or shorter as that was wrong.
+    """
+    return (promised - 2.0 * gained) ** 2 / promised
 
 
 def _step(
@@ -208,7 +227,7 @@ def along(
     at a floor.
     """
     here = np.log(np.maximum(levels, prior.low))
-    _, information = _slopes(weigh, here, weigh(np.exp(here)))
+    _, information = _slopes(weigh, here, weigh(np.exp(here)), prior.silent)
     information = information + np.diag(prior.restraint(free))
     moving = here > np.log(prior.low)
     moving[place] = False
@@ -220,19 +239,19 @@ def along(
 
 
 def _slopes(
-    weigh: Callable[[Floats], Weighed], here: Floats, seen: Weighed
+    weigh: Callable[[Floats], Weighed], here: Floats, seen: Weighed, silent: Set[int]
 ) -> tuple[Floats, Floats]:
     """Return slope float64[levels] and information float64[levels, levels] of log evidence by the
-    logarithms of levels.
+    logarithms of levels; nothing of the *silent* ones.
 
     With whitened innovations w of log variance v, the information of levels i and j is the sum over
     rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.
     """
     weights = _leftover_weights(seen.white)
     left = seen.white @ weights
-    slope = np.empty(len(here))
-    rows = np.empty((2, len(left), len(here)))
-    for place in range(len(here)):
+    slope = np.zeros(len(here))
+    rows = np.zeros((2, len(left), len(here)))
+    for place in sorted(set(range(len(here))) - silent):
         moved = here.copy()
         moved[place] += _STEP
         there = weigh(np.exp(moved))

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.whitening import INEXACT, LEVELS
 from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M
 from gap_diagnosis.recording import Floats
@@ -45,6 +46,20 @@ def level_prior(robot: Robot) -> LevelPrior:
     }
     rows = np.array([table[name] for name in LEVELS])
     return LevelPrior(rows[:, 0], rows[:, 1], np.array(FLOORS), _HIGHEST)
+
+
+def silent_levels(nodes: Nodes) -> frozenset[int]:
+    """Return the levels on which nothing depends: those of channels that a log has not, and by how
+    much effects vary, as long as there are none."""
+    kinds = {
+        "gyro_": nodes.has_gyro,
+        "reference_": nodes.has_reference,
+        "reference_heading_": nodes.has_heading,
+        "reference_slow_heading_": nodes.has_heading,
+    }
+    missing = tuple(kind for kind, is_there in kinds.items() if not is_there)
+    silent = {place for place, name in enumerate(LEVELS) if name.startswith(missing)}
+    return frozenset(silent | {INEXACT})
 
 
 def is_louder(levels: Floats, than: Floats) -> bool:

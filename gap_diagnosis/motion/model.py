@@ -28,12 +28,12 @@ from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.far_apart import FarApart
-from gap_diagnosis.motion.levels import level_prior
+from gap_diagnosis.motion.levels import level_prior, silent_levels
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import is_of_a_room, starts
-from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -133,7 +133,7 @@ class MotionModel:
             library=library,
             speed_cycle_s=recording.speed_cycle_s,
         )
-        self.level_prior: LevelPrior = level_prior(robot)
+        self.level_prior: LevelPrior = replace(level_prior(robot), silent=silent_levels(self.nodes))
         self._apart = FarApart(self)
         self._begin_at(coarse_gyro_delay_s(motion))
 
@@ -196,11 +196,17 @@ class MotionModel:
         """
         return best_levels(
             self._of_levels(terms, course),
-            self.level_prior,
+            self._prior_on(self.course if course is None else course),
             start,
             free=free,
             elsewhere=self.elsewhere,
         )
+
+    def _prior_on(self, course: Course) -> LevelPrior:
+        """Return the levels' prior on a course: by how much effects vary shows beside one alone."""
+        prior = self.level_prior
+        is_astray = bool(course.left_astray_m.any() or course.right_astray_m.any())
+        return replace(prior, silent=prior.silent - {INEXACT}) if is_astray else prior
 
     @cached_property
     def elsewhere(self) -> list[Floats]:
@@ -212,7 +218,7 @@ class MotionModel:
     ) -> Floats:
         """Return how the best levels go with the one at *place*, in logarithms: float64[levels]."""
         weigh = self._of_levels(terms, course)
-        return along(weigh, self.level_prior, levels, place, free=free)
+        return along(weigh, self._prior_on(course), levels, place, free=free)
 
     def better_start(self, terms: Sequence[Term], found: Floats) -> Floats | None:
         """Return levels that suit these effects better than *found*, which a search ended at.
@@ -479,7 +485,8 @@ class MotionModel:
 
         heights = [height(start) for start in starts]
         start = starts[int(np.argmax(heights))]
-        found = best_levels(weigh, self.level_prior, start, elsewhere=self.elsewhere)
+        prior = self._prior_on(course)
+        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
         return found, height(found) - heights[0]
 
     def linearised(

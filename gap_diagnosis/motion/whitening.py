@@ -123,110 +123,38 @@ def _whiten(
 ) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
-    # the wheels left, right in units of what they slip by. The covariance is one flat row of
-    # 12 × 12 numbers: with sizes known, its loops are vectorised.
+    # the wheels left, right in units of what they slip by. A row of *known* holds a state's
+    # covariance with all twelve, then its estimate from each column: both are carried on and
+    # corrected by the same sums.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     inexact, wander, position, heading = levels[4], levels[5], levels[6], levels[7]
     slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10]
-    covariance = np.zeros(144)
-    state = np.zeros((12, width))
+    wide = 12 + width
+    known = np.zeros((12, wide))
     for i in range(4):
-        covariance[13 * i] = 25.0
-    covariance[52] = 1e-12
-    covariance[91] = slow_position**2
-    covariance[104] = slow_position**2
-    covariance[117] = slow_heading**2
-    covariance[130] = 1.0
-    covariance[143] = 1.0
-    out = np.empty((4 * nodes, width))
-    log_variance = np.empty(4 * nodes)
-    rows = 0
-    gain = np.zeros(12)
+        known[i, i] = 25.0
+    known[4, 4] = 1e-12
+    known[7, 7] = known[8, 8] = slow_position**2
+    known[9, 9] = slow_heading**2
+    known[10, 10] = known[11, 11] = 1.0
+    # What each state keeps over a block, and the variance that it gains.
+    keep, fresh = np.ones(12), np.zeros(12)
     fresh_angle = 0.0
-    # What the contact adds to the heading from a block's mean to its end: its covariance with the
-    # states, its variance, its estimate.
-    late = np.zeros(12)
+    # What the contact adds to the heading from a block's mean to its end, as a row of *known*, and
+    # its variance.
+    late = np.zeros(wide)
     late_variance = 0.0
-    late_state = np.zeros(width)
+    # What is expected of a channel, as such a row; then that row's whitened residual.
+    row = np.empty(wide)
+    out = np.empty((4 * nodes, width))
+    variances = np.empty(4 * nodes)
+    rows = 0
     for k in range(nodes):
         # States are those at a block's end, what is compared are means over its ticks: for noise
         # that is fresh at each tick, the covariance of end and lateness and the latter's variance.
         together = (ticks[k] - 1.0) / (2.0 * ticks[k])
         spread = (ticks[k] - 1.0) * (2.0 * ticks[k] - 1.0) / (6.0 * ticks[k] ** 2)
-        if k > 0:
-            dx, dy, dt = step_x[k], step_y[k], dt_s[k]
-            # x -= dy * heading, y += dx * heading, gyro angle += bias * dt
-            for j in range(width):
-                state[1, j] -= dy * state[0, j]
-                state[2, j] += dx * state[0, j]
-                state[3, j] += dt * state[4, j]
-            for j in range(12):
-                covariance[12 + j] -= dy * covariance[j]
-                covariance[24 + j] += dx * covariance[j]
-                covariance[36 + j] += dt * covariance[48 + j]
-            for i in range(12):
-                covariance[12 * i + 1] -= dy * covariance[12 * i]
-                covariance[12 * i + 2] += dx * covariance[12 * i]
-                covariance[12 * i + 3] += dt * covariance[12 * i + 4]
-            c, s = cosine[k], sine[k]
-            for q in range(10, 12):
-                # Both last for as long: an effect that varies and slip of its own are one motion.
-                effect = inexact * (left_astray[k] if q == 10 else right_astray[k])
-                own = wander * (left_way[k] if q == 10 else right_way[k])
-                slips = np.sqrt(effect * effect + own * own)
-                if slips == 0.0:
-                    continue
-                if effect < 0.0:
-                    slips = -slips
-                turned = -slips if q == 10 else slips
-                astray = (turned / wheelbase_m, 0.5 * c * slips, 0.5 * s * slips)
-                for i in range(3):
-                    for j in range(width):
-                        state[i, j] += astray[i] * state[q, j]
-                    for j in range(12):
-                        covariance[12 * i + j] += astray[i] * covariance[12 * q + j]
-                    for j in range(12):
-                        covariance[12 * j + i] += astray[i] * covariance[12 * j + q]
-            decay = np.exp(-dt / slip_s)
-            for q in range(10, 12):
-                for j in range(width):
-                    state[q, j] *= decay
-                _scale_state(covariance, q, decay)
-                covariance[13 * q] += 1.0 - decay * decay
-            decay = np.exp(-dt / slow_s)
-            for i in range(7, 10):
-                for j in range(width):
-                    state[i, j] *= decay
-                _scale_state(covariance, i, decay)
-            fresh = 1.0 - decay * decay
-            covariance[91] += fresh * slow_position**2
-            covariance[104] += fresh * slow_position**2
-            covariance[117] += fresh * slow_heading**2
-            left, right = contact * contact * left_path[k], contact * contact * right_path[k]
-            along = 0.25 * (left + right + left_scatter[k] + right_scatter[k])
-            cross = 0.5 * (right - left) / wheelbase_m
-            cross += 0.5 * (right_scatter[k] - left_scatter[k]) / count_base_m
-            side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
-            turn = (left + right) / (wheelbase_m * wheelbase_m)
-            turn += (left_scatter[k] + right_scatter[k]) / (count_base_m * count_base_m)
-            covariance[0] += turn
-            covariance[13] += c * c * along + s * s * side
-            covariance[26] += s * s * along + c * c * side
-            covariance[14] += c * s * (along - side)
-            covariance[25] += c * s * (along - side)
-            covariance[1] += c * cross
-            covariance[12] += c * cross
-            covariance[2] += s * cross
-            covariance[24] += s * cross
-            fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
-            covariance[39] += fresh_angle
-            covariance[52] += walk * walk * dt
-            late[:] = 0.0
-            late[0] = together * turn
-            late[1] = together * c * cross
-            late[2] = together * s * cross
-            late_variance = spread * turn
-            late_state[:] = 0.0
+        c, s = cosine[k], sine[k]
         stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
         few = 0.0
         for q in range(5, 7):
@@ -238,15 +166,73 @@ def _whiten(
             mean_variance = quantum_variance / averaged
             in_step = stays * min(beat_variance / mean_variance, 1.0) / ticks[k]
             kept = left_kept[k] if q == 5 else right_kept[k]
-            keep = 0.0 if k == 0 else max(kept, in_step)
-            for j in range(width):
-                state[q, j] *= keep
-            _scale_state(covariance, q, keep)
-            covariance[13 * q] += (1.0 - keep * keep) * mean_variance
+            keep[q] = 0.0 if k == 0 else max(kept, in_step)
+            fresh[q] = (1.0 - keep[q] * keep[q]) * mean_variance
             # The reference meets fewer readings than the block has: those are averaged less.
             met = min(max(samples[k], 1.0), averaged)
             few += quantum_variance / met - mean_variance
-        c, s = cosine[k], sine[k]
+        if k > 0:
+            dx, dy, dt = step_x[k], step_y[k], dt_s[k]
+            # Both last for as long: an effect that varies and slip of its own are one motion.
+            left_effect, left_own = inexact * left_astray[k], wander * left_way[k]
+            right_effect, right_own = inexact * right_astray[k], wander * right_way[k]
+            left_slip = np.sqrt(left_effect * left_effect + left_own * left_own)
+            right_slip = np.sqrt(right_effect * right_effect + right_own * right_own)
+            if left_effect < 0.0:
+                left_slip = -left_slip
+            if right_effect < 0.0:
+                right_slip = -right_slip
+            left_turn, right_turn = -left_slip / wheelbase_m, right_slip / wheelbase_m
+            left_x, right_x = 0.5 * c * left_slip, 0.5 * c * right_slip
+            left_y, right_y = 0.5 * s * left_slip, 0.5 * s * right_slip
+            keep[10] = keep[11] = np.exp(-dt / slip_s)
+            keep[7] = keep[8] = keep[9] = np.exp(-dt / slow_s)
+            for j in range(wide):
+                turned, bias, left, right = known[0, j], known[4, j], known[10, j], known[11, j]
+                known[0, j] += left_turn * left + right_turn * right
+                known[1, j] += left_x * left + right_x * right - dy * turned
+                known[2, j] += left_y * left + right_y * right + dx * turned
+                known[3, j] += dt * bias
+            for i in range(12):
+                turned, bias, left, right = known[i, 0], known[i, 4], known[i, 10], known[i, 11]
+                known[i, 0] += left_turn * left + right_turn * right
+                known[i, 1] += left_x * left + right_x * right - dy * turned
+                known[i, 2] += left_y * left + right_y * right + dx * turned
+                known[i, 3] += dt * bias
+                for j in range(12):
+                    known[i, j] *= keep[j]
+            for i in range(5, 12):
+                for j in range(wide):
+                    known[i, j] *= keep[i]
+            fresh[7] = fresh[8] = (1.0 - keep[7] * keep[7]) * slow_position**2
+            fresh[9] = (1.0 - keep[9] * keep[9]) * slow_heading**2
+            fresh[10] = fresh[11] = 1.0 - keep[10] * keep[10]
+            left, right = contact * contact * left_path[k], contact * contact * right_path[k]
+            along = 0.25 * (left + right + left_scatter[k] + right_scatter[k])
+            cross = 0.5 * (right - left) / wheelbase_m
+            cross += 0.5 * (right_scatter[k] - left_scatter[k]) / count_base_m
+            side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
+            turn = (left + right) / (wheelbase_m * wheelbase_m)
+            turn += (left_scatter[k] + right_scatter[k]) / (count_base_m * count_base_m)
+            fresh[0] = turn
+            fresh[1] = c * c * along + s * s * side
+            fresh[2] = s * s * along + c * c * side
+            fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
+            fresh[3] = fresh_angle
+            fresh[4] = walk * walk * dt
+            known[1, 2] += c * s * (along - side)
+            known[2, 1] += c * s * (along - side)
+            known[0, 1] += c * cross
+            known[1, 0] += c * cross
+            known[0, 2] += s * cross
+            known[2, 0] += s * cross
+            late[:] = 0.0
+            late[0] = together * turn
+            late[1] = together * c * cross
+            late[2] = together * s * cross
+            late_variance = spread * turn
+        for i in range(12):
+            known[i, i] += fresh[i]
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):
                 continue
@@ -265,55 +251,35 @@ def _whiten(
                 first, second = 0, 3
                 left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
                 noise = gyro_floor[k] * gyro_floor[k]
-            one, two = 12 * first, 12 * second
-            for i in range(12):
-                gain[i] = (
-                    covariance[one + i]
-                    + covariance[two + i]
-                    + left_share * covariance[60 + i]
-                    + right_share * covariance[72 + i]
-                )
+            for j in range(wide):
+                row[j] = known[first, j] + known[second, j]
+                row[j] += left_share * known[5, j] + right_share * known[6, j]
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6]
-            variance = noise + gain[first] + gain[second]
-            variance += left_share * gain[5] + right_share * gain[6]
+            variance = noise + row[first] + row[second]
+            variance += left_share * row[5] + right_share * row[6]
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
-                for i in range(12):
-                    gain[i] -= late[i]
+                for j in range(wide):
+                    row[j] -= late[j]
             if channel == 3:
                 variance += fresh_angle * (spread - 2.0 * together)
-                gain[3] -= fresh_angle * together
-            log_variance[rows] = np.log(variance)
+                row[3] -= fresh_angle * together
+            variances[rows] = variance
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
-            for i in range(12):
-                gain[i] *= scale
+            for j in range(12):
+                row[j] *= -scale
             for j in range(width):
-                expected = state[first, j] + state[second, j]
-                expected += left_share * state[5, j] + right_share * state[6, j]
-                if channel >= 2:
-                    expected -= late_state[j]
-                out[rows, j] = (columns[channel, k, j] - expected) * scale
-            for j in range(width):
-                late_state[j] += late_gain * out[rows, j]
+                row[12 + j] = (columns[channel, k, j] - row[12 + j]) * scale
+                out[rows, j] = row[12 + j]
+            for j in range(wide):
+                late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
             for i in range(12):
-                amount = gain[i]
-                late[i] -= amount * late_gain
-                for j in range(width):
-                    state[i, j] += amount * out[rows, j]
-                for j in range(12):
-                    covariance[12 * i + j] -= amount * gain[j]
+                gain = -row[i]
+                for j in range(wide):
+                    known[i, j] += gain * row[j]
             rows += 1
-    return out[:rows], log_variance[:rows]
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _scale_state(covariance: Floats, place: int, factor: float) -> None:
-    """Scale one state: its row and its column of the flat covariance."""
-    for j in range(12):
-        covariance[12 * place + j] *= factor
-    for j in range(12):
-        covariance[12 * j + place] *= factor
+    return out[:rows], np.log(variances[:rows])
