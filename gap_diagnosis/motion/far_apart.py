@@ -5,11 +5,14 @@ They make all that wheels tremble turn it by less. That is no news of a robot th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.stats import linregress
 
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
@@ -24,6 +27,15 @@ Sizes = Sequence[tuple[float, ...]]
 
 BORNE_OUT: Final = 29.0
 """Turns that are likelier by so much [nat] tell of wheels that stand far apart."""
+_SEEN: Final = 4.5
+"""So much likelier [nat], three standard deviations, must wheels far apart be by what wheels turn
+where the gyro turns."""
+_TURN_S: Final = 2.0
+"""Turns are compared over so long: a gyro that is late by tenths of a second is none that reads
+less."""
+_FEW: Final = 5
+"""A line through fewer turns tells nothing."""
+_SUREST: Final = 1e-6
 
 
 class FarApart:
@@ -42,7 +54,10 @@ class FarApart:
         for term, sizes in zip(terms, coefficients, strict=True):
             if turns_less(term.variant, sizes):
                 wider = self._wider(course, sizes[0], levels)
-                return self._as_turns_tell(terms, coefficients, levels, course, wider)
+                is_seen = self._gained_by_wheels(sizes[0]) > _SEEN
+                return self._as_turns_tell(
+                    terms, coefficients, levels, course, wider, is_seen=is_seen
+                )
         return course
 
     def _wider(self, course: Course, scale: float, levels: Floats) -> Course:
@@ -65,9 +80,12 @@ class FarApart:
         levels: Floats,
         course: Course,
         wider: Course,
+        *,
+        is_seen: bool,
     ) -> Course:
         """Return the wider course, along which effects are no likelier than along *course* unless
-        turns bear out wheels that stand far apart.
+        turns bear out wheels that stand far apart, and no likelier than wheels as described where
+        these do not turn by more wherever the gyro turns (*is_seen*).
 
         What wheels tremble beyond what is described turns a robot by less then, too: a car's, on a
         straight road, stood 27 % farther apart by 240 nats. Once a step of a fit bears wheels out
@@ -85,9 +103,37 @@ class FarApart:
             likelihood(terms, sizes, levels, course, is_sharp=True)
             for sizes in (coefficients, as_described)
         )
-        if turned - straight > BORNE_OUT:
+        if is_seen and turned - straight > BORNE_OUT:
             self._borne_out.add(effects)
             return wider
-        more = max(likelihood(terms, coefficients, levels, wider) - turned, 0.0)
+        most = turned if is_seen else min(turned, straight)
+        more = max(likelihood(terms, coefficients, levels, wider) - most, 0.0)
         rows = np.count_nonzero(np.isfinite(self._model.columns.values[..., 0]))
         return replace(wider, log_more=wider.log_more + 2.0 * more / rows)
+
+    def _gained_by_wheels(self, scale: float) -> float:
+        """Return how much likelier wheels so far apart make what wheels turn, given the gyro [nat].
+
+        What a gyro reads, given wheels that tremble, is too little by itself, and so is what wheels
+        turn, given a gyro in coarse steps: noise of what is given flattens a line (Fuller 1987,
+        Measurement Error Models, section 1.1). Wheels that stand far apart do so on both lines.
+        """
+        if self._wheels_on_gyro is None:
+            return math.inf
+        slope, deviation = self._wheels_on_gyro
+        return 0.5 * ((1.0 - slope) ** 2 - (1.0 + scale - slope) ** 2) / deviation**2
+
+    @cached_property
+    def _wheels_on_gyro(self) -> tuple[float, float] | None:
+        """Return by how much wheels turn for what the gyro does, and how sure that is."""
+        motion = self._model.nodes.motion
+        if motion.gyro_turn_rad is None:
+            return None
+        every = max(round(_TURN_S / motion.tick_s), 1)
+        wheels, gyro = (
+            np.diff(turned[::every]) for turned in (motion.heading_rad, motion.gyro_turn_rad)
+        )
+        if len(wheels) < _FEW or np.ptp(gyro) == 0.0:
+            return None
+        line = linregress(gyro, wheels)
+        return float(line.slope), max(float(line.stderr), _SUREST)
