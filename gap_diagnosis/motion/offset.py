@@ -104,23 +104,34 @@ def _shift(ours: Floats, theirs: Floats, most_s: float) -> tuple[float, float]:
     *most_s* (0 where it is small or no better than none), and how alike they are then."""
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0, 0.0
-    shifts = range(-round(most_s / _STEP_S), round(most_s / _STEP_S) + 1)
-    edge = len(shifts)
-    scores = []
-    for shift in shifts:
-        moved = np.roll(theirs, -shift)[edge:-edge]
-        scores.append(abs(float(np.corrcoef(ours[edge:-edge], moved)[0, 1])))
+    most = round(most_s / _STEP_S)
+    scores = _correlations(ours, theirs, most)
     peak = int(np.argmax(scores))
-    best = (shifts[peak] + _between(scores, peak)) * _STEP_S
+    best = (peak - most + _between(scores, peak)) * _STEP_S
     # At an end of the search lies no peak: nothing told where one is.
-    is_told = 0 < peak < len(scores) - 1 and max(scores) > scores[len(scores) // 2] + BETTER
-    return best if abs(best) >= _WORTH_S and is_told else 0.0, max(scores)
+    is_told = 0 < peak < len(scores) - 1 and scores[peak] > scores[most] + BETTER
+    return best if abs(best) >= _WORTH_S and is_told else 0.0, float(scores[peak])
 
 
-def _between(scores: Sequence[float], peak: int) -> float:
+def _correlations(ours: Floats, theirs: Floats, most: int) -> Floats:
+    """Return how alike *ours* and *theirs* are, moved back by -*most* to *most* steps.
+
+    float64[2 most + 1]: correlations but for a sign, of what is inside at every shift.
+    """
+    edge = 2 * most + 1
+    inside = ours[edge:-edge] - ours[edge:-edge].mean()
+    around = (theirs - theirs.mean())[edge - most : len(theirs) - edge + most]
+    ends = np.cumsum(np.append(0.0, around)), np.cumsum(np.append(0.0, around**2))
+    sums, squares = (end[len(inside) :] - end[: -len(inside)] for end in ends)
+    power = np.maximum(squares - sums**2 / len(inside), np.finfo(np.float64).tiny)
+    together = np.correlate(around, inside, mode="valid")
+    return np.asarray(np.abs(together) / np.sqrt(power * float(inside @ inside)))
+
+
+def _between(scores: Floats, peak: int) -> float:
     """Return how many steps from *peak* the parabola through it and its neighbours has its top."""
     if not 0 < peak < len(scores) - 1:
         return 0.0
     before, top, after = scores[peak - 1 : peak + 2]
     bend = 2 * top - before - after
-    return 0.5 * (after - before) / bend if bend > 0 else 0.0
+    return float(0.5 * (after - before) / bend) if bend > 0 else 0.0
