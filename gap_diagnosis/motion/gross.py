@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
+from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.effects.model import Value
@@ -43,6 +44,10 @@ _LOUD: Final = 3.0
 the energy, half is left of it, and beyond that it is not asked for."""
 
 
+_TOLD: Final = 3.0
+"""Standard deviations from none at which a correlation is told, and a ratio by it."""
+
+
 def looks_gross(recording: Recording, robot: Robot) -> bool:
     """Tell whether turns or ways of two sources differ by more than any effect makes likely, or
     what one wheel adds to the turn does."""
@@ -61,10 +66,7 @@ def is_in_order(recording: Recording, robot: Robot) -> bool:
         if one.slope is None:
             if moved > max(_MOVES, noise):
                 return False
-        elif one.is_gross or (
-            noise < _LOUD * _power(one.cause)
-            and np.corrcoef(one.cause, one.effect)[0, 1] < _TOGETHER
-        ):
+        elif one.is_gross or (noise < _LOUD * _power(one.cause) and one.correlation < _TOGETHER):
             return False
     return True
 
@@ -75,13 +77,13 @@ class _Pair:
 
     Attributes:
         cause, effect: float64[n].
-        unsure: how much of the sum of the cause's squares is noise, at most.
+        unsure: how much of the sum of the cause's squares is noise, at most; None: not known.
         wheels: float64[2, n], what either wheel adds to the cause, where it is the wheels' turn.
     """
 
     cause: Floats
     effect: Floats
-    unsure: float = 0.0
+    unsure: float | None = 0.0
     wheels: Floats | None = None
 
     @property
@@ -96,18 +98,36 @@ class _Pair:
     @property
     def is_gross(self) -> bool:
         """The ratio is far from one, with and without what noise of the cause takes from it: a car
-        that hardly turned had a gyro of half the turns that its noisy wheel speeds made."""
+        that hardly turned had a gyro of half the turns that its noisy wheel speeds made.
+
+        Where nothing is known of that noise, all that is left may be it: then the ratio lies
+        between the slope and the inverse of that of the cause on the effect (Fuller 1987,
+        Measurement Error Models, section 1.1).
+        """
         slope = self.slope
         if slope is None:
             return False
-        without_noise = slope / (1.0 - self.unsure / _power(self.cause))
+        if self.unsure is not None:
+            without_noise = slope / (1.0 - self.unsure / _power(self.cause))
+        elif self.correlation**2 * len(self.cause) < _TOLD**2:
+            return False
+        else:
+            without_noise = slope / self.correlation**2
         return max(slope, without_noise) < _LOW or min(slope, without_noise) > _HIGH
+
+    @property
+    def correlation(self) -> float:
+        """Of the two, about their medians; where the cause varies."""
+        slope, power = self.slope, _power(self.effect)
+        return (
+            0.0 if slope is None or power == 0.0 else slope * math.sqrt(_power(self.cause) / power)
+        )
 
     @property
     def is_of_one_wheel(self) -> bool:
         """What one wheel adds is surely far from what it should: counts of half the size on one
         side leave a turn that is three quarters of it."""
-        if self.wheels is None or self.unsure > _LITTLE * _power(self.cause):
+        if self.wheels is None or (self.unsure or 0.0) > _LITTLE * _power(self.cause):
             return False
         rows = self.wheels - self.wheels.mean(axis=1, keepdims=True)
         away = self.effect - self.effect.mean()
@@ -122,8 +142,8 @@ class _Pair:
 
     @property
     def is_clear(self) -> bool:
-        """No more than half of the cause is noise."""
-        return 2.0 * self.unsure <= _power(self.cause)
+        """No more than half of the cause is known to be noise."""
+        return 2.0 * (self.unsure or 0.0) <= _power(self.cause)
 
 
 def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
@@ -145,10 +165,14 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
     pairs = [_Pair(turn, one, unsure, wheels) for one in gyro]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
+        seen = is_seen(t_s, reference.t_s, _BLOCK_S)
+        if np.count_nonzero(seen) < _LEAST_STEPS:
+            return [one for one in pairs if one.is_clear]
         if reference.heading_rad is not None:
-            heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))
-            pairs.append(_Pair(turn, heading, unsure, wheels))
-            pairs += [_Pair(one, heading) for one in gyro]
+            heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))[seen]
+            share = np.count_nonzero(seen) / len(seen)
+            pairs.append(_Pair(turn[seen], heading, share * unsure, wheels[:, seen]))
+            pairs += [_Pair(one[seen], heading) for one in gyro]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
         # A reference's noise goes nowhere, but adds to every length.
@@ -156,7 +180,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
             np.diff(_averaged(t_s, reference.t_s, reference.x_m)),
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
-        pairs.append(_Pair(np.abs(forward), moved))
+        pairs.append(_Pair(np.abs(forward[seen]), moved[seen]))
         if reference.heading_rad is None:
             pairs += _bends(motion, reference)
     return [one for one in pairs if one.is_clear]
@@ -182,8 +206,14 @@ def _bends(motion: Motion, reference: Reference) -> list[_Pair]:
     )
     # By our own lengths: in metres aside a reference's noise is the same at any speed.
     longer_m = np.maximum(np.maximum(np.abs(ours[1:]), np.abs(ours[:-1])), _SHORT_M)
-    cause, effect = ((steps[1:] * np.conj(steps[:-1])).imag / longer_m for steps in (ours, theirs))
-    pair = _Pair(cause, effect)
+    seen = is_seen(t_s, reference.t_s, _BLOCK_S)
+    seen = seen[1:] & seen[:-1]
+    if np.count_nonzero(seen) < _LEAST_STEPS:
+        return []
+    cause, effect = (
+        ((steps[1:] * np.conj(steps[:-1])).imag / longer_m)[seen] for steps in (ours, theirs)
+    )
+    pair = _Pair(cause, effect, unsure=None)
     if pair.slope is None:
         return []
     left = (effect - np.median(effect)) - pair.slope * (cause - np.median(cause))

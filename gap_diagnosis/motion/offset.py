@@ -7,13 +7,17 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.motion.drift import BETTER, drift_of
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
+
+Mask = NDArray[np.bool_]
 
 SEARCH_S: Final = 0.5
 """No gyro is later, and few references that share a clock with the log are, or earlier:"""
@@ -24,6 +28,8 @@ _LONG: Final = 10
 """So many times as long."""
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
+_SMOOTHED_S: Final = 0.3
+"""Samples so near reach into what is smoothed."""
 _ALIKE: Final = 0.8
 """A gyro that shows the wheels' turns at all agrees with them so well at the right shift, and a
 reference along the right line."""
@@ -45,7 +51,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     if len(timely) < 20:
         return timely
     motion = estimate_motion(replace(recording, reference=None), robot)
-    grid = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
+    first_s = max(motion.t_s[0], reference.t_s[0])
+    grid = np.arange(first_s, min(motion.t_s[-1], reference.t_s[-1]), _STEP_S)
     if len(grid) < 100:
         return timely
     if reference.heading_rad is None:
@@ -56,15 +63,20 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     else:
         theirs = _smooth_steps(np.interp(grid, reference.t_s, reference.heading_rad))
         ours = [_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
+    seen = is_seen(grid, reference.t_s, _SMOOTHED_S)
+    if not seen.any():
+        return timely
+    # Where the reference sees nothing it is no more like the wheels one moment than another.
+    theirs = np.where(seen, theirs - theirs[seen].mean(), 0.0)
     drift = max((drift_of(one, theirs, SEARCH_S, _STEP_S) for one in ours), key=lambda it: it.alike)
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
     if len(grid) * _STEP_S > _LONG * _FAR_S:
-        far_s, alike = _likeliest(ours, theirs, _FAR_S)
+        far_s, alike = _likeliest(ours, theirs, _FAR_S, seen)
         if reference.heading_rad is not None or alike > _ALIKE:
             return timely + far_s
-    return timely + _likeliest(ours, theirs, SEARCH_S)[0]
+    return timely + _likeliest(ours, theirs, SEARCH_S, seen)[0]
 
 
 def turns_of(motion: Motion) -> list[Floats]:
@@ -84,14 +96,16 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
     if len(grid) < 100:
         return 0.0
     wheels, gyro = (_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion))
-    late_s, alike = _shift(wheels, gyro, SEARCH_S)
+    late_s, alike = _shift(wheels, gyro, SEARCH_S, np.ones(len(gyro), dtype=np.bool_))
     return late_s if alike > _ALIKE else 0.0
 
 
-def _likeliest(ours: Sequence[Floats], theirs: Floats, most_s: float) -> tuple[float, float]:
+def _likeliest(
+    ours: Sequence[Floats], theirs: Floats, most_s: float, seen: Mask
+) -> tuple[float, float]:
     """Return the shift by which *theirs* is most like one of *ours*, and how alike they are then;
     see `_shift`."""
-    return max((_shift(one, theirs, most_s) for one in ours), key=lambda shift: shift[1])
+    return max((_shift(one, theirs, most_s, seen) for one in ours), key=lambda shift: shift[1])
 
 
 def _smooth_steps(values: Floats) -> Floats:
@@ -99,13 +113,14 @@ def _smooth_steps(values: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(np.diff(values), 0.1 / _STEP_S))
 
 
-def _shift(ours: Floats, theirs: Floats, most_s: float) -> tuple[float, float]:
+def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[float, float]:
     """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours*, up to
-    *most_s* (0 where it is small or no better than none), and how alike they are then."""
+    *most_s* (0 where it is small or no better than none), and how alike they are then, where they
+    are *seen*."""
     if ours.std() < 1e-9 or theirs.std() < 1e-9:
         return 0.0, 0.0
     most = round(most_s / _STEP_S)
-    scores = _correlations(ours, theirs, most)
+    scores = _correlations(ours, theirs, most, seen)
     peak = int(np.argmax(scores))
     best = (peak - most + _between(scores, peak)) * _STEP_S
     # At an end of the search lies no peak: nothing told where one is.
@@ -113,19 +128,30 @@ def _shift(ours: Floats, theirs: Floats, most_s: float) -> tuple[float, float]:
     return best if abs(best) >= _WORTH_S and is_told else 0.0, float(scores[peak])
 
 
-def _correlations(ours: Floats, theirs: Floats, most: int) -> Floats:
+def _correlations(ours: Floats, theirs: Floats, most: int, seen: Mask) -> Floats:
     """Return how alike *ours* and *theirs* are, moved back by -*most* to *most* steps.
 
-    float64[2 most + 1]: correlations but for a sign, of what is inside at every shift.
+    float64[2 most + 1]: correlations but for a sign, of what is inside at every shift and *seen*.
     """
     edge = 2 * most + 1
-    inside = ours[edge:-edge] - ours[edge:-edge].mean()
-    around = (theirs - theirs.mean())[edge - most : len(theirs) - edge + most]
-    ends = np.cumsum(np.append(0.0, around)), np.cumsum(np.append(0.0, around**2))
-    sums, squares = (end[len(inside) :] - end[: -len(inside)] for end in ends)
-    power = np.maximum(squares - sums**2 / len(inside), np.finfo(np.float64).tiny)
-    together = np.correlate(around, inside, mode="valid")
-    return np.asarray(np.abs(together) / np.sqrt(power * float(inside @ inside)))
+    around = slice(edge - most, len(theirs) - edge + most)
+    weight = seen[around].astype(np.float64)
+    theirs = (theirs - theirs.mean())[around] * weight
+    ours = ours[edge:-edge] - ours[edge:-edge].mean()
+
+    def sums(of_theirs: Floats, of_ours: Floats) -> Floats:
+        return np.correlate(of_theirs, of_ours, mode="valid")
+
+    ones = np.ones(len(ours))
+    count = np.maximum(sums(weight, ones), 1.0)
+    first, second = sums(weight, ours), sums(theirs, ones)
+    shared = sums(theirs, ours) - first * second / count
+    powers = [
+        sums(weight, ours**2) - first**2 / count,
+        sums(theirs**2, ones) - second**2 / count,
+    ]
+    power = np.maximum(powers[0] * powers[1], np.finfo(np.float64).tiny)
+    return np.asarray(np.abs(shared) / np.sqrt(power))
 
 
 def _between(scores: Floats, peak: int) -> float:

@@ -1,0 +1,74 @@
+"""A reference that comes late, ends early or loses the robot says nothing of it meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.motion.gross import looks_gross
+from gap_diagnosis.motion.offset import coarse_delay_s
+from gap_diagnosis.motion.seen import is_seen
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.scenarios import scenario
+
+LATE_S = 0.3
+NEAR_S = 0.1
+"""Only a start: where no heading tells, speeds do so roughly."""
+SEEN = {
+    "but for a while": (0.0, 20.0, 40.0, 60.0),
+    "at first": (0.0, 30.0),
+    "at last": (30.0, 60.0),
+}
+"""From and to [s], one or two windows."""
+
+
+def seen_in(name: str, window: str, *, has_heading: bool) -> Recording:
+    """Return a drive of a minute of a healthy robot, seen in some windows only."""
+    drive = replace(scenario(name), effects=())
+    whole = synthetic_recording(
+        ROBOT, WIRE, drive, (), 1, reference=ReferenceNoise(), duration_s=60.0
+    )
+    assert whole.reference is not None
+    ends = np.array(SEEN[window])
+    reference = whole.reference.only(np.searchsorted(ends, whole.reference.t_s, "right") % 2 == 1)
+    heading_rad = reference.heading_rad if has_heading else None
+    return replace(whole, reference=replace(reference, heading_rad=heading_rad))
+
+
+def test_it_sees_nothing_before_its_first_stamp_after_its_last_or_in_a_hole() -> None:
+    stamps_s = np.concatenate([np.arange(10.0, 20.0, 0.1), np.arange(30.0, 40.0, 0.1)])
+    ends_s = np.arange(0.0, 50.0)
+    seen = ends_s[:-1][is_seen(ends_s, stamps_s, 0.5)]
+    # 0.5 s beside each end is what averages reach into.
+    np.testing.assert_array_equal(seen, [*range(11, 19), *range(31, 39)])
+
+
+def test_a_reference_that_measures_seldom_sees_all_the_way() -> None:
+    assert is_seen(np.arange(5.0, 50.0), np.arange(0.0, 60.0, 1.0), 0.5).all()
+
+
+@pytest.mark.parametrize("window", SEEN)
+@pytest.mark.parametrize("has_heading", [True, False])
+@pytest.mark.parametrize("name", ["figure8", "square"])
+def test_a_healthy_robot_seen_for_a_part_of_its_way_is_neither_gross_nor_late(
+    name: str, window: str, has_heading: bool
+) -> None:
+    """What was put where nothing was seen, a straight line or the last pose, made ways and turns
+    differ by any factor, and a reference late by 0.24 s of which a slip and an arm made up for half
+    (0.89)."""
+    recording = seen_in(name, window, has_heading=has_heading)
+    assert not looks_gross(recording, ROBOT)
+    np.testing.assert_allclose(coarse_delay_s(recording, ROBOT), 0.0, atol=NEAR_S)
+
+
+@pytest.mark.parametrize("window", SEEN)
+def test_how_late_it_is_is_told_by_what_it_sees(window: str) -> None:
+    recording = seen_in("figure8", window, has_heading=True)
+    assert recording.reference is not None
+    stamps = recording.reference.t_s + LATE_S
+    late = replace(recording, reference=replace(recording.reference, t_s=stamps))
+    np.testing.assert_allclose(coarse_delay_s(late, ROBOT), LATE_S, atol=0.02)
