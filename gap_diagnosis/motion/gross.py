@@ -45,7 +45,7 @@ the energy, half is left of it, and beyond that it is not asked for."""
 
 
 _TOLD: Final = 3.0
-"""Standard deviations from none at which a correlation is told, and a ratio by it."""
+"""Standard deviations from none, or from what is usual, at which a ratio is told."""
 
 
 def looks_gross(recording: Recording, robot: Robot) -> bool:
@@ -79,12 +79,14 @@ class _Pair:
         cause, effect: float64[n].
         unsure: how much of the sum of the cause's squares is noise, at most; None: not known.
         wheels: float64[2, n], what either wheel adds to the cause, where it is the wheels' turn.
+        is_length: noise makes the effect longer, never shorter.
     """
 
     cause: Floats
     effect: Floats
     unsure: float | None = 0.0
     wheels: Floats | None = None
+    is_length: bool = False
 
     @property
     def slope(self) -> float | None:
@@ -107,6 +109,8 @@ class _Pair:
         slope = self.slope
         if slope is None:
             return False
+        if self.is_length:
+            return self._is_length_gross(slope)
         if self.unsure is not None:
             without_noise = slope / (1.0 - self.unsure / _power(self.cause))
         elif self.correlation**2 * len(self.cause) < _TOLD**2:
@@ -114,6 +118,14 @@ class _Pair:
         else:
             without_noise = slope / self.correlation**2
         return max(slope, without_noise) < _LOW or min(slope, without_noise) > _HIGH
+
+    def _is_length_gross(self, slope: float) -> bool:
+        """Fixes that are off by more than a robot goes between them leave no slope, but their steps
+        are no shorter than the robot's."""
+        at_most = math.sqrt(float(self.effect @ self.effect) / float(self.cause @ self.cause))
+        left = _power(self.effect) - slope**2 * _power(self.cause)
+        sd = math.sqrt(max(left, 0.0) / (len(self.cause) - 2) / _power(self.cause))
+        return at_most < _LOW or slope - _TOLD * sd > _HIGH
 
     @property
     def correlation(self) -> float:
@@ -180,7 +192,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
             np.diff(_averaged(t_s, reference.t_s, reference.x_m)),
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
-        pairs.append(_Pair(np.abs(forward[seen]), moved[seen]))
+        pairs.append(_Pair(np.abs(forward[seen]), moved[seen], is_length=True))
         if reference.heading_rad is None:
             pairs += _bends(motion, reference)
     return [one for one in pairs if one.is_clear]
