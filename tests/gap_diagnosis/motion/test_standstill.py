@@ -7,13 +7,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, model_of, nothing_of
 
 from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.standstill import standstills
 from gap_diagnosis.facts import notes_on
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.standstill import find_standstills
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -112,7 +113,8 @@ def test_an_encoder_that_died_is_an_unlisted_cause_where_no_list_has_it() -> Non
 
 def test_counts_may_stand_from_the_first_row_on() -> None:
     """The row before it was the log's last."""
-    stood = analysed(standing((0.0, 0.08), (0.4, 0.48))).standstills
+    model = model_of(standing((0.0, 0.08), (0.4, 0.48)))
+    stood = find_standstills(model, nothing_of(model))
     assert stood is not None
     first, second = stood.windows
     assert first == pytest.approx((0.0, 0.08 * LASTS_S), abs=2 * TICK_S)
