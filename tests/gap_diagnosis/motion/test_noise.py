@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, nothing_of
+from motion_cases import ROBOT, WIRE, model_of, nothing_of
 
 from gap_diagnosis.hypothesis import Fit
 from gap_diagnosis.motion.block import MotionBlock
@@ -102,7 +102,7 @@ def test_beside_each_effect_that_explains_the_same_a_noise_gains_nothing() -> No
     log = synthetic_recording(
         ROBOT, WIRE, scenario("figure8"), (setting,), 5, reference=ReferenceNoise(), duration_s=40.0
     )
-    block = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    block = MotionBlock(model_of(log, "gyro_bias", "adc_inl"))
     walk = frozenset({"gyro_bias_walk"})
     assert block.fit(walk).log_evidence > 10
     for same in (frozenset({"gyro_bias"}), frozenset({"adc_inl"})):
@@ -131,7 +131,7 @@ def test_what_a_long_lag_leaves_for_want_of_exactness_is_no_walk_of_the_bias() -
     log = synthetic_recording(
         ROBOT, WIRE, scenario("square"), (lag,), 5, reference=ReferenceNoise()
     )
-    block = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    block = MotionBlock(model_of(log, "gyro_lag"))
     alone = block.fit(frozenset({"gyro_lag"})).log_evidence
     assert alone > 500
     for noise in ("gyro_bias_walk", "gyro_noise"):
@@ -147,7 +147,7 @@ def test_beside_a_large_effect_a_noise_too_loud_to_be_its_leftover_is_told() -> 
     log = synthetic_recording(
         ROBOT, WIRE, scenario("calibration"), (scale, noise), 5, reference=ReferenceNoise()
     )
-    block = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    block = MotionBlock(model_of(log, "wheelbase_scale"))
     alone = block.fit(frozenset({"wheelbase_scale"})).log_evidence
     assert alone > 300
     assert block.fit(frozenset({"wheelbase_scale", "gyro_noise"})).log_evidence > alone + 5

@@ -51,7 +51,9 @@ FEW = frozenset(EXPLAINED) - {
 
 @cache
 def skidding() -> Recording:
-    return synthetic_recording(ROBOT, WIRE, scenario("calibration"), (SKIDS, TRAILS), 1)
+    return synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (SKIDS, TRAILS), 1, duration_s=60.0
+    )
 
 
 def block_of(log: Recording) -> MotionBlock:
@@ -98,7 +100,7 @@ def test_a_gross_log_scatters_as_any_other_does() -> None:
 
 def test_a_gyro_in_a_wrong_unit_is_that_all_the_same() -> None:
     """Wheels twice as far apart would explain it as well; none are to a thousandth."""
-    healthy = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3)
+    healthy = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 3, duration_s=60.0)
     assert healthy.gyro_rate_rad_s is not None
     log = replace(healthy, gyro_rate_rad_s=0.5 * healthy.gyro_rate_rad_s, gyro_code=None)
     motion = block_of(log)
