@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from hil_harness.robot import Robot
 from hil_harness.scenarios import scenario
 
 Floats = NDArray[np.float64]
+Case = TypeVar("Case")
 
 ROBOT = load_robot()
 WIRE = load_wire()
@@ -41,6 +43,11 @@ SLIP_AND_BASE = (
     EffectSetting("lateral_slip", (("compliance", 0.02),)),
     EffectSetting("wheelbase_scale", (("scale", 0.01),)),
 )
+
+
+def some_of(size: str, cases: Sequence[Case], count: int = 1) -> Sequence[Case]:
+    """Return the first *count* cases of one and the same claim; at the full size all."""
+    return cases if size == "full" else cases[:count]
 
 
 def without_noise(robot: Robot) -> Robot:
