@@ -41,7 +41,7 @@ SHORT_S = 30.0
 @pytest.fixture(scope="module")
 def scores(size: str) -> list[float]:
     """Return error over standard deviation of every parameter."""
-    rounds = 3 if size == "small" else 40
+    rounds = 2 if size == "small" else 40
     found = []
     for name in EFFECTS:
         for number in range(rounds):

@@ -192,8 +192,8 @@ THREE = (
 )
 
 
-def with_others(effects: tuple[EffectSetting, ...]) -> Recording:
-    """Return a log of these effects."""
+def with_others(effects: tuple[EffectSetting, ...], lasts_s: float | None = None) -> Recording:
+    """Return a log of these effects, so long or as long as the drive."""
     return synthetic_recording(
         ROBOT,
         WIRE,
@@ -202,6 +202,7 @@ def with_others(effects: tuple[EffectSetting, ...]) -> Recording:
         2,
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=5e-4,
+        duration_s=lasts_s,
     )
 
 
@@ -226,7 +227,7 @@ def test_several_effects_are_told_beside_a_dead_encoder_with_their_sizes() -> No
 def test_where_the_gyro_is_silent_too_a_dead_encoder_is_no_slip() -> None:
     """Frames of 0.8 s are lost: a gyro filled in by wheels of which one stands tells half of the
     turn, and its wheel had slipped (172 nats)."""
-    log = with_others((DEAD,))
+    log = with_others((DEAD,), 30.0)
     lost = (log.t_s > 20.0) & (log.t_s < 20.8)
     assert log.gyro_code is not None
     assert log.gyro_rate_rad_s is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -91,6 +92,7 @@ def test_a_play_of_many_counts_is_found_from_a_fifth_of_it() -> None:
     more than half as far again: it must not end while it climbs."""
     width = 0.3
     world = draw_world("backlash", np.random.default_rng(7))
+    world = replace(world, scenario=replace(world.scenario, duration_s=30.0))
     log = world.recording("backlash", {"side": "left", "width": width})
     block = MotionBlock(model_of(world, log, "backlash"))
     told = block.detail(frozenset({"backlash"})).parameters["backlash.width"]

@@ -109,7 +109,6 @@ def test_a_camera_that_is_pushed_is_no_pushed_robot() -> None:
 RIVALS = frozenset(
     {
         "gyro_bias",
-        "gyro_scale",
         "gyro_temperature_bias",
         "gyro_vibration",
         "one_sided_slip",
