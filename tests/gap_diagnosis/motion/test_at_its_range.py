@@ -21,8 +21,10 @@ from hil_harness.scenarios import scenario
 SCRUB = -0.75
 RIVALS = frozenset(
     {
+        "gyro_nonlinearity",
         "gyro_saturation",
         "gyro_scale",
+        "radius_scale",
         "turn_scrub",
         "wheelbase_scale",
     }
