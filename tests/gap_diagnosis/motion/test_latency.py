@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motion_cases import model_of
 from scipy.signal import lfilter
 
 from gap_diagnosis.explanations.registry import EXPLAINED
@@ -46,7 +47,8 @@ def table_with_a_late_gyro(ticks: int = LATE_TICKS) -> Recording:
 
 @pytest.fixture(scope="module")
 def block() -> MotionBlock:
-    return MotionBlock(MotionModel(table_with_a_late_gyro(), load_robot(), default_prior()))
+    listed = ("frame_latency", "gyro_lag", "reference_clock_skew", "reference_time_offset")
+    return MotionBlock(model_of(table_with_a_late_gyro(), *listed))
 
 
 def test_within_its_row_a_gyro_is_not_late(block):
@@ -234,7 +236,7 @@ def test_a_late_gyro_is_not_put_back_by_a_lag_below_zero():
 def test_what_looks_like_an_effect_of_the_best_set_is_fitted_in_its_place():
     """Along chords to their usual sizes a late gyro lacked 38 nats beside a slow one, and fitted it
     was the likelier by 6."""
-    scan = Scan(MotionModel(slow_turns(trailing, 9000), load_robot(), default_prior()))
+    scan = Scan(model_of(slow_turns(trailing, 9000), "frame_latency", "gyro_bias", "gyro_lag"))
     best = max(scan.found.values(), key=lambda one: one.log_evidence)
     assert "gyro_lag" in best.effects
     alike = scan.found[best.effects - {"gyro_lag"} | {"frame_latency"}]

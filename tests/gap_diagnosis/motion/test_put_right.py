@@ -222,9 +222,19 @@ def test_a_healthy_log_is_in_order_however_its_reference_trembles(
 
 def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:
     noise = ReferenceNoise(heading_rad=0.02)
-    log = synthetic_recording(ROBOT, WIRE, scenario("straight"), (), 2, reference=noise)
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("straight"), (), 2, reference=noise, duration_s=30.0
+    )
     large = replace(log, left_ticks=10.0 * log.left_ticks, right_ticks=10.0 * log.right_ticks)
-    block = block_of(large)
+    block = MotionBlock(
+        MotionModel(
+            large,
+            ROBOT,
+            default_prior(),
+            gross=True,
+            without=frozenset(EXPLAINED) - {"radius_scale", "setup_unit"},
+        )
+    )
     assert block.fit(frozenset({"setup_unit"})).log_evidence > LEAST_GAIN
 
 

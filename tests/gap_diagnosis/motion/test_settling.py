@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, model_of
 
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.model import MotionModel
@@ -29,8 +29,12 @@ GYRO = (
 )
 
 
+RIVALS = ("gyro_lag", "lateral_slip", "radius_scale", "turn_scrub")
+"""What is sought beside them."""
+
+
 def drive_with(*effects: EffectSetting) -> MotionModel:
-    """Return the log of a drive of 40 s."""
+    """Return the log of a drive of 40 s, by a library of what is in it and of a few rivals."""
     recording = synthetic_recording(
         ROBOT,
         WIRE,
@@ -40,7 +44,7 @@ def drive_with(*effects: EffectSetting) -> MotionModel:
         reference=ReferenceNoise(),
         duration_s=40.0,
     )
-    return MotionModel(recording, ROBOT, default_prior())
+    return model_of(recording, *(one.effect for one in effects), *RIVALS)
 
 
 def test_no_part_is_fitted_twice_from_where_the_same_fit_ended(
