@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -106,14 +107,23 @@ def likelihoods(names: Sequence[str], sizes: Floats) -> tuple[Floats, Floats]:
         settings = [(t.variant, (float(one),)) for t, one in zip(terms, some, strict=True)]
         return residuals(nodes, predict(nodes.smooth, settings))
 
-    def likelihood(left: Floats) -> float:
-        columns = np.concatenate([left[..., np.newaxis], known], axis=-1)
-        white = whiten(np.ascontiguousarray(columns), course, fit.levels, nodes.ticks)
-        return gram_of(*white, nuisances, fit.levels).log_nothing
+    def likelihoods_of(left: Sequence[Floats]) -> list[float]:
+        """Return one for each; what is whitened together shares the filter's gains."""
+        columns = np.concatenate([np.stack(left, axis=-1), known], axis=-1)
+        white, log_variance = whiten(np.ascontiguousarray(columns), course, fit.levels, nodes.ticks)
+        free = white[:, len(left) :]
+        return [
+            gram_of(np.column_stack([own, free]), log_variance, nuisances, fit.levels).log_nothing
+            for own in white[:, : len(left)].T
+        ]
 
     about = values[..., 0] - lines @ best - changes(best)
-    bent = [likelihood(about + changes(one)) for one in sizes]
-    return np.array(bent), np.array([likelihood(values[..., 0] - lines @ one) for one in sizes])
+    bent: list[float] = []
+    straight: list[float] = []
+    for some in np.array_split(sizes, math.ceil(len(sizes) / 64)):
+        bent += likelihoods_of([about + changes(one) for one in some])
+        straight += likelihoods_of([values[..., 0] - lines @ one for one in some])
+    return np.array(bent), np.array(straight)
 
 
 def by_brute_force(names: Sequence[str], points: int) -> float:

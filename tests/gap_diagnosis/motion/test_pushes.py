@@ -9,13 +9,12 @@ import pytest
 from motion_cases import ROBOT, WIRE, model_of
 
 from gap_diagnosis.diagnose import diagnose_recordings
-from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.pushes import Pushes, _Log, find_pushes
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import EffectSetting
+from hil_harness.effects import EffectSetting, catalogue
 from hil_harness.robot import Robot
 from hil_harness.scenarios import scenario
 
@@ -122,8 +121,9 @@ RIVALS = frozenset(
 
 def test_a_pushed_robot_is_told_when_and_how_far() -> None:
     """A push of 500 nats was no gap, or rough contact, or a gyro that drifts."""
-    others = frozenset(EXPLAINED) - RIVALS
-    found = diagnose_recordings([driven(4, PUSH)], ROBOT, WIRE, without=others).diagnosis
+    others = frozenset(catalogue()) - RIVALS
+    log = replace(driven(4, PUSH, duration_s=40.0), v_command_m_s=None, w_command_rad_s=None)
+    found = diagnose_recordings([log], ROBOT, WIRE, without=others).diagnosis
     assert (found.verdict, found.stage) == ("unknown", "wheel")
     (note,) = [one for one in found.notes if "no wheel turns with it" in one]
     assert "at 23.4" in note

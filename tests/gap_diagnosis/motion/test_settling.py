@@ -29,7 +29,7 @@ GYRO = (
 )
 
 
-RIVALS = ("gyro_lag", "lateral_slip", "radius_scale", "turn_scrub")
+RIVALS = ("radius_scale", "turn_scrub")
 """What is sought beside them."""
 
 

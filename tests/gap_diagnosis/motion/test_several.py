@@ -41,7 +41,13 @@ NO_NEWS = 6.0
 def test_five_constants_that_are_off_are_five_effects_of_the_right_sizes() -> None:
     settings = tuple(EffectSetting(effect, (size,)) for effect, size in WRONG.items())
     log = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), settings, 5, reference=ReferenceNoise(), duration_s=60.0
+        ROBOT,
+        WIRE,
+        scenario("calibration"),
+        settings,
+        5,
+        reference=ReferenceNoise(),
+        duration_s=60.0,
     )
     found = Scan(model_of(log, *WRONG, *RIVALS)).found
     told = found[frozenset(WRONG)]
