@@ -85,6 +85,19 @@ def nothing_of(model: MotionModel, levels: Floats | None = None) -> Found:
     return Found(frozenset(), (), evidence, evidence, levels)
 
 
+def moved_only(log: Recording) -> Recording:
+    """Return a log without what the robot was told and what it said of itself: what the drive and
+    the firmware leave over takes as long as a search, and is not asked for."""
+    return replace(
+        log,
+        v_command_m_s=None,
+        w_command_rad_s=None,
+        odometry_x_m=None,
+        odometry_y_m=None,
+        odometry_heading_rad=None,
+    )
+
+
 def misfit(
     recording: Recording,
     explain: Callable[[Motion], Sequence[Setting]] = lambda motion: (),

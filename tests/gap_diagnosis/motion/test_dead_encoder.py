@@ -177,7 +177,7 @@ def test_what_is_wrong_with_the_gyro_besides_is_said_beside_a_dead_encoder(
         2,
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=5e-4,
-        duration_s=50.0,
+        duration_s=40.0,
     )
     others = frozenset(EXPLAINED) - RIVALS - {"gyro_bias", "extra_ticks"}
     scan = Scan(MotionModel(log, ROBOT, default_prior(), without=others))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from motion_cases import ROBOT, WIRE, Floats
+from motion_cases import ROBOT, WIRE, Floats, moved_only
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
@@ -61,9 +61,8 @@ def wandering(random: np.random.Generator, like: Floats) -> Floats:
 def test_a_track_that_each_turn_makes_wider_by_another_share_is_told_alone() -> None:
     """A slip on one side was told beside it (> 0.99)."""
     log = scrubbing("figure8", 0.03, 0.4, seed=1)
-    log = replace(log, v_command_m_s=None, w_command_rad_s=None)
     others = frozenset(catalogue()) - SOUGHT
-    found = diagnose_recordings([log], ROBOT, WIRE, without=others).diagnosis
+    found = diagnose_recordings([moved_only(log)], ROBOT, WIRE, without=others).diagnosis
     assert found.verdict == "wheelbase_scale"
     (told,) = found.which[0].parameters.values()
     assert isinstance(told, NumberEstimate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, WIRE, moved_only
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
@@ -64,9 +64,8 @@ def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when() -> 
     a name (> 0.99)."""
     start_s, stop_s = 18.9, 23.4
     log, slipped = slipping_loosely("figure8", start_s, stop_s, 0.3, 0.1, seed=2)
-    log = replace(log, v_command_m_s=None, w_command_rad_s=None)
     others = frozenset(catalogue()) - SOUGHT
-    found = diagnose_recordings([log], ROBOT, WIRE, without=others).diagnosis
+    found = diagnose_recordings([moved_only(log)], ROBOT, WIRE, without=others).diagnosis
     assert found.verdict == "one_sided_slip"
     told = {key.split(".")[1]: one for key, one in found.which[0].parameters.items()}
     assert told["side"].estimate == "left"

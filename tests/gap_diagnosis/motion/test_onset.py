@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, model_of, nodes_of
+from motion_cases import ROBOT, WIRE, model_of, moved_only, nodes_of
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.explanations import EXPLAINED, predict
@@ -105,9 +105,8 @@ def test_no_wheel_is_of_another_size_for_a_while_and_then_as_before() -> None:
     recording = synthetic_recording(
         ROBOT, WIRE, STILL, (slip,), 11, reference=ReferenceNoise(), duration_s=50.0
     )
-    recording = replace(recording, v_command_m_s=None, w_command_rad_s=None)
     others = frozenset(catalogue()) - {*RIVALS}
-    found = diagnose_recordings([recording], ROBOT, WIRE, without=others)
+    found = diagnose_recordings([moved_only(recording)], ROBOT, WIRE, without=others)
     best = found.diagnosis.which[0]
     assert best.effects == ("unknown",)
     assert best.probability > 0.9

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motion_cases import EXACT, ROBOT, WIRE
+from motion_cases import EXACT, ROBOT, WIRE, moved_only
 
 from gap_diagnosis.analysis import analyse
 from gap_diagnosis.bus import bus_block
@@ -139,7 +139,7 @@ def test_a_mistake_that_leaves_the_log_as_gross_as_it_was_is_not_named():
 def test_an_effect_that_leaves_a_contact_of_no_floor_accounts_for_nothing():
     """Counts in a wrong unit, without that name: a wheel that slips its whole way was told (8,177
     nats, 0.89). What it explains, something does that is not listed."""
-    log = wrong("left_ticks", 256.0)
+    log = moved_only(wrong("left_ticks", 256.0))
     few = {"gyro_scale", "one_sided_slip", "setup_sign", "setup_wheels_swapped"}
     others = frozenset(EXPLAINED) - few
     found = analyse(log, ROBOT, WIRE, default_prior(), without=others)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, model_of, some_of
+from motion_cases import ROBOT, WIRE, model_of, moved_only, some_of
 
 from gap_diagnosis.analysis import _for_a_while as for_a_while
 from gap_diagnosis.analysis import analyse
@@ -117,7 +117,7 @@ def test_a_finer_grid_about_the_likeliest_window_is_worth_a_finer_grid_everywher
 
 
 def test_it_is_likelier_than_listed_effects_together() -> None:
-    log = drive(slip(21.0, 38.0), lasts_s=60.0)
+    log = moved_only(drive(slip(21.0, 38.0), lasts_s=60.0))
     analysis = analyse(log, ROBOT, WIRE, default_prior(), without=FEW)
     assert analysis.motion is not None
     assert analysis.unknown["wheel"] > analysis.motion.explained + 20
@@ -178,7 +178,7 @@ def test_a_stage_that_shows_at_some_levels_of_noise_only_is_told_of_by_those(
 def test_no_note_tells_what_is_not_believed() -> None:
     """A healthy robot without a gyro went aside by 101 % of its way for two seconds."""
     log = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 1, reference=ReferenceNoise())
-    blind = replace(log, gyro_code=None, gyro_rate_rad_s=None)
+    blind = replace(moved_only(log), gyro_code=None, gyro_rate_rad_s=None)
     analysis = analyse(blind, ROBOT, WIRE, default_prior(), without=FEW)
     assert "and not" not in " ".join(notes_on([analysis], (), unlisted_in="wheel"))
 
