@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, nodes_of, without_noise
+from motion_cases import ROBOT, WIRE, model_of, nodes_of, without_noise
 
 from gap_diagnosis.explanations.gyro import adc_stuck_bit, chance_of_bit
 from gap_diagnosis.motion.block import MotionBlock
@@ -40,13 +40,9 @@ def test_what_a_gyro_may_be_off_by_is_no_companion_of_a_stuck_bit(value: int) ->
         effects,
         5,
         reference=ReferenceNoise(),
-        duration_s=40.0,
+        duration_s=30.0,
     )
-    model = MotionModel(log, ROBOT, default_prior())
-    own = COMPANIONS | {"adc_stuck_bit"}
-    some = tuple(one for one in model.columns.terms if one.variant.effect in own)
-    model.columns = replace(model.columns, terms=some)
-    block = MotionBlock(model)
+    block = MotionBlock(model_of(log, "adc_stuck_bit", *COMPANIONS))
     alone = block.fit(frozenset({"adc_stuck_bit"})).log_evidence
     for effect in sorted(COMPANIONS):
         both = block.fit(frozenset({"adc_stuck_bit", effect})).log_evidence

@@ -74,7 +74,7 @@ def test_a_late_gyro_is_late_by_the_wobble_of_a_wheel_that_is_not_round() -> Non
         EffectSetting(LAG, (("time_constant", 0.003),)),
     )
     log = synthetic_recording(
-        ROBOT, WIRE, scenario("calibration"), both, 3, reference=EXACT, duration_s=40.0
+        ROBOT, WIRE, scenario("calibration"), both, 3, reference=EXACT, duration_s=60.0
     )
     others = frozenset(EXPLAINED) - {"encoder_eccentricity", "wheel_eccentricity", LAG}
     scan = Scan(MotionModel(log, ROBOT, default_prior(), without=others))

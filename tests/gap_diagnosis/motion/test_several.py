@@ -98,8 +98,14 @@ def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> N
         reference=ReferenceNoise(),
         duration_s=50.0,
     )
-    company = ("frame_latency", "longitudinal_slip", "radius_mismatch", "turn_scrub")
-    found = Scan(model_of(log, *wrong, *company)).found
+    company = (
+        "frame_latency",
+        "grade_slip",
+        "longitudinal_slip",
+        "one_sided_slip",
+        "radius_mismatch",
+    )
+    found = Scan(model_of(log, *wrong, *RIVALS, *company)).found
     told = found[frozenset(wrong)]
     assert max(one.log_evidence for one in found.values()) < told.log_evidence + NO_NEWS
 
