@@ -103,7 +103,7 @@ def test_no_wheel_is_of_another_size_for_a_while_and_then_as_before() -> None:
     window = (("start_s", 20.0), ("stop_s", 28.0))
     slip = EffectSetting("one_sided_slip", (("side", "left"), ("ratio", 0.02), *window))
     recording = synthetic_recording(
-        ROBOT, WIRE, STILL, (slip,), 11, reference=ReferenceNoise(), duration_s=50.0
+        ROBOT, WIRE, STILL, (slip,), 11, reference=ReferenceNoise(), duration_s=40.0
     )
     others = frozenset(catalogue()) - {*RIVALS}
     found = diagnose_recordings([moved_only(recording)], ROBOT, WIRE, without=others)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,19 @@ def without_slip(log: Recording) -> MotionModel:
     return model_of(log, *LISTED)
 
 
+@cache
+def of_a_slip(start_s: float, stop_s: float, ratio: float = 0.02) -> MotionModel:
+    """Return the log of a slip without its name; made once."""
+    return without_slip(drive(slip(start_s, stop_s, ratio)))
+
+
 def with_slip(log: Recording) -> MotionModel:
     return model_of(log, *LISTED, *SLIP)
 
 
 def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
     """A slip of 20 s was missed ticks, a load and a wider track, > 0.999."""
-    model = without_slip(drive(slip(21.0, 38.0)))
+    model = of_a_slip(21.0, 38.0)
     found = spells(model, model.no_effect_levels, lay_out_ways(model))
     ((start_s, stop_s),) = found["wheel"].cause.windows
     assert (start_s, stop_s) == pytest.approx((21.0, 38.0), abs=0.3)
@@ -86,7 +93,7 @@ def test_a_slip_without_its_name_is_one_wheel_for_a_while() -> None:
 def test_a_strong_one_is_weighed_in_the_window_in_which_it_acts() -> None:
     """On a grid of 24 parts, a slip of 4 % lacked 700 nats of what its window explains, and counts
     lost at some speed for a while were .99."""
-    model = without_slip(drive(slip(21.8, 28.5, 0.04)))
+    model = of_a_slip(21.8, 28.5, 0.04)
     levels = model.no_effect_levels
     found = spells(model, levels, lay_out_ways(model))["wheel"].cause
     assert found.windows[0] == pytest.approx((21.8, 28.5), abs=0.05)
@@ -101,7 +108,7 @@ def test_a_finer_grid_about_the_likeliest_window_is_worth_a_finer_grid_everywher
     monkeypatch: pytest.MonkeyPatch, start_s: float, stop_s: float, ratio: float
 ) -> None:
     """So is what so little of it explains that it is no gap: with that a healthy robot competes."""
-    model = without_slip(drive(slip(start_s, stop_s, ratio)))
+    model = of_a_slip(start_s, stop_s, ratio)
     levels = model.no_effect_levels
     monkeypatch.setattr(module, "_STRONG", 0.0)
     monkeypatch.setattr(module, "_TIMES", 1)
@@ -208,7 +215,7 @@ def test_a_windows_evidence_is_that_of_one_column_which_acts_in_it(
 ) -> None:
     """Equal to the digits, though no window has a column of its own."""
     monkeypatch.setattr(module, "_TIMES", 0)
-    model = without_slip(drive(slip(21.0, 38.0)))
+    model = of_a_slip(21.0, 38.0)
     levels, laid = model.no_effect_levels, lay_out_ways(model)
     first, last = 5, 13
     for place, way in enumerate(laid.ways):
