@@ -142,6 +142,7 @@ def test_what_a_fit_explains_and_straight_lines_do_not_is_no_push() -> None:
         [EffectSetting("missed_ticks", lost)],
         5,
         reference=ReferenceNoise(),
+        duration_s=40.0,
     )
     model = model_of(log, "missed_ticks")
     scan = Scan(model)
