@@ -25,6 +25,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from forked import folder_of_chiplog
+
 ROOT = Path(__file__).parent.parent
 LANGUAGES = ("console", "console hardware", "python", "toml", "c", "sh", "yaml", "text", "")
 _FENCE = re.compile(r"^```(.*)$")
@@ -139,14 +141,17 @@ def _squeezed(line: str) -> str:
 class Session:
     """The folder and shell in which one page runs."""
 
-    def __init__(self, folder: Path) -> None:
-        """Start in *folder*, with this Python's commands first on the path."""
+    def __init__(self, folder: Path, *, forks: bool = True) -> None:
+        """Start in *folder*, with a forked `chiplog` first on the path, or this Python's."""
+        programs = [Path(sys.executable).parent, os.environ["PATH"]]
+        if forks:
+            programs.insert(0, folder_of_chiplog())
         self.start = folder
         self.folder = folder
         self.status = 0
         self.environment = {
             **os.environ,
-            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "PATH": os.pathsep.join(map(str, programs)),
             "COLUMNS": "100",
             "NO_COLOR": "1",
             "PYTHONDONTWRITEBYTECODE": "1",
@@ -178,9 +183,12 @@ class Session:
         return done.returncode, done.stdout
 
 
-def run_page(page: Path, folder: Path) -> None:
-    """Execute every block of *page* in *folder*; raises PageError at the first that is not so."""
-    session = Session(folder)
+def run_page(page: Path, folder: Path, *, forks: bool = True) -> None:
+    """Execute every block of *page* in *folder*; raises PageError at the first that is not so.
+
+    Each `chiplog` is a process of its own, and begun anew unless it *forks*.
+    """
+    session = Session(folder, forks=forks)
     blocks = blocks_of(page)
     for number, block in enumerate(blocks):
         if block.language == "console":
