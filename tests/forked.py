@@ -93,7 +93,7 @@ def serve(address: str) -> int:
         listener.bind(address)
         listener.listen()
         os.write(1, b"ready\n")
-        while listener in select.select([listener, 0], [], [])[0]:
+        while listener.fileno() in select.select([listener.fileno(), 0], [], [])[0]:
             asked, _ = listener.accept()
             with asked:
                 if os.fork() == 0:
