@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -17,6 +18,7 @@ import pytest
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.trials import drives
 from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
@@ -36,6 +38,8 @@ COUNTS = Counts(
     2, nulls=1, pairs=0, strata=("limit",), factor=(8.0, 10.0), effects=("gyro_scale",), new_share=0
 )
 SECRET = Secret(bytes(range(16)))
+PLAN = [replace(one, drive=drives.SHORT) for one in planned(COUNTS, SECRET.generator("plan"))]
+"""What is drawn of it, in a hurry."""
 
 SILENT = """
 from __future__ import annotations
@@ -72,7 +76,7 @@ def diagnose(log, robot, reference, without):
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trials") / "trial"
-    make_trial(COUNTS, folder, folder.with_name("trial.key"), SECRET)
+    make_trial(COUNTS, folder, folder.with_name("trial.key"), SECRET, plan=PLAN)
     return folder
 
 
@@ -114,8 +118,9 @@ def test_a_trial_that_is_still_being_made_is_not_diagnosed(trial: Path, tmp_path
 def test_the_same_secret_makes_the_same_trial_in_however_many_processes(
     trial: Path, tmp_path: Path
 ) -> None:
-    make_trial(COUNTS, tmp_path / "again", tmp_path / "again.key", SECRET, jobs=2)
-    again = unseal(tmp_path / "again", tmp_path / "again.key")
+    key = tmp_path / "again.key"
+    make_trial(COUNTS, tmp_path / "again", key, SECRET, plan=PLAN, jobs=2)
+    again = unseal(tmp_path / "again", key)
     assert again == unseal(trial, trial.with_name("trial.key"))
     for path in sorted((trial / CASES).rglob("*")):
         if path.is_file():
@@ -159,7 +164,7 @@ def test_a_trial_is_made_only_where_nothing_is(trial: Path) -> None:
 
 def test_a_killed_run_goes_on_where_it_was_and_silence_misses_everything(trial: Path) -> None:
     silent = method(trial, "silent", SILENT)
-    ran = run_trial(trial, jobs=2, method=silent)
+    ran = run_trial(trial, jobs=1, method=silent)
     assert (ran.done, ran.before) == (2, 0)
     (ran.results / "0002.json").unlink()
     ran = run_trial(trial, jobs=1, method=silent)
