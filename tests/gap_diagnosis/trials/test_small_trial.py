@@ -110,23 +110,30 @@ def hits(kind: str, scored: Sequence[Judged]) -> list[bool]:
     return [score[kind](one) for one in own]
 
 
+def diagnosed_anew(size: str) -> int:
+    """Return of how many cases of a kind a spoilt method makes diagnoses of its own."""
+    return 3 if size == "full" else 2
+
+
 def test_the_present_method_passes(trial: Trial) -> None:
     scored = judged(trial.cases, [told(one) for one in trial.found])
     for kind in KINDS:
         assert any(hits(kind, scored)), [(one.case.name, one.verdict) for one in scored]
 
 
-def test_a_method_that_takes_noise_to_be_white_fails(trial: Trial) -> None:
+def test_a_method_that_takes_noise_to_be_white_fails(trial: Trial, size: str) -> None:
+    most = diagnosed_anew(size)
     with white_noise():
-        found = [told(diagnosed(home)) for home in trial.homes("null")]
-    nulls = [one for one in trial.cases if kind_of(one) == "null"]
+        found = [told(diagnosed(home)) for home in trial.homes("null")[:most]]
+    nulls = [one for one in trial.cases if kind_of(one) == "null"][:most]
     assert not any(hits("null", judged(nulls, found)))
 
 
-def test_a_method_without_a_time_offset_fails(trial: Trial) -> None:
+def test_a_method_without_a_time_offset_fails(trial: Trial, size: str) -> None:
+    most = diagnosed_anew(size)
     late = frozenset({"reference_time_offset", "frame_latency"})
-    found = [told(diagnosed(home, late)) for home in trial.homes("offset")]
-    cases = [one for one in trial.cases if kind_of(one) == "offset"]
+    found = [told(diagnosed(home, late)) for home in trial.homes("offset")[:most]]
+    cases = [one for one in trial.cases if kind_of(one) == "offset"][:most]
     assert not any(hits("offset", judged(cases, found)))
 
 
