@@ -21,11 +21,12 @@ WIRE = load_wire()
 
 @dataclass(frozen=True)
 class Case:
-    """A drive: its effects' values by ``effect.parameter``, and what is withheld."""
+    """A drive: its effects' values by ``effect.parameter``, what is withheld, how long it is."""
 
     values: Mapping[str, float | str] = field(default_factory=dict)
     has_reference: bool = True
     without: frozenset[str] = frozenset()
+    duration_s: float = 90.0
 
 
 CASES = {
@@ -38,11 +39,12 @@ CASES = {
         }
     ),
     "no reference": Case({"wheelbase_scale.scale": 0.02}, has_reference=False),
-    "sign": Case({"setup_sign.signal": "gyro"}),
-    "play": Case({"backlash.side": "left", "backlash.width": 0.03}),
+    "sign": Case({"setup_sign.signal": "gyro"}, duration_s=30.0),
+    "play": Case({"backlash.side": "left", "backlash.width": 0.03}, duration_s=120.0),
     "withheld": Case(
         {"cross_slope_drift.ratio": 0.01, "cross_slope_drift.direction": 0.5},
         without=frozenset({"cross_slope_drift"}),
+        duration_s=60.0,
     ),
 }
 
@@ -61,6 +63,7 @@ def recording(name: str) -> Recording:
         7,
         reference=ReferenceNoise() if case.has_reference else None,
         contact_noise_m_per_sqrt_m=5e-4,
+        duration_s=case.duration_s,
     )
 
 
