@@ -72,6 +72,7 @@ def folder_of_chiplog() -> Path:
             "PYTHONDONTWRITEBYTECODE": "1",
         },
     )
+    atexit.register(server.communicate)  # its input ends, and so does it
     assert server.stdout is not None
     assert server.stdout.readline(), "the server of chiplog did not start"
     return folder
