@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import TypeVar
 
@@ -26,7 +26,7 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness import load_robot, load_wire
-from hil_harness.effects import EffectSetting
+from hil_harness.effects import EffectSetting, catalogue
 from hil_harness.robot import Robot
 from hil_harness.scenarios import scenario
 
@@ -48,6 +48,11 @@ SLIP_AND_BASE = (
 def some_of(size: str, cases: Sequence[Case], count: int = 1) -> Sequence[Case]:
     """Return the first *count* cases of one and the same claim; at the full size all."""
     return cases if size == "full" else cases[:count]
+
+
+def without_others(size: str, named: Set[str]) -> frozenset[str]:
+    """Return what a library lacks of which these alone are asked; at the full size it is whole."""
+    return frozenset() if size == "full" else frozenset(catalogue()) - named
 
 
 def without_noise(robot: Robot) -> Robot:

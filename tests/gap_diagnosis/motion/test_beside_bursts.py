@@ -20,7 +20,16 @@ from hil_harness.scenarios import scenario
 SLIPPERY_S = ((6.0, 8.0), (17.0, 20.0), (31.0, 32.5), (44.0, 47.0))
 WIDER = EffectSetting("wheelbase_scale", (("scale", 0.04),))
 FAR_WIDER = EffectSetting("wheelbase_scale", (("scale", 0.1),))
-SOUGHT = {"gyro_scale", "radius_mismatch", "turn_scrub", "wheelbase_scale"}
+SOUGHT = {
+    "radius_scale",
+    "radius_mismatch",
+    "wheelbase_scale",
+    "turn_scrub",
+    "longitudinal_slip",
+    "gyro_scale",
+    "gyro_bias",
+    "reference_lever_arm",
+}
 
 
 def on_a_slippery_floor(kind: str, *effects: EffectSetting) -> Recording:

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from motion_cases import ROBOT, WIRE, model_of
+from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.model import MotionModel
@@ -88,8 +88,7 @@ def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
     log = synthetic_recording(
         ROBOT, WIRE, scenario("figure8"), (), 3, reference=ReferenceNoise(), duration_s=40.0
     )
-    listed = ("gyro_bias", "gyro_lag", "radius_mismatch", "reference_lever_arm", "turn_scrub")
-    scan = Scan(model_of(log, *listed))
+    scan = Scan(MotionModel(log, ROBOT, default_prior()))
     nothing = scan.found[frozenset()].log_evidence
     fitted = [one for one in scan.found.values() if one.refitted is not None]
     assert fitted

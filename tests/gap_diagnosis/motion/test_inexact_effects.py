@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from motion_cases import ROBOT, WIRE, Floats, moved_only
+from motion_cases import ROBOT, WIRE, Floats, moved_only, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
@@ -14,7 +14,6 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import NumberEstimate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import catalogue
 from hil_harness.scenarios import scenario
 
 LASTS_S = 1.0
@@ -58,10 +57,10 @@ def wandering(random: np.random.Generator, like: Floats) -> Floats:
     return away
 
 
-def test_a_track_that_each_turn_makes_wider_by_another_share_is_told_alone() -> None:
+def test_a_track_that_each_turn_makes_wider_by_another_share_is_told_alone(size: str) -> None:
     """A slip on one side was told beside it (> 0.99)."""
     log = scrubbing("figure8", 0.03, 0.4, seed=1)
-    others = frozenset(catalogue()) - SOUGHT
+    others = without_others(size, SOUGHT)
     found = diagnose_recordings([moved_only(log)], ROBOT, WIRE, without=others).diagnosis
     assert found.verdict == "wheelbase_scale"
     (told,) = found.which[0].parameters.values()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from motion_cases import ROBOT, WIRE, moved_only
+from motion_cases import ROBOT, WIRE, moved_only, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
@@ -15,7 +15,6 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import NumberEstimate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
-from hil_harness.effects import catalogue
 from hil_harness.scenarios import scenario
 
 LASTS_S = 0.3
@@ -59,12 +58,12 @@ def slipping_loosely(
     return log, 1.0 - went / (went + float(slipped[-1]))
 
 
-def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when() -> None:
+def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when(size: str) -> None:
     """A third more or less each third of a second: contact that is rough at times was told, without
     a name (> 0.99)."""
     start_s, stop_s = 18.9, 23.4
     log, slipped = slipping_loosely("figure8", start_s, stop_s, 0.3, 0.1, seed=2)
-    others = frozenset(catalogue()) - SOUGHT
+    others = without_others(size, SOUGHT)
     found = diagnose_recordings([moved_only(log)], ROBOT, WIRE, without=others).diagnosis
     assert found.verdict == "one_sided_slip"
     told = {key.split(".")[1]: one for key, one in found.which[0].parameters.items()}
