@@ -26,4 +26,5 @@ def is_seen(ends_s: Floats, stamps_s: Floats, width_s: float) -> NDArray[np.bool
     begins = np.concatenate(([-np.inf], stamps_s[:-1][is_hole], stamps_s[-1:])) - beside_s
     stops = np.concatenate((stamps_s[:1], stamps_s[1:][is_hole], [np.inf])) + beside_s
     first, last = ends_s[:-1, np.newaxis], ends_s[1:, np.newaxis]
-    return ~((last > begins) & (first < stops)).any(axis=1)
+    unseen = ((last > begins) & (first < stops)).any(axis=1)
+    return np.asarray(~unseen, dtype=np.bool_)
