@@ -10,12 +10,14 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.signal import correlate
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import SEARCH_S, turns_of
+from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
@@ -23,6 +25,7 @@ from hil_harness.robot import Robot
 
 _STEP_S: Final = 0.02
 _SMOOTHED_S: Final = 0.2
+_REACH_S: Final = 3.0 * _SMOOTHED_S
 _LEAST_S: Final = 20.0
 """So long the two must run together, and half of the shorter one."""
 _ALIKE: Final = 0.8
@@ -68,7 +71,9 @@ def _late_s(motion: Motion, reference: Reference) -> float:
     else:
         sources = [_ways(ours_t_s, motion.t_s, motion.x_m, motion.y_m)]
         theirs = _ways(theirs_t_s, reference.t_s, reference.x_m, reference.y_m)
-    alike = max((_alike(ours, theirs) for ours in sources), key=lambda one: float(one.max()))
+    seen = is_seen(theirs_t_s, reference.t_s, _REACH_S)
+    theirs = np.where(seen, theirs - theirs[seen].mean(), 0.0) if seen.any() else theirs
+    alike = max((_alike(ours, theirs, seen) for ours in sources), key=lambda one: float(one.max()))
     first = theirs_t_s[0] - ours_t_s[0]
     late_s = first + _STEP_S * (np.arange(len(alike)) - (len(sources[0]) - 1))
     best = float(alike.max())
@@ -97,14 +102,14 @@ def _smooth_steps(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
     return np.asarray(np.diff(smooth))
 
 
-def _alike(ours: Floats, theirs: Floats) -> Floats:
-    """Return the size of the correlation at every shift, float64[n + m - 1]; 0 where too little of
-    them runs together."""
-    ones, others = np.ones(len(ours)), np.ones(len(theirs))
+def _alike(ours: Floats, theirs: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Return the size of the correlation at every shift, float64[n + m - 1], of what is *seen*; 0
+    where too little of them runs together."""
+    ones, others = np.ones(len(ours)), seen.astype(np.float64)
     together = correlate(others, ones, method="fft")
     product = np.abs(correlate(theirs, ours, method="fft"))
     power = correlate(others, ours**2, method="fft") * correlate(theirs**2, ones, method="fft")
-    least = max(_LEAST_S / _STEP_S, 0.5 * min(len(ours), len(theirs)))
+    least = max(_LEAST_S / _STEP_S, 0.5 * min(len(ours), np.count_nonzero(seen)))
     floor = 1e-12 * float(np.sum(ours**2) * np.sum(theirs**2)) + 1e-300
     return np.where(together >= least, product / np.sqrt(np.maximum(power, floor)), 0.0)
 

@@ -17,6 +17,7 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import turns_of
+from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
@@ -133,11 +134,12 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
         return []
     motion = estimate_motion(replace(recording, reference=None), robot)
     grid_s = _grid(motion, reference)
-    if len(grid_s) <= _LEAST_STEPS:
+    seen = is_seen(grid_s, reference.t_s, 0.0)
+    if np.count_nonzero(seen) < _LEAST_STEPS:
         return []
 
     def steps(t_s: Floats, values: Floats) -> Floats:
-        return np.asarray(np.diff(np.interp(grid_s, t_s, values)))
+        return np.asarray(np.diff(np.interp(grid_s, t_s, values))[seen])
 
     turns = [steps(motion.t_s, turn) for turn in turns_of(motion)]
     gyro = _ratio(turns[0], turns[1], _LEAST_TURN_RAD) if len(turns) > 1 else None
@@ -239,7 +241,8 @@ def _quarter_turns(recording: Recording, robot: Robot) -> int:
         for one in (motion, reference)
     )
     # Steps as the body takes them, not courses: a robot in reverse moves against its heading.
-    turn = np.sum(ours * np.exp(1j * ahead_rad[:-1]) * np.conj(theirs))
+    seen = is_seen(grid_s, reference.t_s, 0.0)
+    turn = np.sum((ours * np.exp(1j * ahead_rad[:-1]) * np.conj(theirs))[seen])
     quarters = round(float(np.angle(turn)) / _QUARTER_RAD)
     left_rad = float(np.angle(turn)) - quarters * _QUARTER_RAD
     return quarters % 4 if abs(left_rad) < _FINE_RAD else 0

@@ -21,10 +21,9 @@ def is_seen(ends_s: Floats, stamps_s: Floats, width_s: float) -> NDArray[np.bool
     which samples are averaged, of any of these.
     """
     apart_s = np.diff(stamps_s)
-    beside_s = max(width_s, float(np.median(apart_s)))
-    is_hole = apart_s > _HOLE * beside_s
-    begins = np.concatenate(([-np.inf], stamps_s[:-1][is_hole], stamps_s[-1:])) - beside_s
-    stops = np.concatenate((stamps_s[:1], stamps_s[1:][is_hole], [np.inf])) + beside_s
+    is_hole = apart_s > _HOLE * max(width_s, float(np.median(apart_s)))
+    begins = np.concatenate(([-np.inf], stamps_s[:-1][is_hole], stamps_s[-1:])) - width_s
+    stops = np.concatenate((stamps_s[:1], stamps_s[1:][is_hole], [np.inf])) + width_s
     first, last = ends_s[:-1, np.newaxis], ends_s[1:, np.newaxis]
     unseen = ((last > begins) & (first < stops)).any(axis=1)
     return np.asarray(~unseen, dtype=np.bool_)

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.clock_setting import UNSET_S, with_clock_set
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.recording import Recording
+from gap_diagnosis.reference_mistakes import with_reference_put_right
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
@@ -89,3 +91,22 @@ def test_fixes_that_are_off_by_more_than_a_robot_goes_between_them_tell_nothing(
     noisy = replace(whole, reference=replace(reference, x_m=x_m, y_m=y_m))
     assert not looks_gross(noisy, ROBOT)
     np.testing.assert_array_equal(coarse_delay_s(noisy, ROBOT), 0.0)
+
+
+def test_a_clock_that_was_never_set_is_set_by_what_it_sees() -> None:
+    recording = seen_in("calibration", "but for a while", has_heading=True)
+    assert recording.reference is not None
+    stamps = recording.reference.t_s + 1000.0
+    unset = replace(recording, reference=replace(recording.reference, t_s=stamps))
+    _, late_s = with_clock_set(unset, ROBOT)
+    assert late_s == pytest.approx(1000.0, abs=UNSET_S)
+
+
+@pytest.mark.parametrize("window", PARTS)
+def test_a_mirrored_reference_is_put_right_by_what_it_sees(window: str) -> None:
+    recording = seen_in("figure8", window, has_heading=True)
+    assert recording.reference is not None
+    mirrored = replace(recording, reference=recording.reference.mirrored())
+    _, mistake = with_reference_put_right(mirrored, ROBOT)
+    assert mistake is not None
+    assert (mistake.signal, mistake.factor) == ("reference", -1.0)
