@@ -194,11 +194,12 @@ def _beats(frames: FrameTimes) -> Floats:
 def known_by_way(points: Complexes, known: int) -> int:
     """Return of how many of the first points (complex positions) the start heading is estimated.
 
-    At least *known*; as many as it takes to travel half a metre, half of all points at most.
+    At least *known*; as many as it takes to travel half a metre, half of all points at most; two,
+    as one point has no direction: of a car's fixes once a second each is the first of its second.
     """
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
     by_way = int(np.searchsorted(way, _ALIGN_M))
-    return max(known, min(by_way, len(points) // 2))
+    return max(known, min(by_way, len(points) // 2), 2)
 
 
 def _samples(t_s: Floats, window: Window) -> tuple[int, int]:

@@ -63,6 +63,17 @@ def test_turning_and_moving_the_reference_changes_no_error(
     assert there.position.end == pytest.approx(here.position.end, rel=1e-6, abs=1e-9)
 
 
+def test_a_car_seen_once_a_second_has_errors_too() -> None:
+    """The first second holds one fix, and the start heading is told by two."""
+    t_s = np.arange(0.0, 60.0, TICK_S)
+    straight = Path(t_s, 16.0 * t_s, 0.0 * t_s, 0.0 * t_s)
+    longer = Path(t_s, 16.16 * t_s, 0.0 * t_s, 0.0 * t_s)
+    fixes = Path(*(one[::100] for one in (straight.t_s, straight.x_m, straight.y_m)), None)
+    errors = path_errors(longer, fixes, [Window(0.5, 20.5, 1.5)])
+    # A hundredth of the way from the middle of two fixes, 16 m apart.
+    assert errors.position.end[0] == pytest.approx([0.16 * (20.0 - 1.5), 0.0], abs=1e-6)
+
+
 def test_a_window_starts_anew_so_an_error_does_not_grow_from_one_to_the_next() -> None:
     errors = path_errors(bent(PATH, 0.002), PATH, WINDOWS)
     assert errors.heading is not None
