@@ -134,7 +134,7 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
         return []
     motion = estimate_motion(replace(recording, reference=None), robot)
     grid_s = _grid(motion, reference)
-    seen = is_seen(grid_s, reference.t_s, 0.0)
+    seen = is_seen(grid_s, reference.t_s, 0.0, _STEP_S)
     if np.count_nonzero(seen) < _LEAST_STEPS:
         return []
 
@@ -241,7 +241,7 @@ def _quarter_turns(recording: Recording, robot: Robot) -> int:
         for one in (motion, reference)
     )
     # Steps as the body takes them, not courses: a robot in reverse moves against its heading.
-    seen = is_seen(grid_s, reference.t_s, 0.0)
+    seen = is_seen(grid_s, reference.t_s, 0.0, _STEP_S)
     turn = np.sum((ours * np.exp(1j * ahead_rad[:-1]) * np.conj(theirs))[seen])
     quarters = round(float(np.angle(turn)) / _QUARTER_RAD)
     left_rad = float(np.angle(turn)) - quarters * _QUARTER_RAD

@@ -74,7 +74,9 @@ def drift_of(ours: Floats, theirs: Floats, search_s: float, step_s: float) -> Dr
     line = np.array([begins[place], drift], dtype=np.float64)
     begin, more = _refined(shared, power, along, line)
     at_s = (edge + 0.5 * part) * step_s
-    return Drift(begin * step_s, at_s, more / ((_PARTS - 1) * part), alike)
+    rate = more / ((_PARTS - 1) * part)
+    # Along a line of noise the search may end anywhere.
+    return Drift(begin * step_s, at_s, rate, alike) if abs(rate) <= _RATE else Drift(alike=alike)
 
 
 def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> tuple[Floats, Floats]:

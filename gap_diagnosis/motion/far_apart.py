@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import linregress
 
+from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.details import turns_less
+from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
 
@@ -54,7 +56,7 @@ class FarApart:
         for term, sizes in zip(terms, coefficients, strict=True):
             if turns_less(term.variant, sizes):
                 wider = self._wider(course, sizes[0], levels)
-                is_seen = self._gained_by_wheels(sizes[0]) > _SEEN
+                is_seen = self._gained_by_wheels(terms, coefficients) > _SEEN
                 return self._as_turns_tell(
                     terms, coefficients, levels, course, wider, is_seen=is_seen
                 )
@@ -94,10 +96,7 @@ class FarApart:
         effects = frozenset(term.variant.effect for term in terms)
         if effects in self._borne_out:
             return wider
-        as_described = [
-            (0.0,) * len(sizes) if turns_less(term.variant, sizes) else sizes
-            for term, sizes in zip(terms, coefficients, strict=True)
-        ]
+        as_described = _as_described(terms, coefficients)
         likelihood = self._model.likelihood
         turned, straight = (
             likelihood(terms, sizes, levels, course, is_sharp=True)
@@ -111,7 +110,7 @@ class FarApart:
         rows = np.count_nonzero(np.isfinite(self._model.columns.values[..., 0]))
         return replace(wider, log_more=wider.log_more + 2.0 * more / rows)
 
-    def _gained_by_wheels(self, scale: float) -> float:
+    def _gained_by_wheels(self, terms: Sequence[Term], coefficients: Sizes) -> float:
         """Return how much likelier wheels so far apart make what wheels turn, given the gyro [nat].
 
         What a gyro reads, given wheels that tremble, is too little by itself, and so is what wheels
@@ -121,19 +120,45 @@ class FarApart:
         if self._wheels_on_gyro is None:
             return math.inf
         slope, deviation = self._wheels_on_gyro
-        return 0.5 * ((1.0 - slope) ** 2 - (1.0 + scale - slope) ** 2) / deviation**2
+        apart, described = (
+            self._foreseen(terms, sizes) - slope
+            for sizes in (coefficients, _as_described(terms, coefficients))
+        )
+        return 0.5 * (described**2 - apart**2) / deviation**2
+
+    def _foreseen(self, terms: Sequence[Term], coefficients: Sizes) -> float:
+        """Return by how much wheels turn for what the gyro reads with these effects."""
+        motion = self._model.nodes.smooth
+        settings = [(t.variant, sizes) for t, sizes in zip(terms, coefficients, strict=True)]
+        wheels, gyro = (
+            np.cumsum(predict(motion, some).gyro_rad_s * motion.dt_s) for some in ((), settings)
+        )
+        line = _line(wheels, gyro, motion.tick_s)
+        return math.inf if line is None else line[0]
 
     @cached_property
     def _wheels_on_gyro(self) -> tuple[float, float] | None:
-        """Return by how much wheels turn for what the gyro does, and how sure that is."""
+        """Return by how much wheels turn for what the gyro reads, and how sure that is; by their
+        counts alone: the motion's headings are bent onto the reference."""
         motion = self._model.nodes.motion
-        if motion.gyro_turn_rad is None:
-            return None
-        every = max(round(_TURN_S / motion.tick_s), 1)
-        wheels, gyro = (
-            np.diff(turned[::every]) for turned in (motion.heading_rad, motion.gyro_turn_rad)
-        )
-        if len(wheels) < _FEW or np.ptp(gyro) == 0.0:
-            return None
-        line = linregress(gyro, wheels)
-        return float(line.slope), max(float(line.stderr), _SUREST)
+        wheels, *gyro = turns_of(motion)
+        return _line(wheels, gyro[0], motion.tick_s) if gyro else None
+
+
+def _as_described(terms: Sequence[Term], coefficients: Sizes) -> list[tuple[float, ...]]:
+    """Return the sizes of these effects beside wheels that stand as described."""
+    return [
+        (0.0,) * len(sizes) if turns_less(term.variant, sizes) else sizes
+        for term, sizes in zip(terms, coefficients, strict=True)
+    ]
+
+
+def _line(wheels: Floats, gyro: Floats, tick_s: float) -> tuple[float, float] | None:
+    """Return the slope of turns by the wheels on those by the gyro [rad], float64[n] each from the
+    start, and its standard deviation; None where there are few, or the gyro stands still."""
+    every = max(round(_TURN_S / tick_s), 1)
+    turned, read = (np.diff(one[::every]) for one in (wheels, gyro))
+    if len(read) < _FEW or np.ptp(read) == 0.0:
+        return None
+    line = linregress(read, turned)
+    return float(line.slope), max(float(line.stderr), _SUREST)

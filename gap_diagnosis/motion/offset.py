@@ -29,7 +29,7 @@ _LONG: Final = 10
 """So many times as long."""
 _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
-_SMOOTHED_S: Final = 0.3
+_REACH_S: Final = 0.3
 """Samples so near reach into what is smoothed."""
 _TURN_S: Final = 0.35
 """What is smoothed over a tenth of a second has one value in so long."""
@@ -69,7 +69,7 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     else:
         theirs = _smooth_steps(np.interp(grid, reference.t_s, reference.heading_rad))
         ours = [_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
-    seen = is_seen(grid, reference.t_s, _SMOOTHED_S)
+    seen = is_seen(grid, reference.t_s, _REACH_S)
     if not seen.any():
         return timely
     # Where the reference sees nothing it is no more like the wheels one moment than another.
@@ -78,7 +78,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
-    by_chance = _BY_CHANCE / math.sqrt(min(len(timely), np.count_nonzero(seen) * _STEP_S / _TURN_S))
+    samples = np.count_nonzero((reference.t_s >= grid[0]) & (reference.t_s <= grid[-1]))
+    by_chance = _BY_CHANCE / math.sqrt(min(samples, np.count_nonzero(seen) * _STEP_S / _TURN_S))
     if len(grid) * _STEP_S > _LONG * _FAR_S:
         far_s, alike = _likeliest(ours, theirs, _FAR_S, seen)
         least = by_chance if reference.heading_rad is not None else max(by_chance, _ALIKE)
@@ -126,9 +127,10 @@ def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[flo
     """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours*, up to
     *most_s* (0 where it is small or no better than none), and how alike they are then, where they
     are *seen*."""
-    if ours.std() < 1e-9 or theirs.std() < 1e-9:
-        return 0.0, 0.0
     most = round(most_s / _STEP_S)
+    is_short = len(ours) <= 2 * (2 * most + 1) + 1
+    if is_short or ours.std() < 1e-9 or theirs.std() < 1e-9:
+        return 0.0, 0.0
     scores = _correlations(ours, theirs, most, seen)
     peak = int(np.argmax(scores))
     best = (peak - most + _between(scores, peak)) * _STEP_S
@@ -140,7 +142,8 @@ def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[flo
 def _correlations(ours: Floats, theirs: Floats, most: int, seen: Mask) -> Floats:
     """Return how alike *ours* and *theirs* are, moved back by -*most* to *most* steps.
 
-    float64[2 most + 1]: correlations but for a sign, of what is inside at every shift and *seen*.
+    float64[2 most + 1]: correlations but for a sign, of what is inside at every shift and *seen*; 0
+    where that is less than half of what it might be: of little, all is alike.
     """
     edge = 2 * most + 1
     around = slice(edge - most, len(theirs) - edge + most)
@@ -152,15 +155,14 @@ def _correlations(ours: Floats, theirs: Floats, most: int, seen: Mask) -> Floats
         return np.correlate(of_theirs, of_ours, mode="valid")
 
     ones = np.ones(len(ours))
-    count = np.maximum(sums(weight, ones), 1.0)
+    together = sums(weight, ones)
+    count = np.maximum(together, 1.0)
     first, second = sums(weight, ours), sums(theirs, ones)
     shared = sums(theirs, ours) - first * second / count
-    powers = [
-        sums(weight, ours**2) - first**2 / count,
-        sums(theirs**2, ones) - second**2 / count,
-    ]
-    power = np.maximum(powers[0] * powers[1], np.finfo(np.float64).tiny)
-    return np.asarray(np.abs(shared) / np.sqrt(power))
+    power = (sums(weight, ours**2) - first**2 / count) * (sums(theirs**2, ones) - second**2 / count)
+    floor = 1e-12 * float(np.sum(ours**2) * np.sum(theirs**2)) + np.finfo(np.float64).tiny
+    alike = np.abs(shared) / np.sqrt(np.maximum(power, floor))
+    return np.where(together >= 0.5 * min(len(ours), np.count_nonzero(seen)), alike, 0.0)
 
 
 def _between(scores: Floats, peak: int) -> float:
