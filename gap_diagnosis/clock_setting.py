@@ -109,7 +109,7 @@ def _alike(ours: Floats, theirs: Floats, seen: NDArray[np.bool_]) -> Floats:
     together = correlate(others, ones, method="fft")
     product = np.abs(correlate(theirs, ours, method="fft"))
     power = correlate(others, ours**2, method="fft") * correlate(theirs**2, ones, method="fft")
-    least = max(_LEAST_S / _STEP_S, 0.5 * min(len(ours), np.count_nonzero(seen)))
+    least = max(_LEAST_S / _STEP_S, 0.5 * min(len(ours), int(np.count_nonzero(seen))))
     floor = 1e-12 * float(np.sum(ours**2) * np.sum(theirs**2)) + 1e-300
     return np.where(together >= least, product / np.sqrt(np.maximum(power, floor)), 0.0)
 

@@ -162,7 +162,7 @@ def _correlations(ours: Floats, theirs: Floats, most: int, seen: Mask) -> Floats
     power = (sums(weight, ours**2) - first**2 / count) * (sums(theirs**2, ones) - second**2 / count)
     floor = 1e-12 * float(np.sum(ours**2) * np.sum(theirs**2)) + np.finfo(np.float64).tiny
     alike = np.abs(shared) / np.sqrt(np.maximum(power, floor))
-    return np.where(together >= 0.5 * min(len(ours), np.count_nonzero(seen)), alike, 0.0)
+    return np.where(together >= 0.5 * min(len(ours), int(np.count_nonzero(seen))), alike, 0.0)
 
 
 def _between(scores: Floats, peak: int) -> float:
