@@ -171,7 +171,8 @@ def test_a_fit_never_sees_the_gyro_of_what_is_held_out() -> None:
     assert log.gyro_rate_rad_s is not None
     turned = replace(log, gyro_rate_rad_s=log.gyro_rate_rad_s + np.where(sides.fit, 0.0, 0.05))
     told, other = (MotionModel(one, ROBOT, PRIOR, keep=sides.fit) for one in (log, turned))
-    assert other.no_effect_levels == pytest.approx(told.no_effect_levels, rel=1e-3)
+    # A search ends where a step promises less than 0.05 nat: a third of how sure its levels are.
+    assert other.no_effect_levels == pytest.approx(told.no_effect_levels, rel=0.05)
     seen = MotionModel(turned, ROBOT, PRIOR).no_effect_levels
     assert np.abs(np.log(seen / told.no_effect_levels)).max() > 0.1
 
