@@ -60,18 +60,17 @@ class Details:
         change -= residuals(self._nodes, predict(counted))
         change -= residuals(self._nodes, predict(self._nodes.sharp, far))
         change += self._nominal
-        by_far, by_all = (self._unread_turn(one) for one in (far, settings))
-        change[3] *= by_all / by_far
+        farther = 1.0 + far[0][1][0]
+        read = self._read_share([one for one in settings if one not in far])
+        change[3] *= (1.0 - read / farther) / (1.0 - 1.0 / farther)
         return np.asarray(change)
 
-    def _unread_turn(self, settings: Sequence[Setting]) -> float:
-        """Return how much of the described turns the gyro does not read with effects [rad²/s²].
-
-        A robot that never turns has no wheelbase to be told.
-        """
+    def _read_share(self, settings: Sequence[Setting]) -> float:
+        """Return what share of the described turns the gyro reads with effects."""
         smooth = self._nodes.smooth
         described, read = (predict(smooth, one).gyro_rad_s for one in ((), settings))
-        return float((described - described.mean()) @ (described - read))
+        away = described - described.mean()
+        return float(away @ read) / max(float(away @ described), np.finfo(np.float64).tiny)
 
     @cached_property
     def _nominal(self) -> Floats:

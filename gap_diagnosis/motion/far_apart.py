@@ -120,21 +120,25 @@ class FarApart:
         if self._wheels_on_gyro is None:
             return math.inf
         slope, deviation = self._wheels_on_gyro
-        apart, described = (
-            self._foreseen(terms, sizes) - slope
-            for sizes in (coefficients, _as_described(terms, coefficients))
+        scale = next(
+            sizes[0]
+            for term, sizes in zip(terms, coefficients, strict=True)
+            if turns_less(term.variant, sizes)
         )
-        return 0.5 * (described**2 - apart**2) / deviation**2
+        described = self._foreseen(terms, _as_described(terms, coefficients))
+        apart = described * (1.0 + scale)
+        return 0.5 * ((described - slope) ** 2 - (apart - slope) ** 2) / deviation**2
 
     def _foreseen(self, terms: Sequence[Term], coefficients: Sizes) -> float:
-        """Return by how much wheels turn for what the gyro reads with these effects."""
+        """Return by how much wheels that stand as described turn for what the gyro reads with these
+        effects."""
         motion = self._model.nodes.smooth
         settings = [(t.variant, sizes) for t, sizes in zip(terms, coefficients, strict=True)]
         wheels, gyro = (
             np.cumsum(predict(motion, some).gyro_rad_s * motion.dt_s) for some in ((), settings)
         )
         line = _line(wheels, gyro, motion.tick_s)
-        return math.inf if line is None else line[0]
+        return 1.0 if line is None else line[0]
 
     @cached_property
     def _wheels_on_gyro(self) -> tuple[float, float] | None:
