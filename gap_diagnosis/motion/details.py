@@ -60,7 +60,8 @@ class Details:
         change -= residuals(self._nodes, predict(counted))
         change -= residuals(self._nodes, predict(self._nodes.sharp, far))
         change += self._nominal
-        farther = 1.0 + far[0][1][0]
+        (_, (scale,)), *_ = far
+        farther = 1.0 + scale
         read = self._read_share([one for one in settings if one not in far])
         change[3] *= (1.0 - read / farther) / (1.0 - 1.0 / farther)
         return np.asarray(change)

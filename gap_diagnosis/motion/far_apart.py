@@ -56,7 +56,7 @@ class FarApart:
         for term, sizes in zip(terms, coefficients, strict=True):
             if turns_less(term.variant, sizes):
                 wider = self._wider(course, sizes[0], levels)
-                is_seen = self._gained_by_wheels(terms, coefficients) > _SEEN
+                is_seen = self._gained_by_wheels(terms, coefficients, sizes[0]) > _SEEN
                 return self._as_turns_tell(
                     terms, coefficients, levels, course, wider, is_seen=is_seen
                 )
@@ -110,8 +110,9 @@ class FarApart:
         rows = np.count_nonzero(np.isfinite(self._model.columns.values[..., 0]))
         return replace(wider, log_more=wider.log_more + 2.0 * more / rows)
 
-    def _gained_by_wheels(self, terms: Sequence[Term], coefficients: Sizes) -> float:
-        """Return how much likelier wheels so far apart make what wheels turn, given the gyro [nat].
+    def _gained_by_wheels(self, terms: Sequence[Term], coefficients: Sizes, scale: float) -> float:
+        """Return how much likelier wheels that stand by *scale* farther apart than described make
+        what wheels turn, given the gyro [nat].
 
         What a gyro reads, given wheels that tremble, is too little by itself, and so is what wheels
         turn, given a gyro in coarse steps: noise of what is given flattens a line (Fuller 1987,
@@ -120,11 +121,6 @@ class FarApart:
         if self._wheels_on_gyro is None:
             return math.inf
         slope, deviation = self._wheels_on_gyro
-        scale = next(
-            sizes[0]
-            for term, sizes in zip(terms, coefficients, strict=True)
-            if turns_less(term.variant, sizes)
-        )
         described = self._foreseen(terms, _as_described(terms, coefficients))
         apart = described * (1.0 + scale)
         return 0.5 * ((described - slope) ** 2 - (apart - slope) ** 2) / deviation**2
