@@ -42,6 +42,7 @@ from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock, with_reference_put_right
 from gap_diagnosis.traces import Trace, traces
+from gap_diagnosis.whole_turns import with_whole_turns
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
@@ -132,6 +133,7 @@ def analyse(
     received, recording = recording, recording if bus is None else bus.without_stale()
     recording, mistake = with_reference_put_right(recording, robot, without)
     recording, late_s = with_clock_set(recording, robot)
+    recording = with_whole_turns(recording, robot)
     recording, lost = with_tracking(recording, robot)
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.recording import Floats
 
@@ -22,6 +23,8 @@ _LEAST_PART_S: Final = 0.5
 _EVERY: Final = 2
 """Of the steps of the grid."""
 _NEWTON_STEPS: Final = 3
+_LEAST_SEEN: Final = 0.5
+"""Of what is seen: of less, all is alike."""
 
 
 @dataclass(frozen=True)
@@ -45,25 +48,38 @@ class Drift:
         return np.asarray((self.late_s + self.rate * (stamps - self.at_s)) / (1.0 + self.rate))
 
 
-def drift_of(ours: Floats, theirs: Floats, search_s: float, step_s: float) -> Drift:
+def drift_of(
+    ours: Floats, theirs: Floats, search_s: float, step_s: float, seen: NDArray[np.bool_]
+) -> Drift:
     """Return by what line *theirs* come later than *ours*, both smooth and every *step_s*, and by
-    no more than *search_s* as the log begins; without a rate where one shift does as well."""
+    no more than *search_s* as the log begins; without a rate where one shift does as well.
+
+    Where *theirs* are not *seen*, neither counts: what turned in a hole would lead the line astray.
+    """
     most = round(search_s / step_s)
     drifts = _EVERY * round(min(_RATE * len(ours), _MOST_S / step_s) / _EVERY)
     edge = most + drifts
     part = (len(ours) - 2 * edge) // _PARTS
     if part * step_s < _LEAST_PART_S or min(ours.std(), theirs.std()) < 1e-9:
         return Drift()
-    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
-    shared, power = _inner(ours, theirs, edge, part)
-    own = float(np.sum(ours[edge : edge + _PARTS * part] ** 2))
+    ours, weight = ours - ours.mean(), seen.astype(np.float64)
+    theirs = (theirs - theirs.mean()) * weight
+    shared, power = (
+        _inner(ours, theirs, edge, part),
+        _inner(np.ones_like(ours), theirs**2, edge, part),
+    )
+    own, known = _inner(ours**2, weight, edge, part), _inner(np.ones_like(ours), weight, edge, part)
+    least = _LEAST_SEEN * min(float(weight.sum()), float(_PARTS * part))
     along, each = np.linspace(0.0, 1.0, _PARTS), np.arange(_PARTS)
     begins = np.arange(-most, most + 1)
     best: dict[int, tuple[float, int]] = {}
     for drift in range(-drifts, drifts + 1, _EVERY):
         places = edge + begins[:, np.newaxis] + np.rint(drift * along).astype(np.int64)
-        sums, powers = (one[places, each].sum(axis=1) for one in (shared, power))
-        alike = np.abs(sums) / np.sqrt(np.maximum(powers * own, 1e-300))
+        sums, powers, owns, count = (
+            one[places, each].sum(axis=1) for one in (shared, power, own, known)
+        )
+        alike = np.abs(sums) / np.sqrt(np.maximum(powers * owns, 1e-300))
+        alike[count < least] = 0.0
         best[drift] = float(alike.max()), int(np.argmax(alike))
     drift = max(best, key=lambda one: best[one])
     alike, place = best[drift]
@@ -72,27 +88,27 @@ def drift_of(ours: Floats, theirs: Floats, search_s: float, step_s: float) -> Dr
     if not is_told or alike < best[0][0] + BETTER:
         return Drift(alike=best[0][0])
     line = np.array([begins[place], drift], dtype=np.float64)
-    begin, more = _refined(shared, power, along, line)
+    begin, more = _refined(shared, power, own, along, line)
     at_s = (edge + 0.5 * part) * step_s
     rate = more / ((_PARTS - 1) * part)
     # Along a line of noise the search may end anywhere.
     return Drift(begin * step_s, at_s, rate, alike) if abs(rate) <= _RATE else Drift(alike=alike)
 
 
-def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> tuple[Floats, Floats]:
-    """Return sums over each part of a log, at each shift of *theirs*, float64[2 * edge + 1, 24]
-    each: of the two's product, and of *theirs* squared."""
+def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> Floats:
+    """Return the sum of the two's product over each part of a log, at each shift of *theirs*,
+    float64[2 * edge + 1, 24]."""
     length = _PARTS * part
     own = ours[edge : edge + length]
-    shared, power = np.empty((2, 2 * edge + 1, _PARTS))
+    found = np.empty((2 * edge + 1, _PARTS))
     for shift in range(2 * edge + 1):
-        moved = theirs[shift : shift + length]
-        shared[shift] = (own * moved).reshape(_PARTS, part).sum(axis=1)
-        power[shift] = (moved**2).reshape(_PARTS, part).sum(axis=1)
-    return shared, power
+        found[shift] = (own * theirs[shift : shift + length]).reshape(_PARTS, part).sum(axis=1)
+    return found
 
 
-def _refined(shared: Floats, power: Floats, along: Floats, line: Floats) -> tuple[float, float]:
+def _refined(
+    shared: Floats, power: Floats, own: Floats, along: Floats, line: Floats
+) -> tuple[float, float]:
     """Return the line of shifts along which *theirs* lie closest to *ours*, from one near it: shift
     at the begin, and how much more at the end."""
     ways = np.stack([np.ones(_PARTS), along])
@@ -101,7 +117,7 @@ def _refined(shared: Floats, power: Floats, along: Floats, line: Floats) -> tupl
         shifts = line @ ways
         near = np.clip(none + np.rint(shifts).astype(np.int64), 1, 2 * none - 1)
         scale = shared[near, each].sum() / power[near, each].sum()
-        closeness = scale * shared - 0.5 * scale**2 * power
+        closeness = scale * shared - 0.5 * scale**2 * power - 0.5 * own
         before, top, after = (closeness[near + one, each] for one in (-1, 0, 1))
         bends = before - 2.0 * top + after
         slopes = 0.5 * (after - before) + bends * (none + shifts - near)

@@ -74,7 +74,8 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
         return timely
     # Where the reference sees nothing it is no more like the wheels one moment than another.
     theirs = np.where(seen, theirs - theirs[seen].mean(), 0.0)
-    drift = max((drift_of(one, theirs, SEARCH_S, _STEP_S) for one in ours), key=lambda it: it.alike)
+    drifts = (drift_of(one, theirs, SEARCH_S, _STEP_S, seen) for one in ours)
+    drift = max(drifts, key=lambda it: it.alike)
     # Along a line through noise something is always a little more alike.
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
