@@ -22,6 +22,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import (
     ASSUMPTIONS,
     beside_mistake,
+    beside_unlisted,
     input_files,
     log_facts,
     makes_worse,
@@ -48,6 +49,7 @@ from gap_diagnosis.result_parts import (
     Where,
 )
 from gap_diagnosis.structure import structure_of
+from gap_diagnosis.whole_turns import with_whole_turns
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Effect
@@ -132,7 +134,8 @@ def diagnose_recordings(
     prior = with_library(prior or default_prior(), library)
     if held is not None:
         held = with_reference_put_right(held, robot, without)[0]
-        held = with_tracking(with_clock_set(held, robot)[0], robot)[0]
+        held = with_whole_turns(with_clock_set(held, robot)[0], robot)
+        held = with_tracking(held, robot)[0]
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):
@@ -207,6 +210,11 @@ def diagnose_recordings(
             *notes_on(
                 analyses,
                 (
+                    *(
+                        beside_unlisted(blocks, ranking.best.effects, stage)
+                        if verdict == UNKNOWN
+                        else ()
+                    ),
                     *makes_worse(found.gap),
                     *beside_mistake(analyses, ranking.best.effects),
                     *found.notes,

@@ -12,6 +12,8 @@ import numpy as np
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
+from gap_diagnosis.company import OWN_BLOCK
+from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
@@ -121,6 +123,29 @@ def beside_mistake(analyses: Sequence[Analysis], effects: Effects) -> list[str]:
     return notes
 
 
+def beside_unlisted(
+    logs: Sequence[Sequence[Block]], effects: Effects, unlisted_in: str
+) -> list[str]:
+    """Say which of the listed *effects* act whatever the unlisted cause in a stage is: they show in
+    blocks that it does not touch.
+
+    A wheel that slid for a second hid motors that lag by three times what was described.
+    """
+    touched = OWN_BLOCK.get(unlisted_in, "motion")
+    notes = []
+    for effect in sorted(effects):
+        told = [one for blocks in logs for one in blocks if effect in one.effects]
+        gained = math.fsum(one.fit(frozenset({effect})).log_evidence for one in told)
+        if all(one.name != touched for one in told) and gained > _CERTAIN:
+            notes.append(
+                f"Whatever that cause is, {effect} acts besides: it shows where no cause in stage "
+                f"{unlisted_in} does."
+            )
+    return notes
+
+
+_CERTAIN: Final = 20.0
+"""So much likelier [nat] than that an effect does not act: odds of a thousand millions."""
 _WORSE: Final = 2.0
 """So many times the gap or its floor is no chance of the stretches held out."""
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_blocks import analysis
+from fake_blocks import FakeBlock, analysis
 
-from gap_diagnosis.facts import makes_worse, notes_on
+from gap_diagnosis.facts import beside_unlisted, makes_worse, notes_on
 from gap_diagnosis.lost_tracking import Leap, Lost
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import Mistake
@@ -78,3 +78,26 @@ def test_moments_in_notes_count_from_the_start_of_a_log_by_wall_clock() -> None:
     notes = "\n".join(notes_on([replace(analysis(noon), lost=lost)], ()))
     assert "no samples from 12.00 s to 14.50 s" in notes
     assert "leaps by 300 mm and 0.0 degrees at 20.00 s" in notes
+
+
+@pytest.mark.parametrize(
+    ("unlisted_in", "acts"), [("wheel", True), ("reference", True), ("actuation", False)]
+)
+def test_what_shows_where_an_unlisted_cause_does_not_is_told_beside_it(
+    unlisted_in: str, *, acts: bool
+) -> None:
+    """Motors that lag, beside a tyre that slid for 6 s, were not told of (unknown, 0.91)."""
+    motion = FakeBlock({"gyro_bias": 90.0, "wheelbase_scale": 60.0})
+    drive = FakeBlock(
+        {"drive_lag": 3000.0, "drive_gain": 4.0, "wheelbase_scale": 9.0}, name="drive"
+    )
+    effects = frozenset({"drive_lag", "drive_gain", "gyro_bias", "wheelbase_scale"})
+    said = beside_unlisted([[motion, drive]], effects, unlisted_in)
+    assert [one.split(",")[1].split()[0] for one in said if "drive_" in one] == ["drive_lag"] * acts
+    assert any("gyro_bias" in one for one in said) == (not acts)
+
+
+def test_logs_add_up_to_what_is_certain_beside_an_unlisted_cause() -> None:
+    drive = FakeBlock({"drive_lag": 15.0}, name="drive")
+    assert not beside_unlisted([[drive]], frozenset({"drive_lag"}), "wheel")
+    assert beside_unlisted([[drive], [drive]], frozenset({"drive_lag"}), "wheel")
