@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import coarse_delay_s, turns_of
@@ -52,7 +53,7 @@ def with_whole_turns(recording: Recording, robot: Robot) -> Recording:
     return replace(recording, reference=replace(reference, heading_rad=heading_rad))
 
 
-def _agreement(turned: Floats, seen: Floats, inside: Floats) -> tuple[float, float]:
+def _agreement(turned: Floats, seen: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the correlation, whatever its sign, of small steps of wheels or gyro with those of the
     reference, and the factor between them."""
     small = inside & (np.abs(turned) < _NEAR_RAD) & (np.abs(seen) < _NEAR_RAD)
