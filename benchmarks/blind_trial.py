@@ -1,12 +1,14 @@
 """The full blind trial in one command, and its measured page.
 
     python benchmarks/blind_trial.py DIR --cases 6000 [--jobs N]
-    python benchmarks/blind_trial.py DIR... --page docs/reference/blind-trial.md
+    python benchmarks/blind_trial.py DIR --keep benchmarks/blind/NAME.jsonl.gz
+    python benchmarks/blind_trial.py TRIAL... --page docs/reference/blind-trial.md
         [--at METHOD=COMMIT] [--again AGAIN --at again=COMMIT]
 
 The first makes a trial in DIR where there is none, has it diagnosed by this tool and by every rival
-(a run that was stopped goes on where it was), and writes DIR/scores.html. The second writes the
-page from whatever results lie in DIR, or in several trials that were diagnosed at one commit.
+(a run that was stopped goes on where it was), and writes DIR/scores.html. The second keeps what its
+cases were and how each was judged: a full trial takes longer than a machine may be there for. The
+third writes the page from one or several trials, each a folder or such a file.
 """
 
 from __future__ import annotations
@@ -23,9 +25,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, n
 import gap_diagnosis.trials.rivals
 from chiplog.pages.trial import common_cases, figure_rows, trial_page
 from chiplog.pages.trial_words import FIGURES, MISSED, NOT_MEASURED, UNPROVED, figure
+from gap_diagnosis.trials.kept import keep, kept
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
-from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, open_trial, together
+from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, together
 from gap_diagnosis.trials.plan import Counts
 from gap_diagnosis.trials.run import processors, run_trial
 from gap_diagnosis.trials.score import scores
@@ -59,6 +62,13 @@ def run(folder: Path, cases: int, jobs: int | None) -> None:
     opened = open_methods(folder, key_of(folder), methods_run(folder), jobs=jobs or processors())
     page = trial_page(folder.name, OWN_METHOD, opened)
     (folder / "scores.html").write_text(page, encoding="utf-8")
+
+
+def judged_in(trial: Path, jobs: int) -> dict[str, Opened]:
+    """Return the judged cases of a trial's folder, or of a file that keeps them, by method."""
+    if trial.is_file():
+        return kept(trial)
+    return open_methods(trial, key_of(trial), methods_run(trial), jobs=jobs)
 
 
 def told(step: str) -> Any:
@@ -175,10 +185,11 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 def main() -> None:
     """Run the trial, or write its page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
+    parser.add_argument("trials", type=Path, nargs="+", metavar="TRIAL")
     parser.add_argument("--cases", type=int)
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--page", type=Path)
+    parser.add_argument("--keep", type=Path, metavar="FILE")
     parser.add_argument("--at", action="append", default=[], metavar="METHOD=COMMIT")
     parser.add_argument(
         "--again",
@@ -189,18 +200,18 @@ def main() -> None:
     parser.add_argument("--made", default="chiplog blind make --out DIR", help="how DIR was made")
     chosen = parser.parse_args()
     if chosen.cases is not None:
-        (folder,) = chosen.folders
+        (folder,) = chosen.trials
         run(folder, chosen.cases, chosen.jobs)
+    jobs = chosen.jobs or processors()
+    if chosen.keep is not None:
+        (trial,) = chosen.trials
+        keep(chosen.keep, judged_in(trial, jobs))
     if chosen.page is not None:
-        jobs = chosen.jobs or processors()
-        trials = [
-            open_methods(folder, key_of(folder), methods_run(folder), jobs=jobs)
-            for folder in chosen.folders
-        ]
+        trials = [judged_in(trial, jobs) for trial in chosen.trials]
         opened = trials[0] if len(trials) == 1 else together(trials)
         again = None
         if chosen.again is not None:
-            again = open_trial(chosen.again, key_of(chosen.again), jobs=jobs)
+            again = judged_in(chosen.again, jobs)[OWN_METHOD]
             if len(trials) > 1:
                 again = together([{OWN_METHOD: again}])[OWN_METHOD]
         commits = dict(one.split("=", 1) for one in chosen.at)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.trials.case import Case, Kind
 from gap_diagnosis.trials.judge import Judged, judge
+from gap_diagnosis.trials.kept import keep, kept
 from gap_diagnosis.trials.opening import Opened, together
 from gap_diagnosis.trials.reference_noise import ReferenceLevels
 from gap_diagnosis.trials.score import scores, summary
@@ -266,3 +270,30 @@ def test_a_forecaster_is_held_to_its_probabilities_where_sizes_are_as_it_believe
     assert part["forecast"]["cases"] == 2
     assert part["forecast"]["error"] == 0.0
     assert part["ece"] == pytest.approx(1 / 3)
+
+
+def test_what_is_kept_of_a_trial_scores_as_it_did_and_cannot_be_made_again(tmp_path: Path) -> None:
+    told = answer(
+        {"gyro_bias": 0.9, "gyro_scale": 0.1}, gap={"before": 2, "after": 1, "floor": 0.5}
+    )
+    told["which"][0]["parameters"] = {"gyro_bias.bias": {"estimate": 0.01, "sd": 1e-3, **WIDE}}
+    opened = {"chiplog": Opened((*SEER, seen(case(BIAS), told)), 3), "coin": Opened(tuple(SEER), 0)}
+    path = tmp_path / "trial.jsonl.gz"
+    keep(path, opened)
+    again = kept(path)
+    assert {m: o.missing for m, o in again.items()} == {"chiplog": 3, "coin": 0}
+    for method, own in opened.items():
+        assert scores(again[method]) == scores(own)
+        assert not any(one.case.secret for one in again[method].judged)
+    first = path.read_bytes()
+    keep(path, again)
+    assert path.read_bytes() == first
+
+
+def test_a_file_that_keeps_no_trial_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "trial.jsonl.gz"
+    for content in (b"not compressed", gzip.compress(b"[]\n"), gzip.compress(b"\xff")):
+        path.write_bytes(content)
+        with pytest.raises(DiagnosisError, match="expected judged cases") as told:
+            kept(path)
+        assert "\n" not in str(told.value)
