@@ -18,6 +18,7 @@ from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.lost_tracking import Lost, with_tracking
+from gap_diagnosis.motion.blanks import odometry_of_one_part, without_blanks
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst, beside_burst
 from gap_diagnosis.motion.counters import unwrapped
@@ -135,6 +136,7 @@ def analyse(
     recording, late_s = with_clock_set(recording, robot)
     recording = with_whole_turns(recording, robot)
     recording, lost = with_tracking(recording, robot)
+    recording = without_blanks(recording)
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
@@ -170,6 +172,10 @@ def analyse(
         blocks.append(codes)
     progress("odometry against replay", 0.65)
     firmware = firmware_block(as_received, robot, wire, without)
+    if firmware is not None and not firmware.is_equal:
+        part = odometry_of_one_part(as_received)
+        if part is not as_received:
+            firmware = firmware_block(part, robot, wire, without) or firmware
     if firmware is not None:
         blocks.append(
             firmware

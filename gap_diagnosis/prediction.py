@@ -49,6 +49,8 @@ class Motion:
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
         wheel_unsure_rad2: float64[2, n], variance of each wheel's turn where it was added up from
             speeds.
+        lost_m2: variance of where a tick leads, along either axis: which way the robot took to get
+            there, no counts say.
         gyro_unsure_rad2: variance of a tick's turn by the gyro beyond its noise: a sample was lost,
             or may be of a moment.
         gyro_code: as recorded, lost samples interpolated; None without a gyro.
@@ -106,6 +108,7 @@ class Motion:
     wheelbase_m: float
     rad_per_count: float
     wheel_unsure_rad2: Floats
+    lost_m2: Floats
     gyro_unsure_rad2: Floats
     wheel_rounding_rad: Floats
     turning_s: float

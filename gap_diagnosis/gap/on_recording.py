@@ -75,8 +75,10 @@ def _quantum_rad(robot: Robot, motion: Motion) -> float:
 
 
 def windows_on(motion: Motion, held_out: NDArray[np.bool_] | None = None) -> tuple[Window, ...]:
-    """Return the windows on the held-out ticks, bool[n] (None: the whole log)."""
-    return windows_of(motion.t_s, _way_m(motion), held_out)
+    """Return the windows on the held-out ticks, bool[n] (None: the whole log); none goes on where
+    nobody knows which way the robot took."""
+    told = motion.lost_m2 == 0.0
+    return windows_of(motion.t_s, _way_m(motion), told if held_out is None else told & held_out)
 
 
 def _way_m(motion: Motion) -> Floats:

@@ -37,7 +37,8 @@ class Course:
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
     chapter 4). What counts are off by turns a robot about *count_base_m*. By as much as *log_more*
     the log variance of each row is less than if counts turned the robot as described. A wheel's
-    path is its way, longer where its contact is rougher.
+    path is its way, longer where its contact is rougher. Where no counts are known the robot may be
+    anywhere by *lost_m2*.
     """
 
     dt_s: Floats
@@ -53,6 +54,7 @@ class Course:
     right_kept: Floats
     left_scatter_m2: Floats
     right_scatter_m2: Floats
+    lost_m2: Floats
     left_astray_m: Floats
     right_astray_m: Floats
     cosine: Floats
@@ -147,6 +149,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_kept=_kept(moved[1], slow[1]),
         left_scatter_m2=scatter[0],
         right_scatter_m2=scatter[1],
+        lost_m2=np.diff(nodes.mean(np.cumsum(motion.lost_m2)), prepend=0.0),
         left_astray_m=np.zeros(nodes.count),
         right_astray_m=np.zeros(nodes.count),
         cosine=np.cos(heading),

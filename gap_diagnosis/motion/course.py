@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -76,11 +77,25 @@ def _heading_over_s(reference: Reference) -> float:
 
 
 def slow(
-    stamps: Floats, residual: Floats, t_s: Floats, step_s: float, over_s: float = _FOLLOW_S
+    stamps: Floats,
+    residual: Floats,
+    t_s: Floats,
+    step_s: float,
+    over_s: float = _FOLLOW_S,
+    lost: Sequence[tuple[int, int]] = (),
 ) -> Floats:
-    """Return the residual at the ticks, without what is faster than *over_s*."""
+    """Return the residual at the ticks, without what is faster than *over_s*.
+
+    From the first to the last tick of what was *lost* it may grow by any size, which says nothing
+    of the ticks around.
+    """
     at_ticks = np.interp(t_s, stamps, residual)
-    return np.asarray(gaussian_filter1d(at_ticks, over_s / step_s))
+    grown = np.zeros(len(t_s))
+    for first, last in lost:
+        begins = max(first - 1, 0)
+        share = (t_s - t_s[begins]) / max(float(t_s[last] - t_s[begins]), 1e-9)
+        grown += (at_ticks[last] - at_ticks[begins]) * np.clip(share, 0.0, 1.0)
+    return np.asarray(grown + gaussian_filter1d(at_ticks - grown, over_s / step_s))
 
 
 def _aslant(

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.reference import USUAL_S
+from gap_diagnosis.motion.blanks import blanks, lost_ways_m2, stretches
 from gap_diagnosis.motion.counters import jumps_of
 from gap_diagnosis.motion.course import bent_heading, dead_reckoned, slow
 from gap_diagnosis.motion.missing import (
@@ -39,8 +40,9 @@ _OFTEN: Final = 20
 _BY_CHANCE: Final = 3.0
 """Standard deviations of a sample's noise."""
 NOTHING_SAID_RAD2: Final = 1.0
-"""Variance of a tick's turn by a gyro that repeats its code. What it holds is predicted to the bit:
-taken for a measurement, that would say that the wheels never slipped meanwhile."""
+"""Variance of a tick's turn by a gyro that is silent or repeats its code. What it holds is
+predicted to the bit: taken for a measurement, that would say that the wheels never slipped
+meanwhile."""
 
 
 def estimate_motion(
@@ -85,7 +87,8 @@ def estimate_motion(
         )
     ]
     forward_m = 0.5 * radius_m * (left_step + right_step)
-    heading = radius_m * (right - left) / wheelbase_m
+    heading = heading_by_wheels = radius_m * (right - left) / wheelbase_m
+    blank = blanks(recording)
     gyro_turn = _gyro_turn(recording, dt_s, heading)
     has_counters = any(one.modulo for one in recording.frames.values())
     gyro_rate = recording.gyro_rate_rad_s
@@ -93,6 +96,8 @@ def estimate_motion(
     if gyro_rate is not None and not has_counters:
         density = plant.gyro.noise_density_rad_per_sqrt_s
         gyro_unsure += variance_of_moments(gyro_rate, t_s, density**2 / step_s) * dt_s**2
+    if gyro_rate is not None:
+        gyro_unsure[silences(gyro_rate, t_s) | blank] = NOTHING_SAID_RAD2
     reference = recording.reference
     bent, over_s = np.zeros(len(t_s)), 0.0
     if reference is None:
@@ -102,8 +107,10 @@ def estimate_motion(
         bent[(t_s >= stamps[0]) & (t_s <= stamps[-1])] = 1.0
         heading, over_s = bent_heading(heading, t_s, stamps, reference, forward_m, step_s)
         x_m, y_m = dead_reckoned(forward_m, heading)
-        x_m = x_m + slow(stamps, reference.x_m - np.interp(stamps, t_s, x_m), t_s, step_s)
-        y_m = y_m + slow(stamps, reference.y_m - np.interp(stamps, t_s, y_m), t_s, step_s)
+        off_x_m = reference.x_m - np.interp(stamps, t_s, x_m)
+        off_y_m = reference.y_m - np.interp(stamps, t_s, y_m)
+        x_m = x_m + slow(stamps, off_x_m, t_s, step_s, lost=stretches(blank))
+        y_m = y_m + slow(stamps, off_y_m, t_s, step_s, lost=stretches(blank))
     turning_s = turn_smoothing_s(heading, np.abs(rates) * radius_m, wheelbase_m, step_s)
     turn_rate = gaussian_filter1d(_slope(heading, t_s), max(turning_s / step_s, 0.5))
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
@@ -139,6 +146,7 @@ def estimate_motion(
         wheel_unsure_rad2=np.zeros((2, len(t_s)))
         if recording.unsure_ticks2 is None
         else recording.unsure_ticks2 * rad_per_count**2,
+        lost_m2=lost_ways_m2(blank, t_s, forward_m, heading_by_wheels),
         gyro_unsure_rad2=gyro_unsure,
         gyro_code=None if gyro_code is None else np.clip(gyro_code, 0, plant.adc.max_code),
         gyro_is_filled=np.zeros(len(t_s), dtype=np.bool_) if code is None else ~np.isfinite(code),

@@ -70,6 +70,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.right_kept,
         course.left_scatter_m2,
         course.right_scatter_m2,
+        course.lost_m2,
         course.left_astray_m,
         course.right_astray_m,
         course.cosine,
@@ -105,6 +106,7 @@ def _whiten(
     right_kept: Floats,
     left_scatter: Floats,
     right_scatter: Floats,
+    lost: Floats,
     left_astray: Floats,
     right_astray: Floats,
     cosine: Floats,
@@ -215,8 +217,8 @@ def _whiten(
             turn = (left + right) / (wheelbase_m * wheelbase_m)
             turn += (left_scatter[k] + right_scatter[k]) / (count_base_m * count_base_m)
             fresh[0] = turn
-            fresh[1] = c * c * along + s * s * side
-            fresh[2] = s * s * along + c * c * side
+            fresh[1] = c * c * along + s * s * side + lost[k]
+            fresh[2] = s * s * along + c * c * side + lost[k]
             fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
             fresh[3] = fresh_angle
             fresh[4] = walk * walk * dt
