@@ -42,6 +42,7 @@ from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock, with_reference_put_right
+from gap_diagnosis.restarts import Restarts, with_restarts
 from gap_diagnosis.traces import Trace, traces
 from gap_diagnosis.whole_turns import with_whole_turns
 from hil_harness.assembly import Wire
@@ -70,6 +71,7 @@ class Analysis:
         standstills: stretches in which counts stand while their wheels turn, likewise.
         has_burst: the burst is at work whatever else is: the motion's accounts are beside it, where
             no effect means no other one.
+        restarts: where counts leapt, put back in the recording.
         mistake: of the reference's set-up, put right in the recording.
     """
 
@@ -87,11 +89,16 @@ class Analysis:
     mistake: Mistake | None = None
     standstills: Standstills | None = None
     has_burst: bool = False
+    restarts: Restarts = field(default_factory=Restarts)
 
     @property
     def as_ever(self) -> dict[str, float]:
         """How likely it is, by stage, that no unlisted cause is at work beside any other."""
-        return {"reference": self.lost.as_ever, "wheel": _HARDLY if self.has_burst else 1.0}
+        return {
+            "reference": self.lost.as_ever,
+            "wheel": _HARDLY if self.has_burst else 1.0,
+            "encoder": self.restarts.as_ever,
+        }
 
     def motion_of(self, effects: frozenset[str]) -> frozenset[str]:
         """Return those of some effects that the motion shows."""
@@ -130,6 +137,7 @@ def analyse(
     # What a stale producer said again, only the ECU took for news; counts that then catch up look
     # like leaps of the reference.
     # A table has no frames, but with two clocks it tells of the ECU's.
+    recording, restarts = with_restarts(recording, robot)
     bus = bus_block(recording, robot, wire)
     received, recording = recording, recording if bus is None else bus.without_stale()
     recording, mistake = with_reference_put_right(recording, robot, without)
@@ -173,7 +181,7 @@ def analyse(
     progress("odometry against replay", 0.65)
     firmware = firmware_block(as_received, robot, wire, without)
     if firmware is not None and not firmware.is_equal:
-        part = odometry_of_one_part(as_received)
+        part = odometry_of_one_part(as_received, restarts.t_s)
         if part is not as_received:
             firmware = firmware_block(part, robot, wire, without) or firmware
     if firmware is not None:
@@ -226,6 +234,7 @@ def analyse(
         mistake,
         stood,
         has_burst,
+        restarts,
     )
 
 

@@ -38,6 +38,7 @@ from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import with_reference_put_right
+from gap_diagnosis.restarts import with_restarts
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
 from gap_diagnosis.result_parts import (
     Advice,
@@ -133,6 +134,7 @@ def diagnose_recordings(
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
     if held is not None:
+        held = with_restarts(held, robot)[0]
         held = with_reference_put_right(held, robot, without)[0]
         held = with_whole_turns(with_clock_set(held, robot)[0], robot)
         held = with_tracking(held, robot)[0]

@@ -176,6 +176,7 @@ def notes_on(
                 f"{analysis.recording.name}: {analysis.outliers} samples of the reference lie far "
                 "off their neighbours and were left out."
             )
+        notes += _on_restarts(analysis)
         notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
         notes += _on_a_while(analysis, unlisted_in)
@@ -205,6 +206,17 @@ def _missing(recordings: Sequence[Recording]) -> list[str]:
     if all(one.odometry_x_m is None for one in recordings):
         notes.append("No odometry frames: a replay has nothing to be compared with.")
     return notes
+
+
+def _on_restarts(analysis: Analysis) -> list[str]:
+    """Say where counts leapt, in seconds from the log's start."""
+    found, from_s = analysis.restarts, float(analysis.recording.t_s[0])
+    return [
+        f"{analysis.recording.name}: the counts leap by {left:.0f} and {right:.0f} at "
+        f"{t_s - from_s:.2f} s, farther than wheels turn in that time, as of a controller that "
+        "restarts; they were put back."
+        for t_s, left, right in zip(found.t_s, found.left, found.right, strict=True)
+    ]
 
 
 def _on_the_drive(analysis: Analysis) -> list[str]:

@@ -6,6 +6,7 @@ in which order, nor therefore where that led it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -96,12 +97,14 @@ def without_blanks(recording: Recording) -> Recording:
     return replace(recording, reference=reference.only(~inside))
 
 
-def odometry_of_one_part(recording: Recording) -> Recording:
-    """Return the recording with the odometry of its longest part without a blank, and no other.
+def odometry_of_one_part(recording: Recording, restarts_s: Sequence[float] = ()) -> Recording:
+    """Return the recording with the odometry of its longest part without a blank or a restart, and
+    no other.
 
-    An ECU that had what the recorder lost went on otherwise than any replay does.
+    An ECU that had what the recorder lost went on otherwise than any replay does, and one that
+    restarts begins at nought.
     """
-    blank = blanks(recording)
+    blank = blanks(recording) | np.isin(recording.t_s, restarts_s)
     if not blank.any() or recording.odometry_x_m is None:
         return recording
     parts = stretches(~blank & np.isfinite(recording.odometry_x_m))
