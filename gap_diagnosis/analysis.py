@@ -134,10 +134,10 @@ def analyse(
     motion, gross = None, False
     blocks: list[Block] = []
     others: list[Alternative] = []
+    recording, restarts = with_restarts(recording, robot)
     # What a stale producer said again, only the ECU took for news; counts that then catch up look
     # like leaps of the reference.
     # A table has no frames, but with two clocks it tells of the ECU's.
-    recording, restarts = with_restarts(recording, robot)
     bus = bus_block(recording, robot, wire)
     received, recording = recording, recording if bus is None else bus.without_stale()
     recording, mistake = with_reference_put_right(recording, robot, without)

@@ -30,6 +30,7 @@ from gap_diagnosis.facts import (
 )
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.lost_tracking import with_tracking
+from gap_diagnosis.motion.blanks import without_blanks
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.picturing import residual_times
 from gap_diagnosis.priors import Prior, default_prior, with_library
@@ -137,7 +138,7 @@ def diagnose_recordings(
         held = with_restarts(held, robot)[0]
         held = with_reference_put_right(held, robot, without)[0]
         held = with_whole_turns(with_clock_set(held, robot)[0], robot)
-        held = with_tracking(held, robot)[0]
+        held = without_blanks(with_tracking(held, robot)[0])
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):

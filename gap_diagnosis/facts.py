@@ -129,7 +129,7 @@ def beside_unlisted(
     """Say which of the listed *effects* act whatever the unlisted cause in a stage is: they show in
     blocks that it does not touch.
 
-    A wheel that slid for a second hid motors that lag by three times what was described.
+    A tyre that slid for six seconds hid motors that lag by three times what was described.
     """
     touched = OWN_BLOCK.get(unlisted_in, "motion")
     notes = []
@@ -145,7 +145,7 @@ def beside_unlisted(
 
 
 _CERTAIN: Final = 20.0
-"""So much likelier [nat] than that an effect does not act: odds of a thousand millions."""
+"""So much likelier [nat] than that an effect does not act: one to five hundred million."""
 _WORSE: Final = 2.0
 """So many times the gap or its floor is no chance of the stretches held out."""
 

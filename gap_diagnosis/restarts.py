@@ -51,7 +51,8 @@ def with_restarts(recording: Recording, robot: Robot) -> tuple[Recording, Restar
     bits, _ = jumps_of(recording, robot)
     if bits or recording.unsure_ticks2 is not None:
         return recording, Restarts()
-    left, right = (_leaps(one, recording, robot) for one in _counts(recording))
+    left = _leaps(recording.left_ticks, recording, robot)
+    right = _leaps(recording.right_ticks, recording, robot)
     at = np.flatnonzero((left != 0.0) | (right != 0.0))
     if not 0 < len(at) <= _MOST:
         return recording, Restarts()
@@ -62,10 +63,6 @@ def with_restarts(recording: Recording, robot: Robot) -> tuple[Recording, Restar
     )
     told = (tuple(float(one) for one in values[at]) for values in (recording.t_s, left, right))
     return mended, Restarts(*told)
-
-
-def _counts(recording: Recording) -> tuple[Floats, Floats]:
-    return recording.left_ticks, recording.right_ticks
 
 
 def _leaps(counts: Floats, recording: Recording, robot: Robot) -> Floats:

@@ -13,12 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.motion.missing import silences
+from gap_diagnosis.motion.missing import longest_gap_s, silences
 from gap_diagnosis.recording import Floats, Recording
 
-_LONG_S: Final = 0.1
-_LONG_TICKS: Final = 5.0
-"""A row that comes so late, and so many times the usual, has others missing before it."""
 _AROUND_S: Final = 1.0
 """So far on either side speeds are taken from."""
 _BESIDE_S: Final = 0.15
@@ -36,7 +33,7 @@ def blanks(recording: Recording) -> NDArray[np.bool_]:
     blank = silences(recording.left_ticks, t_s) | silences(recording.right_ticks, t_s)
     blank[1:] |= blank[:-1]
     steps_s = np.diff(t_s, prepend=t_s[0])
-    blank |= steps_s > max(_LONG_S, _LONG_TICKS * float(np.median(steps_s[1:])))
+    blank |= steps_s > longest_gap_s(steps_s[1:])
     return blank
 
 

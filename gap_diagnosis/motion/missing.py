@@ -63,13 +63,19 @@ def silences(values: Floats, t_s: Floats) -> NDArray[np.bool_]:
     usual_s = np.diff(t_s[~missing])
     if not missing.any() or len(usual_s) == 0:
         return np.zeros(len(values), dtype=np.bool_)
-    longest_s = max(_SILENCE_S, _USUAL_TIMES * float(np.median(usual_s)))
+    longest_s = longest_gap_s(usual_s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
     silent = np.zeros(len(values), dtype=np.bool_)
     for first, stop in edges.reshape(-1, 2):
         last = min(stop, len(t_s) - 1)
         silent[first:stop] = t_s[last] - t_s[max(first - 1, 0)] > longest_s
     return silent
+
+
+def longest_gap_s(steps_s: Floats) -> float:
+    """Return how long nothing may be missing, where samples come at these steps [s], for what lies
+    between to be interpolated."""
+    return max(_SILENCE_S, _USUAL_TIMES * float(np.median(steps_s)))
 
 
 def variance_of_filled(rate: Floats | None, t_s: Floats) -> Floats:

@@ -42,17 +42,19 @@ def keep(path: Path, opened: Mapping[str, Opened]) -> None:
 def kept(path: Path) -> dict[str, Opened]:
     """Return what `keep` wrote; raise DiagnosisError for a file of another kind."""
     try:
-        head, *lines = gzip.decompress(path.read_bytes()).decode().splitlines()
-        missing = json.loads(head)["missing"]
+        first, *lines = gzip.decompress(path.read_bytes()).decode().splitlines()
+        head = json.loads(first)
+        if head["schema"] != _SCHEMA:
+            raise ValueError(f"schema {head['schema']}, not {_SCHEMA}")
         rows = [json.loads(line) for line in lines]
-    except (gzip.BadGzipFile, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+        return {
+            method: Opened(tuple(_judged(row) for row in rows if row["method"] == method), count)
+            for method, count in head["missing"].items()
+        }
+    except (gzip.BadGzipFile, ValueError, KeyError, TypeError) as error:
         raise DiagnosisError(
             f"{path}: {error}: expected judged cases as benchmarks/blind_trial.py keeps them"
         ) from error
-    return {
-        method: Opened(tuple(_judged(row) for row in rows if row["method"] == method), count)
-        for method, count in missing.items()
-    }
 
 
 def _plain(one: Judged) -> dict[str, Any]:

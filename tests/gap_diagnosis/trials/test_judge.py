@@ -292,7 +292,13 @@ def test_what_is_kept_of_a_trial_scores_as_it_did_and_cannot_be_made_again(tmp_p
 
 def test_a_file_that_keeps_no_trial_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "trial.jsonl.gz"
-    for content in (b"not compressed", gzip.compress(b"[]\n"), gzip.compress(b"\xff")):
+    others = (
+        b"[]\n",
+        b"\xff",
+        b'{"schema": 9}\n',
+        b'{"schema": 1, "missing": {"a": 0}}\n{"method": "a"}\n',
+    )
+    for content in (b"not compressed", *map(gzip.compress, others)):
         path.write_bytes(content)
         with pytest.raises(DiagnosisError, match="expected judged cases") as told:
             kept(path)
