@@ -11,14 +11,14 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.bus import bus_block
-from gap_diagnosis.clock_setting import UNSET_S, UNTOLD, with_clock_set
+from gap_diagnosis.clock_setting import UNSET_S, UNTOLD
 from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
 from gap_diagnosis.hypothesis import Block, Fit
-from gap_diagnosis.lost_tracking import Lost, with_tracking
-from gap_diagnosis.motion.blanks import odometry_of_one_part, without_blanks
+from gap_diagnosis.lost_tracking import Lost
+from gap_diagnosis.motion.blanks import odometry_of_one_part
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.bursts import Burst, beside_burst
 from gap_diagnosis.motion.counters import unwrapped
@@ -40,11 +40,11 @@ from gap_diagnosis.motion.unknown import (
 )
 from gap_diagnosis.outliers import without_outliers
 from gap_diagnosis.priors import Prior
+from gap_diagnosis.put_right import put_right
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock, with_reference_put_right
+from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock
 from gap_diagnosis.restarts import Restarts, with_restarts
 from gap_diagnosis.traces import Trace, traces
-from gap_diagnosis.whole_turns import with_whole_turns
 from hil_harness.assembly import Wire
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
@@ -140,11 +140,8 @@ def analyse(
     # A table has no frames, but with two clocks it tells of the ECU's.
     bus = bus_block(recording, robot, wire)
     received, recording = recording, recording if bus is None else bus.without_stale()
-    recording, mistake = with_reference_put_right(recording, robot, without)
-    recording, late_s = with_clock_set(recording, robot)
-    recording = with_whole_turns(recording, robot)
-    recording, lost = with_tracking(recording, robot)
-    recording = without_blanks(recording)
+    right = put_right(recording, robot, without)
+    recording, mistake, late_s = right.recording, right.mistake, right.late_s
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
@@ -228,7 +225,7 @@ def analyse(
         outliers,
         burst,
         seen,
-        lost,
+        right.lost,
         late_s,
         pushes,
         mistake,

@@ -16,7 +16,6 @@ from gap_diagnosis.advising import advice_for
 from gap_diagnosis.agreement import contradiction, disagreements
 from gap_diagnosis.analysis import Analysis, Progress, analyse
 from gap_diagnosis.answer import candidates, estimates_by_log, stage_probabilities, unknown_part
-from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.effect_stages import stages_of
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.facts import (
@@ -29,16 +28,14 @@ from gap_diagnosis.facts import (
     notes_on,
 )
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
-from gap_diagnosis.lost_tracking import with_tracking
-from gap_diagnosis.motion.blanks import without_blanks
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.picturing import residual_times
 from gap_diagnosis.priors import Prior, default_prior, with_library
+from gap_diagnosis.put_right import put_right
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.reference_mistakes import with_reference_put_right
 from gap_diagnosis.restarts import with_restarts
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
 from gap_diagnosis.result_parts import (
@@ -51,7 +48,6 @@ from gap_diagnosis.result_parts import (
     Where,
 )
 from gap_diagnosis.structure import structure_of
-from gap_diagnosis.whole_turns import with_whole_turns
 from hil_harness.assembly import Wire, load_wire
 from hil_harness.effects import catalogue
 from hil_harness.effects.model import Effect
@@ -135,10 +131,7 @@ def diagnose_recordings(
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
     if held is not None:
-        held = with_restarts(held, robot)[0]
-        held = with_reference_put_right(held, robot, without)[0]
-        held = with_whole_turns(with_clock_set(held, robot)[0], robot)
-        held = without_blanks(with_tracking(held, robot)[0])
+        held = put_right(with_restarts(held, robot)[0], robot, without).recording
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):
