@@ -342,19 +342,32 @@ def _are_twins(winner: EffectSet, rival: EffectSet, twins: Sequence[frozenset[st
 
 def _in_vain(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> Advice:
     """Return what to do where what is driven makes no difference."""
-    names = ", ".join("+".join(one) for one in rivals)
     ways = dict.fromkeys(way for one in rivals for way in _varied(set(winner) ^ set(one)))
     return Advice(
         separates=(winner, *rivals),
         scenario_file=None,
         sentence=(
-            f"No manoeuvre tells {'+'.join(winner)} from {names} with these signals: "
+            f"No manoeuvre tells {_apart(winner, rivals)} with these signals: "
             f"{'; '.join((*ways, 'measure the part itself, or record more'))}."
         ),
         expected_gain=0.0,
         scenario=None,
         about=about,
     )
+
+
+def _apart(winner: EffectSet, rivals: Sequence[EffectSet]) -> str:
+    """Return a set and what it is not told from: by name where a reader still takes that in, else
+    how many and in what they differ."""
+    if len(rivals) <= _NAMED:
+        return f"{'+'.join(winner)} from {', '.join('+'.join(one) for one in rivals)}"
+    differing = dict.fromkeys(name for one in rivals for name in sorted(set(winner) ^ set(one)))
+    return (
+        f"{'+'.join(winner)} from {len(rivals)} other sets, which differ in {', '.join(differing)}"
+    )
+
+
+_NAMED: Final = 3
 
 
 def _varied(apart: AbstractSet[str]) -> list[str]:
@@ -374,12 +387,11 @@ def _elsewhere(about: About, winner: EffectSet, rivals: Sequence[EffectSet]) -> 
     apart = {effect for rival in rivals for effect in set(winner) ^ set(rival)}
     stages = {known[effect].stage for effect in apart if effect in known}
     looks = [look for stage, look in _LOOKS.items() if stage in stages]
-    names = ", ".join("+".join(one) for one in rivals)
     return Advice(
         separates=(winner, *rivals),
         scenario_file=None,
         sentence=(
-            f"No manoeuvre is planned to tell {'+'.join(winner)} from {names}: "
+            f"No manoeuvre is planned to tell {_apart(winner, rivals)}: "
             f"{'; '.join(looks or ['measure the part itself'])}."
         ),
         expected_gain=0.0,

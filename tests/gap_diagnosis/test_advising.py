@@ -323,6 +323,23 @@ def test_what_the_motion_does_not_tell_apart_gets_no_drive_and_is_said(winner, r
     assert look in only.sentence
 
 
+def test_of_many_sets_it_is_said_how_many_and_in_what_they_differ():
+    """Of a recorded Kobuki 41 were written out, over twenty lines of a terminal."""
+    sets = [
+        ("drive_lag", "encoder_wrap"),
+        ("drive_delay", "encoder_wrap"),
+        ("drive_saturation", "encoder_wrap"),
+        ("drive_deadband", "encoder_wrap"),
+        ("drive_gain", "encoder_wrap"),
+    ]
+    (only,) = advice(named(*sets), lesson_with_slip())
+    assert (
+        "drive_lag+encoder_wrap from 4 other sets, which differ in "
+        "drive_delay, drive_lag, drive_saturation, drive_deadband, drive_gain:"
+    ) in only.sentence
+    assert set(only.separates) == set(sets)
+
+
 def test_what_the_motion_shows_is_told_apart_whatever_acts_beside_it_elsewhere():
     winner = named(("drive_lag", "lateral_slip"), ("drive_lag", "reference_lever_arm"))
     (only,) = advice(winner, lesson_with_slip())
