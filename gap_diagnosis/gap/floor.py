@@ -1,7 +1,7 @@
 """The gap that noise alone leaves: the metrics on errors drawn from the noise model.
 
 Errors are small against the path, so the error of a path is linear in its noise. Walks are drawn
-at nodes 50 ms apart and the reference is read at the nodes (at most as often as it comes); what it
+at nodes 50 ms apart and the reference is read at the nodes nearest after its samples; what it
 does between two nodes is far below the other noise.
 """
 
@@ -163,33 +163,33 @@ def _window_floor(
     lateral = sideways * generator.standard_normal((draws, count))
     off = np.cumsum(1j * heading_rad * steps + (forward + 1j * lateral) * course, axis=1)
 
-    # As many reference samples stand behind a node as really come in its time.
     first, stop = np.searchsorted(measured_t_s, [window.start_s, window.stop_s])
-    rate_hz = max((stop - first) / (window.stop_s - window.start_s), 1e-9)
-    thin = max(1, math.ceil(1 / (rate_hz * node_s)))
     slow = _slow_walks(generator, 3, draws, count, node_s, levels.slow_s)
     off -= levels.reference_slow_position_m * (slow[0] + 1j * slow[1])
     seen_rad = heading_rad - levels.reference_slow_heading_rad * slow[2]
-    known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
+    stamps = measured_t_s[first:stop] if stop > first else at_s
+    points = np.interp(stamps, path.t_s, path.x_m) + 1j * np.interp(stamps, path.t_s, path.y_m)
+    samples = max(int(np.searchsorted(stamps, window.align_s, side="right")), 1)
     if not has_heading:
-        known = known_by_way(x_m + 1j * y_m, known)
-    samples = max(rate_hz * known * node_s, 1.0)
+        samples = min(known_by_way(points, samples), len(points))
+    nodes = np.minimum(np.searchsorted(at_s, stamps), count - 1)
+    told, used = nodes[:samples], np.unique(np.append(nodes[samples:], count - 1))
 
     def normal() -> Floats:
         return generator.standard_normal(draws)
 
     white_m, white_rad = levels.reference_position_m, levels.reference_heading_rad
-    start = off[:, :known].mean(1) + white_m * (normal() + 1j * normal()) / math.sqrt(samples)
-    middle = np.mean(x_m[:known] + 1j * y_m[:known])
+    start = off[:, told].mean(1) + white_m * (normal() + 1j * normal()) / math.sqrt(samples)
+    middle = points[:samples].mean()
     away = (x_m + 1j * y_m) - middle
     if has_heading:
-        start_rad = seen_rad[:, :known].mean(1) + white_rad * normal() / math.sqrt(samples)
+        start_rad = seen_rad[:, told].mean(1) + white_rad * normal() / math.sqrt(samples)
     else:
-        start_rad = _turn_by_positions(off, away, white_m, rate_hz, node_s, known, normal())
+        start_rad = _turn_by_positions(off[:, told], points[:samples] - middle, white_m, normal())
     left_over = off - start[:, np.newaxis] - 1j * start_rad[:, np.newaxis] * away
-    used = slice(known, None, thin)
     position = (np.abs(left_over[:, used]) ** 2).mean(1) + 2 * white_m**2
     heading = ((seen_rad - start_rad[:, np.newaxis])[:, used] ** 2).mean(1) + white_rad**2
+    known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
     difference = wheel_rad - gyro_rad
     difference = difference - difference[:, :known].mean(1, keepdims=True)
     return position, heading, (difference[:, known:] ** 2).mean(1)
@@ -220,18 +220,9 @@ def _slow_walks(
     return np.moveaxis(slow, 0, -1)
 
 
-def _turn_by_positions(
-    off: Floats,
-    away: Floats,
-    white_m: float,
-    rate_hz: float,
-    node_s: float,
-    known: int,
-    normal: Floats,
-) -> Floats:
-    """Return the error of a start heading that the positions of the first nodes tell."""
-    arm = away[:known] - away[:known].mean()
+def _turn_by_positions(off: Floats, arm: Floats, white_m: float, normal: Floats) -> Floats:
+    """Return the error of a start heading that samples tell, by their positions' errors, in each
+    draw, and their places about the middle."""
     inertia = max(float((np.abs(arm) ** 2).sum()), 1e-12)
-    turn = np.imag(np.conj(arm) * (off[:, :known] - off[:, :known].mean(1, keepdims=True))).sum(1)
-    spread = white_m / math.sqrt(inertia * max(rate_hz * node_s, 1e-9))
-    return np.asarray(turn / inertia + spread * normal)
+    turn = np.imag(np.conj(arm) * (off - off.mean(1, keepdims=True))).sum(1)
+    return np.asarray(turn / inertia + white_m / math.sqrt(inertia) * normal)
