@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.signal import correlate
 
+from gap_diagnosis.explanations.standstill import told_until_s
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import SEARCH_S, turns_of
@@ -61,7 +62,8 @@ def _late_s(motion: Motion, reference: Reference) -> float:
     effect: what wheels or gyro turn (or go, where there is no orientation) is laid over the
     reference.
     """
-    ours_t_s = np.arange(motion.t_s[0], motion.t_s[-1], _STEP_S)
+    # One wheel alone turns like another round of the track.
+    ours_t_s = np.arange(motion.t_s[0], told_until_s(motion), _STEP_S)
     theirs_t_s = np.arange(reference.t_s[0], reference.t_s[-1], _STEP_S)
     if min(len(ours_t_s), len(theirs_t_s)) * _STEP_S < _LEAST_S:
         return 0.0

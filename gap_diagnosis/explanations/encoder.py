@@ -105,15 +105,17 @@ def extra_ticks_right(p: Prediction, *, rate: float) -> None:
 
 
 def encoder_dead_left(p: Prediction, *, start_s: float, stop_s: float) -> None:
-    """Count nothing on the left: the gyro and the right wheel tell what it did."""
+    """Count nothing on the left: the gyro, or else the reference, and the right wheel tell what it
+    did."""
     inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
-    p.left_rad = np.where(inside, p.right_rad - turn_by_gyro_rad(p.motion), p.left_rad)
+    p.left_rad = np.where(inside, p.right_rad - _turn_meanwhile_rad(p.motion), p.left_rad)
 
 
 def encoder_dead_right(p: Prediction, *, start_s: float, stop_s: float) -> None:
-    """Count nothing on the right: the gyro and the left wheel tell what it did."""
+    """Count nothing on the right: the gyro, or else the reference, and the left wheel tell what it
+    did."""
     inside = (p.motion.t_s > start_s) & (p.motion.t_s <= stop_s)
-    p.right_rad = np.where(inside, p.left_rad + turn_by_gyro_rad(p.motion), p.right_rad)
+    p.right_rad = np.where(inside, p.left_rad + _turn_meanwhile_rad(p.motion), p.right_rad)
 
 
 @told_once
@@ -122,6 +124,16 @@ def turn_by_gyro_rad(motion: Motion) -> Floats:
     if motion.gyro_turn_rad is None:
         return np.zeros(len(motion.t_s))
     turn = np.diff(motion.gyro_turn_rad, prepend=motion.gyro_turn_rad[0])
+    return np.asarray(turn * motion.wheelbase_m / motion.radius_m)
+
+
+def _turn_meanwhile_rad(motion: Motion) -> Floats:
+    """Return the same of a wheel that is not counted; without a gyro as the estimated motion has
+    it, which a reference with headings tells: along a straight guess a robot that turns by rounds
+    is nowhere near."""
+    if motion.gyro_turn_rad is not None:
+        return turn_by_gyro_rad(motion)
+    turn = np.diff(motion.heading_rad, prepend=motion.heading_rad[0])
     return np.asarray(turn * motion.wheelbase_m / motion.radius_m)
 
 

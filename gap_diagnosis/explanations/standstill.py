@@ -135,6 +135,14 @@ def dead_ticks(motion: Motion) -> NDArray[np.bool_]:
     return dead
 
 
+def told_until_s(motion: Motion) -> float:
+    """Return until when wheels or gyro tell turns, log time: without a gyro, one wheel alone does
+    not."""
+    dead = dead_ticks(motion)
+    is_told = motion.gyro_turn_rad is not None or not dead.any()
+    return float(motion.t_s[-1 if is_told else np.argmax(dead)])
+
+
 def _died_s(motion: Motion, side: str, first: int, by: int) -> tuple[float, float]:
     """Return from when to when an encoder may have died that counts nothing from row *first* on.
 

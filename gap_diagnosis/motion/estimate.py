@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.reference import USUAL_S
+from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.motion.blanks import blanks, lost_ways_m2, stretches
 from gap_diagnosis.motion.counters import jumps_of
 from gap_diagnosis.motion.course import bent_heading, dead_reckoned, slow
@@ -27,7 +28,7 @@ from gap_diagnosis.motion.missing import (
 )
 from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smoothing_s
 from gap_diagnosis.prediction import Motion
-from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.standing import standing
 from gap_diagnosis.wheel_speeds import WheelSpeed, WheelSpeeds, wheel_speed
 from hil_harness.robot import Robot
@@ -51,10 +52,67 @@ def estimate_motion(
     """Return the motion of a recording: dead reckoning, bent slowly onto the reference.
 
     *reference_delay_s*, one or each sample's, is taken off the reference's stamps first. Only a
-    linearisation point: the reference is smoothed here and nowhere else.
+    linearisation point: the reference is smoothed here and nowhere else. Where one wheel alone
+    counts and there is no gyro, the way leads where the reference's headings turn.
 
     Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
     """
+    motion = _estimated(recording, robot, reference_delay_s)
+    reference = recording.reference
+    dead = dead_ticks(motion)
+    if (
+        reference is None
+        or reference.heading_rad is None
+        or motion.gyro_turn_rad is not None
+        or not dead.any()
+    ):
+        return motion
+    turning = _with_turns_of(reference, recording, motion, dead, reference_delay_s)
+    way = _estimated(turning, robot, reference_delay_s)
+    return replace(
+        motion,
+        x_m=way.x_m,
+        y_m=way.y_m,
+        heading_rad=way.heading_rad,
+        speed_m_s=way.speed_m_s,
+        turn_rate_rad_s=way.turn_rate_rad_s,
+        turning_s=way.turning_s,
+        sharp_s=way.sharp_s,
+        bent_over_s=way.bent_over_s,
+    )
+
+
+def _with_turns_of(
+    reference: Reference,
+    recording: Recording,
+    motion: Motion,
+    dead: NDArray[np.bool_],
+    delay_s: Floats | float,
+) -> Recording:
+    """Return the recording with the counts that a wheel which counts no more would have had, by the
+    other one and the reference's headings."""
+    if reference.heading_rad is None:
+        raise ValueError("a reference with headings")
+    heading = np.interp(motion.t_s, reference.t_s - delay_s, reference.heading_rad)
+    smooth = gaussian_filter1d(heading, max(USUAL_S / motion.tick_s, 0.5))
+    per_turn = motion.wheelbase_m / (motion.radius_m * motion.rad_per_count)
+    turn = per_turn * np.diff(smooth, prepend=smooth[0])
+    left, right = (
+        motion.left_step_rad / motion.rad_per_count,
+        motion.right_step_rad / motion.rad_per_count,
+    )
+    is_left = dead & (left == 0.0)
+    missing_left = np.where(is_left, right - turn, 0.0)
+    missing_right = np.where(dead & ~is_left, left + turn, 0.0)
+    return replace(
+        recording,
+        left_ticks=recording.left_ticks + np.round(np.cumsum(missing_left)),
+        right_ticks=recording.right_ticks + np.round(np.cumsum(missing_right)),
+    )
+
+
+def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | float) -> Motion:
+    """Return the same with every wheel as it is counted."""
     t_s = recording.t_s
     if len(t_s) < 3 or not np.isfinite(recording.left_ticks).any():
         raise DiagnosisError(

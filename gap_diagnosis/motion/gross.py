@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.motion.seen import is_seen
@@ -169,6 +170,8 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
     t_s = np.arange(motion.t_s[0], motion.t_s[-1], _BLOCK_S)
     if len(t_s) < 8:
         return []
+    # A wheel that is no longer counted is off by no sign or factor.
+    counted = np.diff(np.interp(t_s, motion.t_s, np.cumsum(dead_ticks(motion)))) == 0.0
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
     unsure = float(motion.wheel_unsure_rad2.sum()) * (motion.radius_m / motion.wheelbase_m) ** 2
     per_rad = motion.radius_m / motion.wheelbase_m
@@ -178,10 +181,14 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
             for sign, angle in ((-1.0, motion.left_angle_rad), (1.0, motion.right_angle_rad))
         ]
     )
-    pairs = [_Pair(turn, one, unsure, wheels) for one in gyro]
+    pairs = [
+        _Pair(turn[counted], one[counted], counted.mean() * unsure, wheels[:, counted])
+        for one in gyro
+        if np.count_nonzero(counted) >= _LEAST_STEPS
+    ]
     reference = recording.reference
     if reference is not None and len(reference.t_s) > 8:
-        seen = is_seen(t_s, reference.t_s, _BLOCK_S)
+        seen = is_seen(t_s, reference.t_s, _BLOCK_S) & counted
         if np.count_nonzero(seen) < _LEAST_STEPS:
             return [one for one in pairs if one.is_clear]
         if reference.heading_rad is not None:
@@ -197,7 +204,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
             np.diff(_averaged(t_s, reference.t_s, reference.y_m)),
         )
         pairs.append(_Pair(np.abs(forward[seen]), moved[seen], is_length=True))
-        if reference.heading_rad is None:
+        if reference.heading_rad is None and counted.all():
             pairs += _bends(motion, reference)
     return [one for one in pairs if one.is_clear]
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.explanations.standstill import told_until_s
 from gap_diagnosis.motion.drift import BETTER, drift_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.seen import is_seen
@@ -58,7 +59,7 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
         return timely
     motion = estimate_motion(replace(recording, reference=None), robot)
     first_s = max(motion.t_s[0], reference.t_s[0])
-    grid = np.arange(first_s, min(motion.t_s[-1], reference.t_s[-1]), _STEP_S)
+    grid = np.arange(first_s, min(told_until_s(motion), reference.t_s[-1]), _STEP_S)
     if len(grid) < 100:
         return timely
     if reference.heading_rad is None:

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 
+from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
+from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
@@ -45,6 +47,23 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
     first_s, last_s = dead.told["start_s"]
     assert first_s - 0.01 <= 0.3 * LASTS_S <= last_s
     assert last_s < 0.3 * LASTS_S + 0.2
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", ["square", "figure8"])
+def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: str) -> None:
+    """Of five runs of a recorded robot with a count that stands from 60 % on, two were a wrong
+    factor or another track; a clock drifted, or was never set, along the one wheel left."""
+    died = EffectSetting("encoder_dead", (("side", side), ("start_s", 45.0)))
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario(name), effects=()), (died,), 3,
+        reference=ReferenceNoise(), contact_noise_m_per_sqrt_m=5e-4, duration_s=80.0,
+    )  # fmt: skip
+    blind = replace(log, gyro_code=None, gyro_rate_rad_s=None)
+    assert not looks_gross(blind, ROBOT)
+    assert with_clock_set(blind, ROBOT)[1] == 0.0
+    found = MotionBlock(MotionModel(blind, ROBOT, default_prior())).scan.likeliest
+    assert found.effects == {"encoder_dead"}
 
 
 def test_the_last_row_before_it_died_may_have_been_counted_in_part() -> None:
