@@ -15,7 +15,7 @@ from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.motion.accounts import NEAR, Found, dispersed, of_one_quotient
 from gap_diagnosis.motion.bursts import Burst, find_burst
 from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.gross import is_in_order, looks_gross, put_right
+from gap_diagnosis.motion.gross import Order, looks_gross, order_of, put_right
 from gap_diagnosis.motion.mended import Mended, in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.neighbours import DEAD
@@ -112,10 +112,30 @@ class MotionBlock:
             } | {alone: best}
 
     def _mends(self, term: Term) -> bool:
-        """Tell whether a mistake of the set-up, put right, leaves a log in order."""
-        variant = term.variant
-        right, _ = put_right(self.model.recording, variant.effect, variant.report)
-        return is_in_order(right, self.model.robot)
+        """Tell whether a mistake of the set-up, put right, leaves a log in order; where none does,
+        in that of wheels that stand far apart."""
+        return self._orders[_told_as(term)] <= self._least_order
+
+    @cached_property
+    def _orders(self) -> dict[tuple[object, ...], Order]:
+        """In what order each mistake of the set-up, put right, leaves a log."""
+        recording, robot = self.model.recording, self.model.robot
+        mistakes = [
+            one for effect in GROSS & self.scan.effects for one in self.scan.by_effect[effect]
+        ]
+        return {
+            _told_as(one): order_of(
+                put_right(recording, one.variant.effect, one.variant.report)[0], robot
+            )
+            for one in mistakes
+        }
+
+    @cached_property
+    def _least_order(self) -> Order:
+        """In what order a log must be that is put right: wheels that stand far apart need no
+        mistake besides."""
+        is_none = order_of(self.model.recording, self.model.robot) is Order.NONE
+        return min((*self._orders.values(), Order.FAR_APART if is_none else Order.WHOLE))
 
     @cached_property
     def effects(self) -> frozenset[str]:
@@ -528,6 +548,10 @@ def _estimates(
     found = scan.account(effects)
     again = found.refitted or scan.model.refit(found.terms, found.levels)
     return Posterior(scan.model, scan, closely=closely).estimates(found, again)
+
+
+def _told_as(term: Term) -> tuple[object, ...]:
+    return term.variant.effect, *sorted(term.variant.report.items())
 
 
 def _is_of(parameter: str, effect: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -21,9 +22,11 @@ from hil_harness.robot import Robot
 
 _LOW: Final = 0.7
 _HIGH: Final = 1.4
+_FARTHEST: Final = 0.2
+"""Wheels that stand five times as far apart, the end of the prior, turn a robot by so much less."""
 _BLOCK_S: Final = 0.5
 _STILL: Final = 1e-4
-_MOVES: Final = 1e-2
+_MOVES: Final = 1e-3
 """Squares of ways [m] or turns [rad] in blocks, added up: less is rest, more is none."""
 _STEP_S: Final = 2.0
 """Over which, on average, a course without headings is compared: between two clocks half a second
@@ -56,24 +59,34 @@ def looks_gross(recording: Recording, robot: Robot) -> bool:
     return any(one.is_gross or one.is_of_one_wheel for one in sources)
 
 
-def is_in_order(recording: Recording, robot: Robot) -> bool:
-    """Tell whether turns and ways of all sources go together, in size and in time.
+class Order(IntEnum):
+    """Whether turns and ways of all sources go together, in size and in time; or would, if the
+    wheels stood far apart: a skid-steer's turn it as if they stood at twice their track."""
+
+    WHOLE = 0
+    FAR_APART = 1
+    NONE = 2
+
+
+def order_of(recording: Recording, robot: Robot) -> Order:
+    """Tell whether the sources of a log go together.
 
     What is divided by a wrong factor may be as large as another source by chance, or so small that
     it has no slope.
     """
-    for one in _sources(recording, robot):
-        moved, noise = _moved(one.effect)
-        if one.slope is None:
-            if moved > max(_MOVES, noise):
-                return False
-        elif one.is_gross:
-            return False
-        elif one.is_length:
-            continue  # its noise is no error that goes to and fro
-        elif noise < _LOUD * _power(one.cause) and one.correlation < _TOGETHER:
-            return False
-    return True
+    return max((_order(one) for one in _sources(recording, robot)), default=Order.WHOLE)
+
+
+def _order(pair: _Pair) -> Order:
+    moved, noise = _moved(pair.effect)
+    if pair.slope is None:
+        return Order.NONE if moved > max(_MOVES, noise) else Order.WHOLE
+    goes_to_and_fro = not pair.is_length and noise < _LOUD * _power(pair.cause)
+    if goes_to_and_fro and pair.correlation < _TOGETHER:
+        return Order.NONE
+    if not pair.is_gross:
+        return Order.WHOLE
+    return Order.FAR_APART if pair.is_of_wheels_far_apart else Order.NONE
 
 
 @dataclass(frozen=True)
@@ -84,6 +97,7 @@ class _Pair:
         cause, effect: float64[n].
         unsure: how much of the sum of the cause's squares is noise, at most; None: not known.
         wheels: float64[2, n], what either wheel adds to the cause, where it is the wheels' turn.
+        is_turn_of_wheels: the cause is what wheels turn about the described track.
         is_length: noise makes the effect longer, never shorter.
     """
 
@@ -91,6 +105,7 @@ class _Pair:
     effect: Floats
     unsure: float | None = 0.0
     wheels: Floats | None = None
+    is_turn_of_wheels: bool = False
     is_length: bool = False
 
     @property
@@ -116,13 +131,27 @@ class _Pair:
             return False
         if self.is_length:
             return self._is_length_gross(slope)
+        most, least = self._between(slope)
+        return most < _LOW or least > _HIGH
+
+    @property
+    def is_of_wheels_far_apart(self) -> bool:
+        """The wheels turn by more than the other source, by no more than a wide track makes."""
+        if self.slope is None or not self.is_turn_of_wheels:
+            return False
+        most, least = self._between(self.slope)
+        return most > _FARTHEST and least < _LOW
+
+    def _between(self, slope: float) -> tuple[float, float]:
+        """Return the largest and the smallest ratio of effect to cause; both 1 where noise may be
+        all."""
         if self.unsure is not None:
             without_noise = slope / (1.0 - self.unsure / _power(self.cause))
         elif self.correlation**2 * len(self.cause) < _TOLD**2:
-            return False
+            return 1.0, 1.0
         else:
             without_noise = slope / self.correlation**2
-        return max(slope, without_noise) < _LOW or min(slope, without_noise) > _HIGH
+        return max(slope, without_noise), min(slope, without_noise)
 
     def _is_length_gross(self, slope: float) -> bool:
         """Fixes that are off by more than a robot goes between them leave no slope, but their steps
@@ -182,7 +211,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         ]
     )
     pairs = [
-        _Pair(turn[counted], one[counted], counted.mean() * unsure, wheels[:, counted])
+        _Pair(turn[counted], one[counted], counted.mean() * unsure, wheels[:, counted], True)
         for one in gyro
         if np.count_nonzero(counted) >= _LEAST_STEPS
     ]
@@ -194,7 +223,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         if reference.heading_rad is not None:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))[seen]
             share = np.count_nonzero(seen) / len(seen)
-            pairs.append(_Pair(turn[seen], heading, share * unsure, wheels[:, seen]))
+            pairs.append(_Pair(turn[seen], heading, share * unsure, wheels[:, seen], True))
             pairs += [_Pair(one[seen], heading) for one in gyro]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
@@ -236,7 +265,7 @@ def _bends(motion: Motion, reference: Reference) -> list[_Pair]:
     cause, effect = (
         ((steps[1:] * np.conj(steps[:-1])).imag / longer_m)[seen] for steps in (ours, theirs)
     )
-    pair = _Pair(cause, effect, unsure=None)
+    pair = _Pair(cause, effect, unsure=None, is_turn_of_wheels=True)
     if pair.slope is None:
         return []
     left = (effect - np.median(effect)) - pair.slope * (cause - np.median(cause))

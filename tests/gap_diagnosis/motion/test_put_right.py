@@ -16,7 +16,7 @@ from gap_diagnosis.drive import drive_block
 from gap_diagnosis.drive.mistakes import COUNTS
 from gap_diagnosis.explanations.registry import EXPLAINED
 from gap_diagnosis.motion.block import MotionBlock
-from gap_diagnosis.motion.gross import _Pair, is_in_order, looks_gross, put_right
+from gap_diagnosis.motion.gross import Order, _Pair, looks_gross, order_of, put_right
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import CONTACT, LEVELS
 from gap_diagnosis.priors import default_prior
@@ -211,8 +211,10 @@ def test_no_factor_puts_a_log_in_order_in_which_a_wheel_counts_backwards(
     for signal in ("left_ticks", "right_ticks", "ticks", "gyro"):
         for factor in (one for known in FACTORS for one in (known, 1 / known)):
             values = {"signal": signal, "factor": factor}
-            assert not is_in_order(put_right(wrong_way, "setup_unit", values)[0], ROBOT)
-    assert is_in_order(put_right(wrong_way, "setup_sign", {"signal": side})[0], ROBOT)
+            still_wrong, _ = put_right(wrong_way, "setup_unit", values)
+            assert order_of(still_wrong, ROBOT) is Order.NONE
+    right, _ = put_right(wrong_way, "setup_sign", {"signal": side})
+    assert order_of(right, ROBOT) is Order.WHOLE
 
 
 @pytest.mark.parametrize("noise_m", [0.001, 0.02, 0.1])
@@ -223,7 +225,7 @@ def test_a_healthy_log_is_in_order_however_its_reference_trembles(
     """On a straight nothing turns, and headings tremble by more than the wheels say."""
     noise = ReferenceNoise(position_m=noise_m, heading_rad=min(noise_m, 0.02))
     log = synthetic_recording(ROBOT, WIRE, scenario(name), (), 2, reference=noise)
-    assert is_in_order(log, ROBOT)
+    assert order_of(log, ROBOT) is Order.WHOLE
 
 
 def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:

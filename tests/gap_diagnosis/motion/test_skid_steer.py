@@ -18,14 +18,14 @@ from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion
-from gap_diagnosis.motion.gross import looks_gross
+from gap_diagnosis.motion.gross import Order, looks_gross, order_of, put_right
 from gap_diagnosis.motion.mended import in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.synthetic import synthetic_recording
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
@@ -238,3 +238,38 @@ def test_a_reference_tells_a_wheelbase_from_a_gyro_that_reads_less() -> None:
     motion = MotionBlock(model)
     alone = max(motion.fit(frozenset({one})).log_evidence for one in of_a_turn)
     assert motion.fit(of_a_turn).log_evidence > alone + THRESHOLD
+
+
+@pytest.mark.parametrize("has_reference", [True, False])
+@pytest.mark.parametrize("times", [1.5, 2.5])
+@pytest.mark.parametrize("mistake", ["setup_sign", "setup_wheels_swapped"])
+def test_beside_wheels_that_skid_a_sign_is_told_all_the_same(
+    mistake: str, times: float, has_reference: bool
+) -> None:
+    """Put right, the log was as far from order as a wrong factor leaves it, so that no mistake
+    mended it: an unlisted cause, or without a reference wheels 2.8 times as far apart, 0.94."""
+    wrong = EffectSetting(mistake, (("signal", "gyro"),) if mistake == "setup_sign" else ())
+    skids = EffectSetting("wheelbase_scale", (("scale", times - 1.0),))
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("random"), effects=()), (wrong, skids), 3,
+        reference=ReferenceNoise() if has_reference else None, duration_s=60.0,
+    )  # fmt: skip
+    motion = block_of(log)
+    # Without a reference swapped wheels turn against the gyro as a gyro of the wrong sign does.
+    likelier = motion.fit(frozenset({mistake})).log_evidence
+    others = {"setup_unit", "wheelbase_scale"}
+    if has_reference:
+        others |= {"setup_sign", "setup_wheels_swapped"} - {mistake}
+    for other in others:
+        assert likelier > motion.fit(frozenset({other})).log_evidence + THRESHOLD
+    assert likelier > motion.nameless + THRESHOLD
+    assert "wheelbase_scale" in motion.beside_mistake(frozenset({mistake})) or not has_reference
+
+
+@pytest.mark.parametrize("signal", ["left_ticks", "gyro"])
+def test_wheels_that_skid_need_no_mistake_besides(signal: str) -> None:
+    motion = told_of(uneven=False)
+    assert order_of(motion.model.recording, ROBOT) is Order.FAR_APART
+    mistaken, _ = put_right(motion.model.recording, "setup_sign", {"signal": signal})
+    assert order_of(mistaken, ROBOT) is Order.NONE
+    assert motion.fit(frozenset({"setup_sign"})).log_evidence < motion.fit(BOTH).log_evidence
