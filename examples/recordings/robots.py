@@ -77,3 +77,21 @@ left_count = { column = "left_m_s", unit = "m/s" }
 right_count = { column = "right_m_s", unit = "m/s" }
 gyro = { column = "yaw_rad_s", unit = "rad/s" }
 """
+
+OPTITRACK = """\
+# A robot of two driven wheels of 84 mm, 200 mm apart, each with 64 counts behind a gear of 43.7.
+schema = 1
+
+[robot]
+name = "optitrack"
+
+[wheels]
+radius_m = 0.042003  # 42 mm, times 2797/2796.8: a turn here has a whole number of ticks
+wheelbase_m = 0.2
+
+[encoder]
+ticks_per_rev = 2797
+
+[drive]
+max_wheel_rate_rad_s = 20.0
+"""

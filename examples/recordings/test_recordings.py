@@ -2,8 +2,8 @@
 
     CHIPLOG_RECORDINGS=FOLDER pytest examples/recordings
 
-FOLDER holds `kobuki/NAME/*.csv.gz`, `plaza_lawnmower/Plaza1_DR.txt`, … and a `global_pose` below
-`comma2k19`, as they are published.
+FOLDER holds `kobuki/NAME/*.csv.gz`, `plaza_lawnmower/Plaza1_DR.txt`, …, a `global_pose` below
+`comma2k19` and `optiodom/*_run-NN.csv`, as they are published.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ HERE = Path(__file__).parent
 RECORDINGS = Path(os.environ.get("CHIPLOG_RECORDINGS", HERE / "none"))
 KOBUKI = sorted(path.parent for path in RECORDINGS.glob("kobuki/*/_odom.csv.gz"))
 PLAZA = sorted(RECORDINGS.glob("plaza_lawnmower/*_DR.txt"))
+OPTITRACK = sorted(RECORDINGS.glob("optiodom/**/*_run-[0-9][0-9].csv"))
 CARS = sorted(path.parent for path in RECORDINGS.glob("comma2k19/**/global_pose"))
 NS = 10**9
 START = 1_494_449_908 * NS
@@ -39,6 +40,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         )
     if "car" in metafunc.fixturenames:
         metafunc.parametrize("car", [None, *CARS], ids=lambda p: "made up" if p is None else p.name)
+    if "run" in metafunc.fixturenames:
+        metafunc.parametrize(
+            "run", [None, *OPTITRACK], ids=lambda p: "made up" if p is None else p.stem
+        )
     if "plaza" in metafunc.fixturenames:
         metafunc.parametrize(
             "plaza", [None, *PLAZA], ids=lambda p: "made up" if p is None else p.stem
@@ -191,3 +196,30 @@ def test_a_car_is_read_with_its_wheels_a_phone_and_a_gps(
     assert way == pytest.approx(metres, rel=0.03)
     if car is None:
         assert found.right_ticks[-1] == pytest.approx(1.005 * found.left_ticks[-1])
+
+
+def made_up_run(path: Path) -> Path:
+    """Ten seconds of a circle to the left, 1 m across."""
+    t_s = np.arange(0, 10, 0.05)
+    heading = 0.4 * t_s
+    left, right = (
+        np.diff(np.rint(heading * (0.5 + side * 0.1) / (0.084 * np.pi) * 2796.8), prepend=0.0)
+        for side in (-1.0, 1.0)
+    )
+    place = 0.5 * np.sin(heading), 0.5 * (1.0 - np.cos(heading))
+    np.savetxt(path, np.stack([t_s, *place, heading, right, left], axis=1), delimiter=",")
+    return path
+
+
+def test_a_robot_under_optitrack_turns_as_its_wheels_do(run: Path | None, tmp_path: Path) -> None:
+    convert("optitrack_table.py", run or made_up_run(tmp_path / "run.csv"), tmp_path / "out")
+    out = tmp_path / "out"
+    found = read_recording(
+        out / "table.csv", robot=load_robot(out / "robot.toml"), reference=out / "reference.tum"
+    )
+    assert found.reference is not None
+    assert found.reference.heading_rad is not None
+    turned = np.ptp(found.reference.heading_rad)
+    per_tick_m = 2 * np.pi * 0.042003 / 2797
+    wheels = np.ptp(found.right_ticks - found.left_ticks) * per_tick_m / 0.2
+    assert turned == pytest.approx(wheels, rel=0.05)
