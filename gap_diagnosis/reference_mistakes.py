@@ -34,6 +34,7 @@ _SAME: Final = math.log(1.2)
 """Effects of the robot change a way or a turn by less."""
 _LEAST_TURN_RAD: Final = 0.05
 _LEAST_WAY_M: Final = 0.01
+_LEAST_ASIDE_M: Final = 0.001
 _LITTLE: Final = 0.1
 """A step so many times the usual one leads nowhere."""
 _CLEAR: Final = 20.0
@@ -143,16 +144,18 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
 
     turns = [steps(motion.t_s, turn) for turn in turns_of(motion)]
     gyro = _ratio(turns[0], turns[1], _LEAST_TURN_RAD) if len(turns) > 1 else None
-    wheels_are_right = _is_same(gyro)
+    ours = steps(motion.t_s, motion.x_m) + 1j * steps(motion.t_s, motion.y_m)
+    theirs = steps(reference.t_s, reference.x_m) + 1j * steps(reference.t_s, reference.y_m)
+    hand = _hand(ours, theirs)
+    # Without a gyro positions that bend as the wheels do say that these are right.
+    wheels_are_right = _is_same(gyro) if len(turns) > 1 else hand > 0
     heading = None
     if reference.heading_rad is not None:
         heading = _ratio(turns[0], steps(reference.t_s, reference.heading_rad), _LEAST_TURN_RAD)
-    ours = steps(motion.t_s, motion.x_m) + 1j * steps(motion.t_s, motion.y_m)
-    theirs = steps(reference.t_s, reference.x_m) + 1j * steps(reference.t_s, reference.y_m)
     if wheels_are_right and (factor := _known(heading)) is not None:
         # Where positions are noisy, only the evidence tells whether they are mirrored too.
         return [("reference_heading", factor)] + [("reference", factor)] * (factor < 0)
-    if wheels_are_right and _is_same(heading) and _is_mirrored(ours, theirs):
+    if _is_same(heading) and hand < 0 and (wheels_are_right or len(turns) == 1):
         return [("reference_position", -1.0)]
     # Wheels and gyro must agree which way the robot turned, not how far: tracks turn it less than
     # their wheelbase says. Without gyro and commands it may as well be the wheels that are swapped.
@@ -160,7 +163,7 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
     if other is None and recording.w_command_rad_s is not None:
         told_rad = np.cumsum(np.nan_to_num(recording.w_command_rad_s)) * recording.tick_s
         other = _ratio(turns[0], steps(recording.t_s, told_rad), _LEAST_TURN_RAD)
-    if _is_positive(other) and not _is_positive(heading) and _is_mirrored(ours, theirs):
+    if _is_positive(other) and not _is_positive(heading) and hand < 0:
         return [("reference", -1.0)]
     factor = _known(_ratio(np.abs(ours), np.abs(theirs), _LEAST_WAY_M))
     if factor is not None and factor > 0 and (wheels_are_right or _is_same(heading)):
@@ -168,21 +171,21 @@ def _candidates(recording: Recording, robot: Robot) -> list[tuple[str, float]]:
     return []
 
 
-def _is_mirrored(ours: Complex, theirs: Complex) -> bool:
-    """Tell whether steps of a course lead to the left of the ones before where ours lead to the
-    right."""
+def _hand(ours: Complex, theirs: Complex) -> int:
+    """Return 1 where steps of a course lead to the left of the ones before as ours do, -1 where
+    they lead to the right; 0 where too little leads aside to tell."""
     way_m = np.abs(ours)
     # Where it turns on the spot, what leads aside is the next step that goes anywhere.
     moved = way_m > max(_LEAST_WAY_M, _LITTLE * math.sqrt(float(np.mean(way_m**2))))
     if np.count_nonzero(moved) <= _LEAST_STEPS:
-        return False
+        return 0
     # By our own lengths: in metres aside a reference's noise is the same at any speed.
     longer_m = np.maximum(way_m[moved][1:], way_m[moved][:-1])
     aside = [
         (steps[moved][1:] * np.conj(steps[moved][:-1])).imag / longer_m for steps in (ours, theirs)
     ]
-    ratio = _ratio(aside[0], aside[1], _LEAST_WAY_M)
-    return ratio is not None and ratio < 0
+    ratio = _ratio(aside[0], aside[1], _LEAST_ASIDE_M)
+    return 0 if ratio is None else round(math.copysign(1.0, ratio))
 
 
 def _ratio(ours: Floats, theirs: Floats, least: float) -> float | None:

@@ -141,6 +141,26 @@ def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
     assert way == pytest.approx(true * turned, abs=1e-9)
 
 
+@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+@pytest.mark.parametrize("signal", ["reference_heading", "reference_position"])
+def test_without_a_gyro_the_third_of_wheels_positions_and_headings_is_wrong(
+    name: str, signal: str
+) -> None:
+    """Of a recorded robot without a gyro both were an unlisted cause, > 0.999."""
+    recording, reference, heading_rad = healthy(name)
+    blind = replace(recording, gyro_code=None, gyro_rate_rad_s=None, w_command_rad_s=None)
+    other = replace(reference, heading_rad=-heading_rad)
+    if signal == "reference_position":
+        other = replace(reference, x_m=reference.y_m, y_m=reference.x_m)
+    _, mistake = with_reference_put_right(replace(blind, reference=other), ROBOT)
+    assert mistake is not None
+    assert (mistake.effect, mistake.signal) == ("setup_sign", signal)
+    assert mistake.log_evidence > 1000
+    # With all of it mirrored it may as well be the wheels that are swapped.
+    whole = replace(reference, y_m=-reference.y_m, heading_rad=-heading_rad)
+    assert with_reference_put_right(replace(blind, reference=whole), ROBOT)[1] is None
+
+
 def test_a_clockwise_heading_of_no_known_zero_keeps_its_zero() -> None:
     recording = drive()
     reference = recording.reference
