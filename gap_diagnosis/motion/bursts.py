@@ -125,6 +125,7 @@ def _windows_beside(
     cost = log.cost_of_window * len(windows) + math.log(len(SIDES) * len(_FACTORS))
     gram = make_gram(model.columns, course, levels, model.nodes.ticks)
     chosen, gained = _beside(model, gram)
+    cost += _cost_beside(model, len(chosen))
     density = model.level_prior.log_density(np.log(levels))
     likelihood = gram.log_nothing + density + gained
     burst = Burst(
@@ -203,6 +204,14 @@ def _beside(model: MotionModel, gram: Gram) -> tuple[list[Term], float]:
             break
         chosen, gained = list(best.terms), best.log_evidence
     return chosen, gained
+
+
+def _cost_beside(model: MotionModel, count: int) -> float:
+    """Return what it costs [nat] that so many listed effects act as well, and that they are these:
+    as much as it costs their set without a burst."""
+    among = len({term.variant.effect for term in model.columns.terms})
+    chance = math.factorial(count) * model.prior.chance_of(count) / model.prior.chance_of(0)
+    return count * math.log(max(among, 1)) - math.log(chance)
 
 
 class _Log:

@@ -138,10 +138,13 @@ class FarApart:
 
     @cached_property
     def _wheels_on_gyro(self) -> tuple[float, float] | None:
-        """Return by how much wheels turn for what the gyro reads, and how sure that is; by their
-        counts alone: the motion's headings are bent onto the reference."""
-        motion = self._model.nodes.motion
+        """Return by how much wheels turn for what the gyro reads, or without one a reference with
+        headings, and how sure that is; by their counts alone: the motion's headings are bent onto
+        the reference."""
+        nodes, motion = self._model.nodes, self._model.nodes.motion
         wheels, *gyro = turns_of(motion)
+        if not gyro and nodes.has_heading:
+            gyro = [motion.heading_rad]
         return _line(wheels, gyro[0], motion.tick_s) if gyro else None
 
 

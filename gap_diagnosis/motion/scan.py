@@ -49,6 +49,11 @@ _ALWAYS: Final = 3
 """So many of the best single effects are fitted, whatever straight lines say of them."""
 
 
+_CLOCKS: Final = frozenset({"reference_clock_skew", "reference_time_offset"})
+"""Always fitted together: what two clocks are apart may shift samples from one row of a table to
+the next, of which no straight line tells."""
+
+
 class Scan(Neighbours):
     """The search through one log's motion.
 
@@ -377,7 +382,10 @@ class Scan(Neighbours):
         near = singles[:_ALWAYS] + close + [one for one in pairs if one.log_evidence > least]
         known = {one.effects for one in near}
         stretched = self._stretched(self.found[frozenset()])
-        return near + [self.found[one] for one in stretched if one not in known]
+        if self.by_effect.keys() >= _CLOCKS:
+            # A line of delays that crosses none amid a log has no slope there in either.
+            stretched = [*stretched, _CLOCKS]
+        return near + [self.account(one) for one in dict.fromkeys(stretched) if one not in known]
 
 
 def _differ(first: Term, second: Term) -> bool:

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 
 from gap_diagnosis.motion.far_apart import BORNE_OUT
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -102,6 +103,20 @@ def test_a_gyro_in_coarse_steps_bears_out_no_wheels_that_turn_as_it_does(tmp_pat
     that tremble is too little: they stood 75 % farther apart (90 %), and these 97 %, by 370."""
     recording, robot = minute(tmp_path, 1, OWN, contact_m_per_sqrt_m=1.2e-3)
     assert gained_by_wheelbase(recording, robot) < OWN_LEVELS
+
+
+def test_without_a_gyro_headings_bear_out_no_wheels_that_turn_as_they_do() -> None:
+    """Along the lesson's straight wheels slip by a hundredth, now more and now less; without its
+    gyro they stood 75 % farther apart beside a slope, by 269 nats."""
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("lesson"), effects=()), (), 3,
+        reference=ReferenceNoise(), contact_noise_m_per_sqrt_m=5e-4, duration_s=90.0,
+    )  # fmt: skip
+    blind = replace(log, gyro_code=None, gyro_rate_rad_s=None)
+    scan = Scan(MotionModel(blind, ROBOT, default_prior()))
+    nothing = scan.account(frozenset()).log_evidence
+    for effects in (frozenset({"wheelbase_scale"}), frozenset({"wheelbase_scale", "grade_slip"})):
+        assert scan.account(effects).log_evidence < nothing + OWN_LEVELS
 
 
 @pytest.mark.parametrize("has_heading", [True, False])
