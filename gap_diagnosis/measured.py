@@ -290,8 +290,8 @@ def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refi
     """Fit the values of the chosen effects again on what *model* may see."""
     if not effects:
         return None
-    there = motion.scan.where_it_turns
-    if there is None or not effects > DEAD:
+    there = motion.scan.turning_with(effects)
+    if there is None:
         return _fitted_on(model, motion.scan, effects)
     dead = motion.scan.account(DEAD).terms
     turning = there.model if model is motion.model else revived(model, dead[0])

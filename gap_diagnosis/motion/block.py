@@ -408,8 +408,9 @@ class MotionBlock:
         names = tuple(sorted(effects))
         if len(noises) > 1 or quiet & GROSS:
             return Fit(names, _IMPOSSIBLE, _IMPOSSIBLE)
-        if self._where_it_turns is not None and quiet >= DEAD:
-            dead, there = self._fit(DEAD), self._where_it_turns._fit(effects - DEAD)
+        turning = self._where_it_turns
+        if turning is not None and quiet >= DEAD and quiet - DEAD <= turning.effects:
+            dead, there = self._fit(DEAD), turning._fit(effects - DEAD)
             return replace(
                 there,
                 effects=names,
@@ -540,8 +541,8 @@ def _estimates(
 ) -> tuple[dict[str, Estimate], list[tuple[float, float]], float | None]:
     """Return parameters, windows and the shape of the weights' tail of a set; beside a dead encoder
     those of the log in which its wheel turns again."""
-    there = scan.where_it_turns
-    if there is not None and effects > DEAD:
+    there = scan.turning_with(effects)
+    if there is not None:
         dead, died, _ = _estimates(scan, DEAD, closely)
         rest, windows, pareto_k = _estimates(there, effects - DEAD, closely)
         return dead | rest, died + windows, pareto_k

@@ -128,10 +128,17 @@ class Scan(Neighbours):
             if effects <= self.effects:
                 self.account(effects | DEAD)
 
+    def turning_with(self, effects: Effects) -> Scan | None:
+        """Return the search in which the wheel turns again that died beside these effects; None
+        without any, or where one of them is not told there: turns put in have no jumps of a
+        counter."""
+        there = self.where_it_turns
+        return there if there is not None and DEAD < effects <= there.effects | DEAD else None
+
     def account(self, effects: Effects) -> Found:
         """Return the best account of a set; of a set that was not worth it, an approximate one."""
-        there = self.where_it_turns
-        if there is None or effects in self.found or not DEAD < effects <= there.effects | DEAD:
+        there = self.turning_with(effects)
+        if there is None or effects in self.found:
             return super().account(effects)
         nothing, one = there.found[frozenset()], there.account(effects - DEAD)
         self.found[effects] = beside(self.found[DEAD], nothing, one, self.by_effect)

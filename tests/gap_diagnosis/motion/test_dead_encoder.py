@@ -66,6 +66,25 @@ def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: 
     assert found.effects == {"encoder_dead"}
 
 
+def test_what_turns_put_in_do_not_tell_is_told_beside_a_dead_encoder_as_ever() -> None:
+    """A counter that wraps jumps no more in turns that are put in: of a sealed case whose answer
+    had both the parameters were asked for there, and the diagnosis ended in a KeyError."""
+    wrong = (
+        EffectSetting("encoder_dead", (("side", "left"), ("start_s", 30.0))),
+        EffectSetting("encoder_wrap", (("bits", 12),)),
+    )
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(scenario("random"), effects=()), wrong, 3,
+        reference=ReferenceNoise(), contact_noise_m_per_sqrt_m=5e-4, duration_s=50.0,
+    )  # fmt: skip
+    motion = MotionBlock(MotionModel(log, ROBOT, default_prior()))
+    both = frozenset({"encoder_dead", "encoder_wrap"})
+    assert motion.scan.where_it_turns is not None
+    assert "encoder_wrap" not in motion.scan.where_it_turns.effects
+    assert {"encoder_dead.side", "encoder_wrap.bits"} <= motion.detail(both).parameters.keys()
+    assert motion.fit(both | {"gyro_noise"}).effects == tuple(sorted(both | {"gyro_noise"}))
+
+
 def test_the_last_row_before_it_died_may_have_been_counted_in_part() -> None:
     """It died within a row of which half was counted: two sealed cases lay outside by that much."""
     start_s = 0.3 * LASTS_S
