@@ -28,6 +28,8 @@ LONGEST_STALE_S: Final = 0.3
 """What repeats for longer is frozen: that is the sensor's fault, not its sender's."""
 _BY_CHANCE: Final = 0.01
 SURE_LENGTH: Final = 3
+_HELD_OFTEN: Final = 3
+"""Times, and half of all, that a gyro which is held at a value begins to say that again."""
 _NO_CHANGE: Final = 1e-6
 _LEAST_STEP: Final = 4.0
 _ON_LATTICE: Final = 0.95
@@ -242,9 +244,9 @@ def staleness(
 
     A run counts where the payload changes nearly always around it and the wheels turn before and
     after; where the counts themselves stood still, they must leap by what they missed, and where a
-    message has the wheels' speeds, these: a steady wheel says the same speed by itself. A gyro at
-    the end of its range says the same for another reason, and one that hardly trembles wherever a
-    turn is steady.
+    message has the wheels' speeds, these: a steady wheel says the same speed by itself. A gyro that
+    trembles at rest as well needs no wheels. One at the end of its range says the same for another
+    reason, and one that hardly trembles wherever a turn is steady.
     """
     counts = [recording.left_ticks, recording.right_ticks]
     wheels = counts if has_speeds else [_in_steps(one) for one in counts]
@@ -255,7 +257,8 @@ def staleness(
     row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
     moving = speed[row] > 0.0
     near = _around(changes & moving) / _around(np.ones(len(changes)))
-    chances = int(np.count_nonzero(moving & (near > _CHANGING / 2)))
+    trembling = has_gyro & (_around(changes) > _CHANGING * _around(np.ones(len(changes))))
+    chances = int(np.count_nonzero((moving & (near > _CHANGING / 2)) | trembling))
     edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
     repeats = (
         _repeats_itself(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
@@ -269,6 +272,9 @@ def staleness(
         before = slice(max(0, start - _CONTEXT), start)
         after = slice(stop, stop + _CONTEXT)
         around = np.concatenate((changes[before], changes[after]))
+        if has_gyro and min(np.mean(changes[before]), np.mean(changes[after])) >= _CHANGING:
+            found.append((length, int(start), int(stop)))
+            continue
         turning = np.concatenate((moving[before], moving[after]))
         if np.mean(around[turning]) < _CHANGING if turning.any() else True:
             continue
@@ -289,14 +295,17 @@ def staleness(
 
 def _repeats_itself(recording: Recording) -> Bools:
     """Mark rows in which the gyro says the same by itself: the highest and the lowest that it ever
-    says, and all where it does not tremble.
+    says, what it is held at whenever it is still, and all where it does not tremble.
     """
     code = recording.gyro_code
     if code is None or not np.isfinite(code).any():
         return np.zeros(len(recording.tick), dtype=np.bool_)
     if not trembles(code):
         return np.ones(len(recording.tick), dtype=np.bool_)
-    return np.asarray((code == np.nanmax(code)) | (code == np.nanmin(code)))
+    held = code[1:-1][(code[1:-1] == code[2:]) & (code[1:-1] != code[:-2])]
+    values, times = np.unique(held, return_counts=True)
+    often = values[times >= max(_HELD_OFTEN, 0.5 * len(held))]
+    return np.asarray((code == np.nanmax(code)) | (code == np.nanmin(code)) | np.isin(code, often))
 
 
 def _beyond_chance(lengths: list[int], chances: int) -> int:

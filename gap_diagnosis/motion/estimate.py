@@ -57,6 +57,11 @@ def estimate_motion(
 
     Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
     """
+    if len(recording.t_s) < 3 or not np.isfinite(recording.left_ticks).any():
+        raise DiagnosisError(
+            f"{recording.name}: no wheel counts to follow: expected at least three ticks with "
+            "left and right counts"
+        )
     motion = _estimated(recording, robot, reference_delay_s)
     reference = recording.reference
     dead = dead_ticks(motion)
@@ -114,11 +119,6 @@ def _with_turns_of(
 def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | float) -> Motion:
     """Return the same with every wheel as it is counted."""
     t_s = recording.t_s
-    if len(t_s) < 3 or not np.isfinite(recording.left_ticks).any():
-        raise DiagnosisError(
-            f"{recording.name}: no wheel counts to follow: expected at least three ticks with "
-            "left and right counts"
-        )
     plant = robot.plant
     rad_per_count = math.tau / plant.encoder.ticks_per_rev
     dt_s = np.diff(t_s, prepend=t_s[0])

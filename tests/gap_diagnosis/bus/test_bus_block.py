@@ -255,6 +255,39 @@ def test_what_is_said_again_while_wheels_begin_to_turn_is_stale_as_well() -> Non
     assert all(empty[at : at + 12].all() for at in starts)
 
 
+@pytest.mark.parametrize("clamped", [False, True])
+def test_a_gyro_that_trembles_at_rest_says_the_same_again_only_if_it_is_stale(
+    clamped: bool,
+) -> None:
+    """Of a sealed case eleven readings as a robot began to move were the same (2 nats); the turn
+    that they hid was an unlisted cause, > 0.999. One that is *clamped* at rest is not stale."""
+    made = synthetic_recording(ROBOT, WIRE, scenario("stop_and_go"), (), 3, duration_s=60.0)
+    payload = made.frames["IMU"].payload.copy()
+    assert made.gyro_code is not None
+    code = made.gyro_code.copy()
+    turns = np.abs(np.diff(made.left_ticks, prepend=made.left_ticks[0])) > 0
+    rests = [at for at in range(100, len(code) - 100) if not turns[at - 3 : at + 15].any()]
+    held = np.zeros(len(code), dtype=np.bool_)
+    if clamped:
+        held[rests] = True
+    else:
+        for at in rests[:: len(rests) // 6]:
+            held[at : at + 12] = True
+    last = np.maximum.accumulate(np.where(held, 0, np.arange(len(code))))
+    payload, code = payload[last], code[last]
+    if clamped:
+        payload[held], code[held] = 0, ROBOT.plant.gyro.zero_rate_code
+    frames = {**made.frames, "IMU": replace(made.frames["IMU"], payload=payload)}
+    block = block_of(replace(made, gyro_code=code, frames=frames))
+    if clamped:
+        assert evidence(block, "stale_producer") <= 0.0
+        return
+    assert evidence(block, "stale_producer") > 4
+    told = block.without_stale().gyro_code
+    assert told is not None
+    assert np.array_equal(np.isnan(told), held)
+
+
 def test_counts_that_stood_and_leapt_once_are_not_believed_however_seldom_that_happens() -> None:
     """Once in a log is as often as a healthy bus may do it (1.9 nats): the rows were believed, and
     the motion saw a leap of 108 nats that no listed effect makes (unlisted, 1.00)."""
