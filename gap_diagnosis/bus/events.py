@@ -257,14 +257,15 @@ def staleness(
     row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
     moving = speed[row] > 0.0
     near = _around(changes & moving) / _around(np.ones(len(changes)))
-    trembling = has_gyro & (_around(changes) > _CHANGING * _around(np.ones(len(changes))))
-    chances = int(np.count_nonzero((moving & (near > _CHANGING / 2)) | trembling))
+    rolling = moving & (near > _CHANGING / 2)
+    trembling = has_gyro & ~rolling & (_around(changes) > _CHANGING * _around(np.ones(len(near))))
     edges = np.flatnonzero(np.diff(np.concatenate(([0], (~changes).astype(np.int8), [0]))))
     repeats = (
         _repeats_itself(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
     )
     longest = LONGEST_STALE_S / (message.cycle * recording.tick_period_s)
     found: list[tuple[int, int, int]] = []
+    at_rest: list[tuple[int, int, int]] = []
     for start, stop in edges.reshape(-1, 2):
         length = int(stop - start)
         if length > longest or stop >= len(changes) - 1 or start < 2 or repeats[row[start]]:
@@ -272,22 +273,26 @@ def staleness(
         before = slice(max(0, start - _CONTEXT), start)
         after = slice(stop, stop + _CONTEXT)
         around = np.concatenate((changes[before], changes[after]))
-        if has_gyro and min(np.mean(changes[before]), np.mean(changes[after])) >= _CHANGING:
-            found.append((length, int(start), int(stop)))
-            continue
         turning = np.concatenate((moving[before], moving[after]))
-        if np.mean(around[turning]) < _CHANGING if turning.any() else True:
-            continue
-        if max(np.mean(moving[before]), np.mean(moving[after])) < 0.5:
-            continue
-        if not _leaps(moved, row[start - 1], row[stop], length):
-            continue
-        found.append((length, int(start), int(stop)))
-    least = _beyond_chance([length for length, _, _ in found], chances)
-    kept = [one for one in found if one[0] >= least]
+        if (
+            turning.any()
+            and np.mean(around[turning]) >= _CHANGING
+            and max(np.mean(moving[before]), np.mean(moving[after])) >= 0.5
+            and _leaps(moved, row[start - 1], row[stop], length)
+        ):
+            found.append((length, int(start), int(stop)))
+        elif has_gyro and min(np.mean(changes[before]), np.mean(changes[after])) >= _CHANGING:
+            at_rest.append((length, int(start), int(stop)))
+    # A gyro at rest says the same twice more often than one that turns.
+    kept = [
+        one
+        for runs, chances in ((found, rolling), (at_rest, trembling))
+        for one in runs
+        if one[0] >= _beyond_chance([length for length, _, _ in runs], np.count_nonzero(chances))
+    ]
     return Staleness(
         np.array([length for length, _, _ in kept], dtype=np.int64),
-        max(chances, 1),
+        max(int(np.count_nonzero(rolling | trembling)), 1),
         tuple((float(stamp[start]), float(stamp[stop])) for _, start, stop in kept),
         tuple((int(tick[start]), int(tick[stop])) for _, start, stop in kept),
     )
