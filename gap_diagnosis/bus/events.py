@@ -288,7 +288,7 @@ def staleness(
         one
         for runs, chances in ((found, rolling), (at_rest, trembling))
         for one in runs
-        if one[0] >= _beyond_chance([length for length, _, _ in runs], np.count_nonzero(chances))
+        if one[0] >= _beyond_chance([length for length, _, _ in runs], int(chances.sum()))
     ]
     return Staleness(
         np.array([length for length, _, _ in kept], dtype=np.int64),
