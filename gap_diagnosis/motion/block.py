@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -12,11 +12,11 @@ import numpy as np
 
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.motion.accounts import NEAR, Found, dispersed, of_one_quotient
+from gap_diagnosis.motion.accounts import Found, dispersed, of_one_quotient
 from gap_diagnosis.motion.bursts import Burst, find_burst
-from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.gross import Order, looks_gross, order_of, put_right
-from gap_diagnosis.motion.mended import Mended, in_its_own_unit
+from gap_diagnosis.motion.columns import GROSS
+from gap_diagnosis.motion.gross import looks_gross
+from gap_diagnosis.motion.mending import Mending
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.noise import NOISES, fit_noise
@@ -27,7 +27,6 @@ from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import EVEN_OVER
-from gap_diagnosis.setup_mistakes import LEAST_GAIN
 from hil_harness.effects import catalogue
 
 _SEVERAL: Final = 12
@@ -88,54 +87,7 @@ class MotionBlock:
         self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
         self.tolerated = 0.0
-        self._mending: dict[str, list[Found]] = {}
-        for effect in sorted(GROSS & self.scan.effects):
-            self._choose_what_mends(effect)
-        self._put_right = self._judged_right()
-
-    def _choose_what_mends(self, effect: str) -> None:
-        """Take that of a mistake's variants which, put right, leaves a log in order and likeliest.
-
-        A straight line about so gross an error does not tell them apart.
-        """
-        alone = frozenset({effect})
-        first = self.scan.found[alone].terms[0]
-        mending = [term for term in self.scan.by_effect[effect] if self._mends(term)]
-        if not mending or mending == [first]:
-            return
-        found = [self._put_right_by(term) for term in mending]
-        best = max(found, key=lambda one: one.log_evidence)
-        self._mending[effect] = found
-        if best.terms[0] is not first:
-            self.scan.found = {
-                effects: one for effects, one in self.scan.found.items() if effect not in effects
-            } | {alone: best}
-
-    def _mends(self, term: Term) -> bool:
-        """Tell whether a mistake of the set-up, put right, leaves a log in order; where none does,
-        in that of wheels that stand far apart."""
-        return self._orders[_told_as(term)] <= self._least_order
-
-    @cached_property
-    def _orders(self) -> dict[tuple[object, ...], Order]:
-        """In what order each mistake of the set-up, put right, leaves a log."""
-        recording, robot = self.model.recording, self.model.robot
-        mistakes = [
-            one for effect in GROSS & self.scan.effects for one in self.scan.by_effect[effect]
-        ]
-        return {
-            _told_as(one): order_of(
-                put_right(recording, one.variant.effect, one.variant.report)[0], robot
-            )
-            for one in mistakes
-        }
-
-    @cached_property
-    def _least_order(self) -> Order:
-        """In what order a log must be that is put right: wheels that stand far apart need no
-        mistake besides."""
-        is_none = order_of(self.model.recording, self.model.robot) is Order.NONE
-        return min((*self._orders.values(), Order.FAR_APART if is_none else Order.WHOLE))
+        self._mending = Mending(model, self.scan)
 
     @cached_property
     def effects(self) -> frozenset[str]:
@@ -226,7 +178,7 @@ class MotionBlock:
             return Fit(tuple(sorted(effects)), _IMPOSSIBLE, _IMPOSSIBLE)
         if effects & NOISES.keys():
             return self._noisy(effects)
-        if (right := self._put_right.get(effects)) is not None:
+        if (right := self._mending.put_right.get(effects)) is not None:
             return right.fit
         known = self._told.get(effects)
         if known is None or known[0] is not found:
@@ -242,76 +194,14 @@ class MotionBlock:
     def beside_mistake(self, effects: frozenset[str]) -> frozenset[str]:
         """Return what is likeliest besides, where a set is a mistake of the set-up: the log is put
         right first."""
-        right = self._put_right.get(effects & GROSS)
+        right = self._mending.put_right.get(effects & GROSS)
         return frozenset() if right is None else right.beside
 
     def levels_beside(self, effects: frozenset[str]) -> Floats:
         """Return noise levels beside a set: those of the best account of all, or of a log in which
         the set's mistake of the set-up is put right."""
-        right = self._put_right.get(effects & GROSS)
+        right = self._mending.put_right.get(effects & GROSS)
         return self.levels if right is None else right.levels
-
-    def _judged_right(self) -> dict[frozenset[str], Mended]:
-        """The likely mistakes of the set-up, each judged by what the log is like without it.
-
-        About so gross an error nothing is linear: which of them is likelier shows only then. What
-        else is wrong with the robot is not told yet, but must not speak for an unlisted cause.
-        """
-        mending = [one for one in self._mistakes if not one.effects & self._mend_nothing]
-        tried = {one.effects: self._without_mistake(one) for one in mending}
-        found = {effects: right for effects, right in tried.items() if right is not None}
-        _, explained = self.scan.worth
-        more = max((right.fit.log_likelihood for right in found.values()), default=0.0) - explained
-        if more > NEAR * self.scan.dispersion:
-            # About an account that is none everything scatters.
-            self.scan.dispersion = 1.0
-        return {one: right.dispersed(self.scan.dispersion) for one, right in found.items()}
-
-    def _without_mistake(self, mistake: Found) -> Mended | None:
-        """Return a mistake with what the log is like without it; None where it gains nothing."""
-        (term,) = mistake.terms
-        by_line = mistake.log_evidence - self._nothing.log_evidence
-        gain = self._put_right_by(term).log_evidence - self._nothing.log_evidence
-        if max(by_line, gain) < LEAST_GAIN:
-            return None
-        model, log_scale = self._right(term)
-        right = Scan(model)
-        worth, explained = right.worth
-        best = right.likeliest
-        # Beside what explains it the gyro has less noise of its own.
-        steps = self.model.recording.counts_per_step
-        gain = right.found[frozenset()].log_evidence - self._nothing.log_evidence
-        gain += in_its_own_unit(model, best.levels, log_scale, steps)
-        gain -= math.log(len(self.scan.by_effect[term.variant.effect]))
-        likelihood = max(gain + explained, mistake.log_likelihood - self._nothing.log_likelihood)
-        # Counts that were rounded far too coarse are no finer for it: a line does not need them so.
-        fit = Fit((term.variant.effect,), max(gain + worth, by_line), likelihood)
-        return Mended(fit, best.effects, best.levels, explained, right.dispersion)
-
-    def _put_right_by(self, term: Term) -> Found:
-        """Return what a mistake accounts for: the log as it is without it."""
-        effect = term.variant.effect
-        model, log_scale = self._right(term)
-        levels = model.no_effect_levels
-        density = model.level_prior.log_density(np.log(levels))
-        evidence = model.evidence_at((), levels) + density
-        steps = self.model.recording.counts_per_step
-        evidence += in_its_own_unit(model, levels, log_scale, steps)
-        evidence -= math.log(len(self.scan.by_effect[effect]))
-        return Found(frozenset({effect}), (term,), evidence, evidence, levels)
-
-    def _right(self, term: Term) -> tuple[MotionModel, float]:
-        """Return the motion of the log without a mistake, and the log of how much that narrows its
-        rates."""
-        effect, told = term.variant.effect, term.variant.report
-        right, log_scale = put_right(self.model.recording, effect, told)
-        without = self.model.without | GROSS
-        return MotionModel(right, self.model.robot, self.model.prior, without=without), log_scale
-
-    @property
-    def _mistakes(self) -> list[Found]:
-        singles = (frozenset({effect}) for effect in sorted(GROSS))
-        return [self.scan.found[one] for one in singles if one in self.scan.found]
 
     @cached_property
     def is_gross(self) -> bool:
@@ -345,7 +235,7 @@ class MotionBlock:
         if not found.effects or not self.is_gross:
             return False
         if found.effects & GROSS:
-            return bool(found.effects & self._mend_nothing)
+            return bool(found.effects & self._mending.in_vain)
         prior = self.model.level_prior
         louder = np.log(found.levels / prior.median)
         roughest = _ROUGHEST * prior.spread[_CONTACT]
@@ -356,16 +246,6 @@ class MotionBlock:
             louder[_CONTACT] > roughest
             or louder[_WALK] > math.log(EVEN_OVER)
             or wanders_m_s > fastest_m_s
-        )
-
-    @cached_property
-    def _mend_nothing(self) -> frozenset[str]:
-        """Mistakes of the set-up that, put right, leave the log as gross as it was."""
-        return frozenset(
-            effect
-            for one in self._mistakes
-            for effect in one.effects
-            if not self._mends(one.terms[0])
         )
 
     def _late(self, effects: frozenset[str]) -> Fit:
@@ -505,8 +385,8 @@ class MotionBlock:
                 windows=quiet.windows,
             )
         parameters, windows, pareto_k = _estimates(self.scan, aliased(effects), closely)
-        for effect in effects & self._mending.keys():
-            parameters |= _told_by(self._mending[effect])
+        for effect in effects & self._mending.choices.keys():
+            parameters |= self._mending.told_of(effect)
         for alias in effects & ALIASES.keys():
             own = {name.split(".")[1]: name for name in parameters if _is_of(name, ALIASES[alias])}
             for name, known in own.items():
@@ -551,25 +431,5 @@ def _estimates(
     return Posterior(scan.model, scan, closely=closely).estimates(found, again)
 
 
-def _told_as(term: Term) -> tuple[object, ...]:
-    return term.variant.effect, *sorted(term.variant.report.items())
-
-
 def _is_of(parameter: str, effect: str) -> bool:
     return parameter.partition(".")[0] == effect
-
-
-def _told_by(mending: Sequence[Found]) -> dict[str, Estimate]:
-    """Return the parameters of a mistake, by the log as each of its variants would put it right."""
-    logs = np.array([one.log_evidence for one in mending])
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-    best = mending[int(np.argmax(logs))].terms[0].variant
-    told: dict[str, Estimate] = {}
-    for name, value in best.report.items():
-        shares: dict[str, float] = {}
-        for one, weight in zip(mending, weights, strict=True):
-            said = str(one.terms[0].variant.report[name])
-            shares[said] = shares.get(said, 0.0) + float(weight)
-        told[f"{best.effect}.{name}"] = Estimate(value, probabilities=shares)
-    return told

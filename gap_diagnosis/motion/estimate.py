@@ -28,7 +28,7 @@ from gap_diagnosis.motion.missing import (
 )
 from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smoothing_s
 from gap_diagnosis.prediction import Motion
-from gap_diagnosis.recording import Floats, Recording, Reference
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.standing import standing
 from gap_diagnosis.wheel_speeds import WheelSpeed, WheelSpeeds, wheel_speed
 from hil_harness.robot import Robot
@@ -72,7 +72,8 @@ def estimate_motion(
         or not dead.any()
     ):
         return motion
-    turning = _with_turns_of(reference, recording, motion, dead, reference_delay_s)
+    heading = np.interp(motion.t_s, reference.t_s - reference_delay_s, reference.heading_rad)
+    turning = _with_turns_of(heading, recording, motion, dead)
     way = _estimated(turning, robot, reference_delay_s)
     return replace(
         motion,
@@ -88,24 +89,15 @@ def estimate_motion(
 
 
 def _with_turns_of(
-    reference: Reference,
-    recording: Recording,
-    motion: Motion,
-    dead: NDArray[np.bool_],
-    delay_s: Floats | float,
+    heading_rad: Floats, recording: Recording, motion: Motion, dead: NDArray[np.bool_]
 ) -> Recording:
     """Return the recording with the counts that a wheel which counts no more would have had, by the
-    other one and the reference's headings."""
-    if reference.heading_rad is None:
-        raise ValueError("a reference with headings")
-    heading = np.interp(motion.t_s, reference.t_s - delay_s, reference.heading_rad)
-    smooth = gaussian_filter1d(heading, max(USUAL_S / motion.tick_s, 0.5))
+    other one and the reference's headings at its ticks, float64[n]."""
+    smooth = gaussian_filter1d(heading_rad, max(USUAL_S / motion.tick_s, 0.5))
     per_turn = motion.wheelbase_m / (motion.radius_m * motion.rad_per_count)
     turn = per_turn * np.diff(smooth, prepend=smooth[0])
-    left, right = (
-        motion.left_step_rad / motion.rad_per_count,
-        motion.right_step_rad / motion.rad_per_count,
-    )
+    steps = (motion.left_step_rad, motion.right_step_rad)
+    left, right = (step_rad / motion.rad_per_count for step_rad in steps)
     is_left = dead & (left == 0.0)
     missing_left = np.where(is_left, right - turn, 0.0)
     missing_right = np.where(dead & ~is_left, left + turn, 0.0)

@@ -16,14 +16,13 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
 from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.effects.model import Value
 from hil_harness.robot import Robot
 
 _LOW: Final = 0.7
 _HIGH: Final = 1.4
-_FARTHEST: Final = 0.2
-"""Wheels that stand five times as far apart, the end of the prior, turn a robot by so much less."""
 _BLOCK_S: Final = 0.5
 _STILL: Final = 1e-4
 _MOVES: Final = 1e-3
@@ -136,11 +135,13 @@ class _Pair:
 
     @property
     def is_of_wheels_far_apart(self) -> bool:
-        """The wheels turn by more than the other source, by no more than a wide track makes."""
+        """The wheels turn by more than the other source, by no more than the widest track that is
+        believed makes."""
         if self.slope is None or not self.is_turn_of_wheels:
             return False
         most, least = self._between(self.slope)
-        return most > _FARTHEST and least < _LOW
+        widest = default_prior().of("wheelbase_scale", "scale").most
+        return most > 1.0 / (1.0 + widest) and least < _LOW
 
     def _between(self, slope: float) -> tuple[float, float]:
         """Return the largest and the smallest ratio of effect to cause; both 1 where noise may be
