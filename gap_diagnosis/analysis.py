@@ -39,8 +39,8 @@ from gap_diagnosis.motion.unknown import (
     within_tolerance,
 )
 from gap_diagnosis.outliers import without_outliers
+from gap_diagnosis.prepared import prepared
 from gap_diagnosis.priors import Prior
-from gap_diagnosis.put_right import put_right
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.reference_mistakes import Mistake, MistakeBlock
 from gap_diagnosis.restarts import Restarts, with_restarts
@@ -140,8 +140,8 @@ def analyse(
     # A table has no frames, but with two clocks it tells of the ECU's.
     bus = bus_block(recording, robot, wire)
     received, recording = recording, recording if bus is None else bus.without_stale()
-    right = put_right(recording, robot, without)
-    recording, mistake, late_s = right.recording, right.mistake, right.late_s
+    ready = prepared(recording, robot, without)
+    recording, mistake, late_s = ready.recording, ready.mistake, ready.late_s
     outliers = 0
     if recording.reference is not None or recording.gyro_rate_rad_s is not None:
         progress("wheels, gyro and reference", 0.05)
@@ -225,7 +225,7 @@ def analyse(
         outliers,
         burst,
         seen,
-        right.lost,
+        ready.lost,
         late_s,
         pushes,
         mistake,

@@ -30,8 +30,8 @@ from gap_diagnosis.facts import (
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.picturing import residual_times
+from gap_diagnosis.prepared import prepared
 from gap_diagnosis.priors import Prior, default_prior, with_library
-from gap_diagnosis.put_right import put_right
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.reading.cycle_times import wire_of_log
@@ -131,7 +131,7 @@ def diagnose_recordings(
     started = time.monotonic() if started is None else started
     prior = with_library(prior or default_prior(), library)
     if held is not None:
-        held = put_right(with_restarts(held, robot)[0], robot, without).recording
+        held = prepared(with_restarts(held, robot)[0], robot, without).recording
     parts = max(len(recordings), 1)
     analyses: list[Analysis] = []
     for place, recording in enumerate(recordings):

@@ -14,7 +14,7 @@ from hil_harness.robot import Robot
 
 
 @dataclass(frozen=True)
-class PutRight:
+class Prepared:
     """A recording with its reference put right.
 
     Attributes:
@@ -30,12 +30,10 @@ class PutRight:
     lost: Lost
 
 
-def put_right(
-    recording: Recording, robot: Robot, without: frozenset[str] = frozenset()
-) -> PutRight:
+def prepared(recording: Recording, robot: Robot, without: frozenset[str] = frozenset()) -> Prepared:
     """Return the recording with its reference put right: each step stands on those before it."""
     recording, mistake = with_reference_put_right(recording, robot, without)
     recording, late_s = with_clock_set(recording, robot)
     recording = with_whole_turns(recording, robot)
     recording, lost = with_tracking(recording, robot)
-    return PutRight(without_blanks(recording), mistake, late_s, lost)
+    return Prepared(without_blanks(recording), mistake, late_s, lost)
