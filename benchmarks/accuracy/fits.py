@@ -187,8 +187,8 @@ def noise_bounds(world: World, model: MotionModel, effect: str, truth: Truth) ->
 
 
 def noise_curvature(model: MotionModel, levels: Floats) -> Floats:
-    """Return minus the second derivative of a log's evidence, float64[9, 9], by the logarithms of
-    its levels."""
+    """Return minus the second derivative of a log's evidence, float64[levels, levels], by the
+    logarithms of its levels."""
     places = range(len(LEVELS))
 
     def height(*moves: tuple[int, float]) -> float:

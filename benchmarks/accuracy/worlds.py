@@ -12,7 +12,7 @@ import numpy as np
 from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.columns import GROSS, NEVER_NUISANCE
 from gap_diagnosis.motion.levels import FLOORS
-from gap_diagnosis.motion.whitening import INEXACT, LEVELS, SLIP_WANDER
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS, SLIP_WANDER, STAMP
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -87,6 +87,7 @@ class World:
             "slip_wander": FLOORS[SLIP_WANDER],
             "reference_position_m": noise.position_m,
             "reference_heading_rad": noise.heading_rad,
+            "reference_stamp_s": FLOORS[STAMP],
             "reference_slow_position_m": noise.coloured_position_m,
             "reference_slow_heading_rad": noise.coloured_heading_rad,
             "reference_slow_s": noise.correlation_time_s,

@@ -33,6 +33,7 @@ class NoiseLevels:
         gyro_noise_rad_per_sqrt_s: angle random walk.
         gyro_bias_walk_rad_s_per_sqrt_s: random walk of the gyro's bias.
         reference_position_m, reference_heading_rad: white, per sample.
+        reference_stamp_s: by which its stamp is off, likewise.
         reference_slow_position_m, reference_slow_heading_rad: correlated over `slow_s`.
         slow_s: that correlation time.
         quantum_rad: quantisation and noise of one reading of a wheel's angle, standard deviation.
@@ -46,6 +47,7 @@ class NoiseLevels:
     gyro_bias_walk_rad_s_per_sqrt_s: float
     reference_position_m: float
     reference_heading_rad: float
+    reference_stamp_s: float = 0.0
     reference_slow_position_m: float = 0.0
     reference_slow_heading_rad: float = 0.0
     slow_s: float = 1.0
@@ -179,16 +181,24 @@ def _window_floor(
         return generator.standard_normal(draws)
 
     white_m, white_rad = levels.reference_position_m, levels.reference_heading_rad
+    # By how much the robot goes on while a stamp is off.
+    gone_m = levels.reference_stamp_s * steps / node_s
+    gone_rad = levels.reference_stamp_s * np.gradient(np.unwrap(np.angle(course))) / node_s
+    early = normal() / math.sqrt(samples)
     start = off[:, told].mean(1) + white_m * (normal() + 1j * normal()) / math.sqrt(samples)
+    start += gone_m[told].mean() * early
     middle = points[:samples].mean()
     away = (x_m + 1j * y_m) - middle
     if has_heading:
         start_rad = seen_rad[:, told].mean(1) + white_rad * normal() / math.sqrt(samples)
+        start_rad += gone_rad[told].mean() * early
     else:
         start_rad = _turn_by_positions(off[:, told], points[:samples] - middle, white_m, normal())
     left_over = off - start[:, np.newaxis] - 1j * start_rad[:, np.newaxis] * away
     position = (np.abs(left_over[:, used]) ** 2).mean(1) + 2 * white_m**2
+    position += (np.abs(gone_m[used]) ** 2).mean()
     heading = ((seen_rad - start_rad[:, np.newaxis])[:, used] ** 2).mean(1) + white_rad**2
+    heading += (gone_rad[used] ** 2).mean()
     known = max(int(np.searchsorted(at_s, window.align_s, side="right")), 1)
     difference = wheel_rad - gyro_rad
     difference = difference - difference[:, :known].mean(1, keepdims=True)

@@ -44,6 +44,7 @@ class Course:
     dt_s: Floats
     step_x_m: Floats
     step_y_m: Floats
+    turn_rad: Floats
     left_way_m: Floats
     right_way_m: Floats
     left_path_m: Floats
@@ -139,6 +140,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         dt_s=block_s,
         step_x_m=np.diff(x_m, prepend=x_m[0]),
         step_y_m=np.diff(y_m, prepend=y_m[0]),
+        turn_rad=np.diff(heading, prepend=heading[0]),
         left_way_m=left_path,
         right_way_m=right_path,
         left_path_m=left_path,

@@ -18,7 +18,7 @@ _HIGHEST: Final = np.where(np.array(LEVELS) == "inexact", 0.3, 100.0)
 """What varies by more than a third is there at times, and no effect that lasts: a slip of 2 % for
 8 s had another track, where that might be nothing for the rest of a log."""
 _LOUDER: Final = 1.3
-FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 0.05)
+FLOORS: Final = (1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1e-4, 1e-4, 1e-6, 1e-5, 1e-5, 0.05)
 """No floor is smoother than 0.1 mm per root metre, on none does a wheel slip by less than 0.01 % of
 its way, and no room measures better than 0.1 mm: without these, data without noise would make any
 small misfit a certainty."""
@@ -40,6 +40,7 @@ def level_prior(robot: Robot) -> LevelPrior:
         "slip_wander": (3e-4, 1.0),
         "reference_position_m": (1e-3, 2.0),
         "reference_heading_rad": (1e-3, 2.0),
+        "reference_stamp_s": (3e-4, 2.0),
         "reference_slow_position_m": (3e-4, 2.0),
         "reference_slow_heading_rad": (3e-4, 2.0),
         "reference_slow_s": (1.0, 1.2),

@@ -32,7 +32,7 @@ from gap_diagnosis.motion.levels import level_prior, silent_levels
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
-from gap_diagnosis.motion.starts import is_of_a_room, starts
+from gap_diagnosis.motion.starts import is_of_a_room, starts, with_stamps_off
 from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -231,7 +231,8 @@ class MotionModel:
         def height(levels: Floats) -> float:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
-        best = max(self.elsewhere, key=height, default=found)
+        others = with_stamps_off(found) if self.nodes.has_reference else []
+        best = max([*self.elsewhere, *others], key=height, default=found)
         if not is_of_a_room(self.nodes) and height(best) <= height(found):
             best = self.levels_for(terms, best)
         return best if height(best) > height(found) else None

@@ -2,6 +2,7 @@
 
 A reference that is off by decimetres and wanders (GPS) lies so far from a motion capture room that
 no path downhill leads there: the wander ends up in the contact of the wheels, and effects with it.
+So does what a robot goes on by while a stamp is off by hundredths of a second.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.nodes import Nodes
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import LEVELS, STAMP
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import LevelPrior
 
@@ -23,6 +24,8 @@ _WANDERS: Final = (0.3, 3.0)
 """Slow noise over white noise,"""
 _MEMORIES_S: Final = (1.0, 15.0)
 """and how long it lasts."""
+_STAMPS_S: Final = (5e-3, 5e-2)
+"""By how much stamps that came over a network may be off."""
 
 
 def is_of_a_room(nodes: Nodes) -> bool:
@@ -47,4 +50,18 @@ def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
             levels[LEVELS.index(f"reference_slow_{name}")] = wander * white
         levels[LEVELS.index("reference_slow_s")] = memory_s
         found.append(np.maximum(levels, FLOORS))
+    return found
+
+
+def with_stamps_off(levels: Floats) -> list[Floats]:
+    """Return the same levels with stamps that are off by more, as far as they are not already.
+
+    Hardly anything depends on how little they are off: no slope leads away from there.
+    """
+    found = []
+    for off_s in _STAMPS_S:
+        if levels[STAMP] < off_s:
+            more = levels.copy()
+            more[STAMP] = off_s
+            found.append(more)
     return found

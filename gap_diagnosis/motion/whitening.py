@@ -3,8 +3,9 @@
 The noise of a log, in the terms of docs/explanation: the contact of each wheel is a random walk
 over distance, the gyro's angle a random walk over time on a walking bias, each count is off by a
 quantum that stays while the wheel stands and is averaged over what it counts while it turns, the
-reference is off by white and by slow noise, and each wheel slips by a share of its way that
-wanders, and by a share more or less than an effect of its tyre has it. Because the filter is
+reference is off by white and by slow noise and each of its stamps by some time, in which the robot
+goes on, and each wheel slips by a share of its way that wanders, and by a share more or less than
+an effect of its tyre has it. Because the filter is
 linear, one pass whitens the data and every effect's column alike, with the same gains; what comes
 out is a plain least-squares problem.
 """
@@ -29,6 +30,7 @@ LEVELS: Final = (
     "slip_wander",
     "reference_position_m",
     "reference_heading_rad",
+    "reference_stamp_s",
     "reference_slow_position_m",
     "reference_slow_heading_rad",
     "reference_slow_s",
@@ -37,6 +39,7 @@ LEVELS: Final = (
 CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 INEXACT: Final = LEVELS.index("inexact")
 SLIP_WANDER: Final = LEVELS.index("slip_wander")
+STAMP: Final = LEVELS.index("reference_stamp_s")
 
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
@@ -60,6 +63,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.dt_s,
         course.step_x_m,
         course.step_y_m,
+        course.turn_rad,
         course.left_way_m,
         course.right_way_m,
         course.left_path_m,
@@ -96,6 +100,7 @@ def _whiten(
     dt_s: Floats,
     step_x: Floats,
     step_y: Floats,
+    turns: Floats,
     left_way: Floats,
     right_way: Floats,
     left_path: Floats,
@@ -125,14 +130,14 @@ def _whiten(
 ) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
-    # the wheels left, right in units of what they slip by. A row of *known* holds a state's
-    # covariance with all twelve, then its estimate from each column: both are carried on and
-    # corrected by the same sums.
+    # the wheels left, right in units of what they slip by, and by how much the reference's stamp is
+    # early. A row of *known* holds a state's covariance with all thirteen, then its estimate from
+    # each column: both are carried on and corrected by the same sums.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     inexact, wander, position, heading = levels[4], levels[5], levels[6], levels[7]
-    slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10]
-    wide = 12 + width
-    known = np.zeros((12, wide))
+    stamp, slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10], levels[11]
+    wide = 13 + width
+    known = np.zeros((13, wide))
     for i in range(4):
         known[i, i] = 25.0
     known[4, 4] = 1e-12
@@ -140,7 +145,8 @@ def _whiten(
     known[9, 9] = slow_heading**2
     known[10, 10] = known[11, 11] = 1.0
     # What each state keeps over a block, and the variance that it gains.
-    keep, fresh = np.ones(12), np.zeros(12)
+    keep, fresh = np.ones(13), np.zeros(13)
+    keep[12] = 0.0
     fresh_angle = 0.0
     # What the contact adds to the heading from a block's mean to its end, as a row of *known*, and
     # its variance.
@@ -158,6 +164,8 @@ def _whiten(
         spread = (ticks[k] - 1.0) * (2.0 * ticks[k] - 1.0) / (6.0 * ticks[k] ** 2)
         c, s = cosine[k], sine[k]
         stays = 0.0 if k == 0 else np.exp(-dt_s[k] / quantum_s)
+        rate_x, rate_y, turn_rate = 0.0, 0.0, 0.0
+        fresh[12] = stamp * stamp / max(samples[k], 1.0)
         few = 0.0
         for q in range(5, 7):
             moved = left_moved[k] if q == 5 else right_moved[k]
@@ -175,6 +183,7 @@ def _whiten(
             few += quantum_variance / met - mean_variance
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
+            rate_x, rate_y, turn_rate = dx / dt, dy / dt, turns[k] / dt
             # Both last for as long: an effect that varies and slip of its own are one motion.
             left_effect, left_own = inexact * left_astray[k], wander * left_way[k]
             right_effect, right_own = inexact * right_astray[k], wander * right_way[k]
@@ -195,15 +204,15 @@ def _whiten(
                 known[1, j] += left_x * left + right_x * right - dy * turned
                 known[2, j] += left_y * left + right_y * right + dx * turned
                 known[3, j] += dt * bias
-            for i in range(12):
+            for i in range(13):
                 turned, bias, left, right = known[i, 0], known[i, 4], known[i, 10], known[i, 11]
                 known[i, 0] += left_turn * left + right_turn * right
                 known[i, 1] += left_x * left + right_x * right - dy * turned
                 known[i, 2] += left_y * left + right_y * right + dx * turned
                 known[i, 3] += dt * bias
-                for j in range(12):
+                for j in range(13):
                     known[i, j] *= keep[j]
-            for i in range(5, 12):
+            for i in range(5, 13):
                 for j in range(wide):
                     known[i, j] *= keep[i]
             fresh[7] = fresh[8] = (1.0 - keep[7] * keep[7]) * slow_position**2
@@ -233,19 +242,24 @@ def _whiten(
             late[1] = together * c * cross
             late[2] = together * s * cross
             late_variance = spread * turn
-        for i in range(12):
+        for i in range(13):
             known[i, i] += fresh[i]
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):
                 continue
-            # Every channel is the sum of two states and a share of each wheel's quantum.
+            # Every channel is the sum of two states, a share of each wheel's quantum and what the
+            # robot goes on by in the time that a stamp is off.
+            goes_on = 0.0
             if channel == 0:
+                goes_on = rate_x
                 first, second, left_share, right_share = 1, 7, -0.5 * c, -0.5 * c
                 noise = position * position / samples[k] + 0.25 * c * c * few + 1e-12
             elif channel == 1:
+                goes_on = rate_y
                 first, second, left_share, right_share = 2, 8, -0.5 * s, -0.5 * s
                 noise = position * position / samples[k] + 0.25 * s * s * few + 1e-12
             elif channel == 2:
+                goes_on = turn_rate
                 first, second = 0, 9
                 left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
                 noise = heading * heading / samples[k] + few / (count_base_m * count_base_m) + 1e-12
@@ -256,10 +270,11 @@ def _whiten(
             for j in range(wide):
                 row[j] = known[first, j] + known[second, j]
                 row[j] += left_share * known[5, j] + right_share * known[6, j]
+                row[j] += goes_on * known[12, j]
             late_gain = late[first] + late[second]
-            late_gain += left_share * late[5] + right_share * late[6]
+            late_gain += left_share * late[5] + right_share * late[6] + goes_on * late[12]
             variance = noise + row[first] + row[second]
-            variance += left_share * row[5] + right_share * row[6]
+            variance += left_share * row[5] + right_share * row[6] + goes_on * row[12]
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
@@ -271,15 +286,15 @@ def _whiten(
             variances[rows] = variance
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
-            for j in range(12):
+            for j in range(13):
                 row[j] *= -scale
             for j in range(width):
-                row[12 + j] = (columns[channel, k, j] - row[12 + j]) * scale
-                out[rows, j] = row[12 + j]
+                row[13 + j] = (columns[channel, k, j] - row[13 + j]) * scale
+                out[rows, j] = row[13 + j]
             for j in range(wide):
                 late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
-            for i in range(12):
+            for i in range(13):
                 gain = -row[i]
                 for j in range(wide):
                     known[i, j] += gain * row[j]

@@ -116,7 +116,8 @@ def measured(run: EffectRun, levels: ReferenceLevels, draw: Draw, seed: int) -> 
     time_s = np.arange(
         float(draw.uniform(0.0, 1.0 / levels.rate_hz)), run.time_s[-1], 1.0 / levels.rate_hz
     )
-    truth = np.column_stack([np.interp(time_s, run.time_s, one) for one in run.truth.T])
+    seen_s = time_s + levels.stamp_s * draw.standard_normal(len(time_s))
+    truth = np.column_stack([np.interp(seen_s, run.time_s, one) for one in run.truth.T])
     schedule = run.settings.over_time(lambda at: at.reference)
     stated = schedule[0][1]
     truth += reference_errors(

@@ -24,7 +24,7 @@ from gap_diagnosis.motion.evidence import make_gram, score
 from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
-from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER
+from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER, STAMP
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.ranking import THRESHOLD
 from gap_diagnosis.recording import Floats, Recording
@@ -316,6 +316,7 @@ def _levels(model: MotionModel, case: Case) -> Floats:
         "slip_wander": max(float(slip.get("wander_left", 0.0)), FLOORS[SLIP_WANDER]),
         "reference_position_m": noise.position_m,
         "reference_heading_rad": noise.heading_rad,
+        "reference_stamp_s": max(noise.stamp_s, FLOORS[STAMP]),
         "reference_slow_position_m": noise.slow_position_m,
         "reference_slow_heading_rad": noise.slow_heading_rad,
         "reference_slow_s": noise.correlation_s,

@@ -35,6 +35,7 @@ class ReferenceLevels:
         slow_position_m, slow_heading_rad: of a slow error on top (first-order Gauss-Markov).
         correlation_s: of the slow error; for "correlated" of the whole.
         rate_hz: samples a second.
+        stamp_s: by which a sample's stamp is off, standard deviation.
     """
 
     kind: str
@@ -44,6 +45,7 @@ class ReferenceLevels:
     slow_heading_rad: float
     correlation_s: float
     rate_hz: float
+    stamp_s: float = 0.0
 
 
 def draw_levels(kind: str, draw: Draw) -> ReferenceLevels:
@@ -56,6 +58,7 @@ def draw_levels(kind: str, draw: Draw) -> ReferenceLevels:
         slow_heading_rad=float(draw.uniform(1e-4, 5e-4)),
         correlation_s=float(draw.uniform(0.5, 2.0)),
         rate_hz=float(draw.choice(_RATES_HZ)),
+        stamp_s=float(np.exp(draw.uniform(math.log(3e-5), math.log(3e-3)))),
     )
 
 
@@ -77,6 +80,7 @@ def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLev
         slow_heading_rad=float(level["reference_slow_heading_rad"]),
         correlation_s=float(level["reference_slow_s"]),
         rate_hz=float(draw.choice(_RATES_HZ)),
+        stamp_s=float(level["reference_stamp_s"]),
     )
 
 

@@ -29,6 +29,7 @@ SIZES = {
     "slip_wander": 0.006,
     "reference_position_m": 8e-4,
     "reference_heading_rad": 1.5e-3,
+    "reference_stamp_s": 4e-3,
     "reference_slow_position_m": 6e-4,
     "reference_slow_heading_rad": 7e-4,
     "reference_slow_s": 0.7,
@@ -55,7 +56,7 @@ def dense_covariance() -> Floats:
     a pair of weights and variance, so that no recursion on covariances is needed.
     """
     contact, lateral, gyro_noise, walk, inexact, wander, position, heading, *reference = LEVELS
-    slow_position, slow_heading, slow_s = reference
+    stamp, slow_position, slow_heading, slow_s = reference
     axle = COURSE.wheelbase_m
     draws: list[float] = []
 
@@ -132,10 +133,13 @@ def dense_covariance() -> Floats:
         white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
         read = heading**2 / max(COURSE.samples[k], 1.0) + few / axle**2 + 1e-12
         first, second = (draw(white + 0.25 * one**2 * few) for one in (c, s))
+        early = draw(stamp**2 / max(COURSE.samples[k], 1.0))
+        steps = (COURSE.step_x_m[k], COURSE.step_y_m[k], COURSE.turn_rad[k])
+        on = [(step / COURSE.dt_s[k] if k else 0.0, early) for step in steps]
         channels = (
-            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first)),
-            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second)),
-            plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read))),
+            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first), on[0]),
+            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second), on[1]),
+            plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read)), on[2]),
             plus(
                 (1.0, mean_angle),
                 (1.0, mean),
@@ -207,6 +211,7 @@ def test_counting_errors_of_a_drive_come_out_with_unit_variance_at_rest_and_in_m
     noise = ReferenceNoise()
     known["reference_position_m"] = noise.position_m
     known["reference_heading_rad"] = noise.heading_rad
+    known["reference_stamp_s"] = 1e-6
     known["reference_slow_position_m"] = noise.coloured_position_m
     known["reference_slow_heading_rad"] = noise.coloured_heading_rad
     known["reference_slow_s"] = noise.correlation_time_s
@@ -284,6 +289,7 @@ def test_a_wheel_that_counts_in_every_third_row_goes_on_between():
         "slip_wander": 1e-5,
         "reference_position_m": 5e-4,
         "reference_heading_rad": 5e-4,
+        "reference_stamp_s": 1e-6,
         "reference_slow_position_m": 1e-5,
         "reference_slow_heading_rad": 1e-5,
         "reference_slow_s": 1.0,
