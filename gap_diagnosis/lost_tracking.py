@@ -19,6 +19,7 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
+from gap_diagnosis.under_way import rate_of, usual_size
 from hil_harness.robot import Robot
 
 _FROZEN: Final = 5
@@ -161,14 +162,13 @@ def _leaps(reference: Reference, motion: Motion, delay_s: Floats) -> list[Leap]:
     """Return the leaps: steps off dead reckoning that nothing on wheels could make."""
     stamps = reference.t_s - delay_s
     way = dead_reckoned(_forward_m(motion), motion.heading_rad)
-    x_m, y_m = (
-        measured - np.interp(stamps, motion.t_s, path)
-        for measured, path in zip((reference.x_m, reference.y_m), way, strict=True)
-    )
+    path_x_m, path_y_m = (np.interp(stamps, motion.t_s, path) for path in way)
+    x_m, y_m = reference.x_m - path_x_m, reference.y_m - path_y_m
     step = np.hypot(_step(x_m), _step(y_m))
     sudden = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0]))
     elapsed_s = np.diff(reference.t_s, prepend=reference.t_s[0] - 1.0)
-    noise = 1.4826 * float(np.median(step))
+    speed_m_s = np.hypot(rate_of(path_x_m, stamps), rate_of(path_y_m, stamps))
+    noise = usual_size(step, speed_m_s)
     top = sudden == maximum_filter1d(sudden, 2 * _AROUND + 1)
     is_leap = top & (step > _FAR * noise) & (sudden > 0.5 * step)
     places = np.flatnonzero(is_leap & (step > _FASTEST_M_S * elapsed_s))
