@@ -231,10 +231,11 @@ class MotionModel:
         def height(levels: Floats) -> float:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
 
-        others = with_stamps_off(found) if self.nodes.has_reference else []
-        best = max([*self.elsewhere, *others], key=height, default=found)
+        best = max(self.elsewhere, key=height, default=found)
         if not is_of_a_room(self.nodes) and height(best) <= height(found):
             best = self.levels_for(terms, best)
+        others = with_stamps_off(found) if self.nodes.has_reference else []
+        best = max([best, *others], key=height)
         return best if height(best) > height(found) else None
 
     def _of_levels(

@@ -190,7 +190,8 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
     )
     model = model_of(log, *FOR_A_WHILE)
     suiting = model.no_effect_levels
-    wandering = suiting * np.array([1, 1, 1, 1, 1, 1, 1, 1, 2.0, 20.0, 90.0])
+    wandering = suiting.copy()
+    wandering[-3:] *= 2.0, 20.0, 90.0
 
     def height(levels: np.ndarray) -> float:
         return model.evidence_at((), levels) + model.level_prior.log_density(np.log(levels))
