@@ -19,7 +19,6 @@ from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording, Reference
-from gap_diagnosis.under_way import rate_of, usual_size
 from hil_harness.robot import Robot
 
 _FROZEN: Final = 5
@@ -167,8 +166,8 @@ def _leaps(reference: Reference, motion: Motion, delay_s: Floats) -> list[Leap]:
     step = np.hypot(_step(x_m), _step(y_m))
     sudden = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0]))
     elapsed_s = np.diff(reference.t_s, prepend=reference.t_s[0] - 1.0)
-    speed_m_s = np.hypot(rate_of(path_x_m, stamps), rate_of(path_y_m, stamps))
-    noise = usual_size(step, speed_m_s)
+    speed_m_s = np.hypot(_rate(path_x_m, stamps), _rate(path_y_m, stamps))
+    noise = _usual_size(step, speed_m_s)
     top = sudden == maximum_filter1d(sudden, 2 * _AROUND + 1)
     is_leap = top & (step > _FAR * noise) & (sudden > 0.5 * step)
     places = np.flatnonzero(is_leap & (step > _FASTEST_M_S * elapsed_s))
@@ -184,6 +183,25 @@ def _leaps(reference: Reference, motion: Motion, delay_s: Floats) -> list[Leap]:
         )
         for k in places
     ]
+
+
+def _rate(path: Floats, t_s: Floats) -> Floats:
+    """Return how fast a path is left at each time, over the samples around it, float64[s]."""
+    place = np.arange(len(t_s))
+    first, last = np.maximum(place - _AROUND, 0), np.minimum(place + _AROUND, len(t_s) - 1)
+    return np.asarray((path[last] - path[first]) / (t_s[last] - t_s[first]))
+
+
+def _usual_size(size: Floats, speed: Floats) -> Floats:
+    """Return the usual size of errors, standard deviations float64[s], at these speeds: part of it
+    is the same at any, and part grows in proportion, as the slower and the faster half tell."""
+    fast = speed > float(np.median(speed))
+    if not fast.any():
+        return np.full(len(size), 1.4826 * float(np.median(size)))
+    at_slow, at_fast = (1.4826 * float(np.median(size[half])) for half in (~fast, fast))
+    slower, faster = (float(np.median(speed[half])) for half in (~fast, fast))
+    per_speed2 = max(at_fast**2 - at_slow**2, 0.0) / (faster**2 - slower**2)
+    return np.sqrt(at_slow**2 + per_speed2 * np.maximum(speed**2 - slower**2, 0.0))
 
 
 def _turned(reference: Reference, motion: Motion, stamps: Floats) -> Floats | None:

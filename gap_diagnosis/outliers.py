@@ -12,7 +12,6 @@ from scipy.ndimage import median_filter
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.recording import Floats, Recording, Reference
-from gap_diagnosis.under_way import rate_of, usual_size
 from hil_harness.robot import Robot
 
 _NEIGHBOURS: Final = 11
@@ -33,8 +32,8 @@ def without_outliers(recording: Recording, robot: Robot) -> tuple[Recording, int
     """Return the recording without reference samples far off their neighbours, and their count.
 
     A sample is compared with what dead reckoning leaves of the ten samples around it, by the
-    median, so that a run of up to five wrong ones is seen, and with their usual size at its speed.
-    Dead reckoning is bent onto the reference, and a wrong
+    median, so that a run of up to five wrong ones is seen. Robust scale: the median absolute
+    deviation (Rousseeuw and Croux 1993). Dead reckoning is bent onto the reference, and a wrong
     sample bends it beside its good neighbours; so it is asked again without those that were found,
     until none comes or goes.
     """
@@ -70,14 +69,13 @@ def _far_off(
         pairs.append((reference.heading_rad, motion.heading_rad))
     far = np.zeros(len(stamps), dtype=np.bool_)
     for measured, estimated in pairs:
-        there = np.interp(stamps, motion.t_s, estimated)
-        far |= _far(measured - there, np.abs(rate_of(there, stamps)))
+        far |= _far(measured - np.interp(stamps, motion.t_s, estimated))
     return far
 
 
-def _far(residual: Floats, rate: Floats) -> Bools:
+def _far(residual: Floats) -> Bools:
     known = np.where(np.isfinite(residual), residual, 0.0)
     off = np.abs(known - median_filter(known, _NEIGHBOURS, mode="nearest"))
     beside = 1.4826 * median_filter(off, _NEIGHBOURS, mode="nearest")
-    least = np.maximum(_FAR * usual_size(off, rate), _LEAST)
+    least = max(_FAR * 1.4826 * float(np.median(off)), _LEAST)
     return np.asarray((off > least) & (off > _BESIDE * beside))
