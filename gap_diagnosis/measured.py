@@ -300,9 +300,7 @@ def _refitted(model: MotionModel, motion: MotionBlock, effects: Effects) -> Refi
 
 def _fitted_on(model: MotionModel, scan: Scan, effects: Effects) -> Refitted:
     found = scan.account(effects)
-    terms = [
-        model.add(term.variant, term) if model is not scan.model else term for term in found.terms
-    ]
+    terms = [model.take(term) if model is not scan.model else term for term in found.terms]
     return model.refit(terms, found.levels, free_levels=False)
 
 

@@ -173,6 +173,20 @@ class MotionModel:
         self.columns = columns
         return term
 
+    def take(self, term: Term) -> Term:
+        """Add the columns of a term of another model, whose columns stand in other places."""
+        alike = [
+            one
+            for one in self.columns.terms
+            if one.variant.effect == term.variant.effect
+            and len(one.weights) == len(term.weights)
+            and one.variant.report.items() <= term.variant.report.items()
+        ]
+        if alike:
+            return self.add(term.variant, alike[0])
+        bare = tuple(tuple(part for part in weight if part[1] != 0.0) for weight in term.weights)
+        return self.add(term.variant, replace(term, weights=bare))
+
     def evidence_about(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> Refitted:
