@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,8 +11,12 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.recording import Floats
 
-BETTER: Final = 1e-3
-"""Of a correlation: a shift, or a drift, that adds less is none."""
+TURN_S: Final = 0.35
+"""What is smoothed over a tenth of a second has one value in so long."""
+_BETTER: Final = 1e-3
+"""Of a correlation: a shift, or a drift, that adds less is none,"""
+_SURE: Final = 5.0
+"""nor is one that gains less [nat]: of noise the best of a hundred places gains log 100."""
 _RATE: Final = 0.025
 """So fast a clock may run (two and a half times the end of the prior),"""
 _MOST_S: Final = 2.5
@@ -85,7 +90,7 @@ def drift_of(
     alike, place = best[drift]
     # At an end of the search lies no peak: nothing told where one is.
     is_told = abs(drift) < drifts and 0 < place < len(begins) - 1
-    if not is_told or alike < best[0][0] + BETTER:
+    if not is_told or not is_better(alike, best[0][0], float(weight.sum()) * step_s):
         return Drift(alike=best[0][0])
     line = np.array([begins[place], drift], dtype=np.float64)
     begin, more = _refined(shared, power, own, along, line)
@@ -93,6 +98,17 @@ def drift_of(
     rate = more / ((_PARTS - 1) * part)
     # Along a line of noise the search may end anywhere.
     return Drift(begin * step_s, at_s, rate, alike) if abs(rate) <= _RATE else Drift(alike=alike)
+
+
+def is_better(alike: float, than: float, seen_s: float) -> bool:
+    """Tell whether two signals seen for so long are more *alike* than otherwise beyond noise.
+
+    Of n values correlated by r, the best line leaves 1 - r² of the power: by n/2 times its
+    logarithm two lines' log likelihoods differ.
+    """
+    left, left_otherwise = (max(1.0 - one * one, 1e-12) for one in (alike, than))
+    gained = 0.5 * seen_s / TURN_S * math.log(left_otherwise / left)
+    return alike > than + _BETTER and gained > _SURE
 
 
 def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.explanations.standstill import told_until_s
-from gap_diagnosis.motion.drift import BETTER, drift_of
+from gap_diagnosis.motion.drift import TURN_S, drift_of, is_better
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
@@ -32,8 +32,6 @@ _STEP_S: Final = 0.02
 _WORTH_S: Final = 0.03
 _REACH_S: Final = 0.3
 """Samples so near reach into what is smoothed."""
-_TURN_S: Final = 0.35
-"""What is smoothed over a tenth of a second has one value in so long."""
 _BY_CHANCE: Final = 4.0
 """Standard deviations of a correlation of noise that none of all shifts has by chance: of a robot
 of 0.25 m/s fixes that were off by 0.5 m once a second were 0.44 s late."""
@@ -81,7 +79,7 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     if drift.rate != 0.0 and drift.alike > _ALIKE:
         return drift.delay_s(reference.t_s - grid[0])
     samples = np.count_nonzero((reference.t_s >= grid[0]) & (reference.t_s <= grid[-1]))
-    by_chance = _BY_CHANCE / math.sqrt(min(samples, np.count_nonzero(seen) * _STEP_S / _TURN_S))
+    by_chance = _BY_CHANCE / math.sqrt(min(samples, np.count_nonzero(seen) * _STEP_S / TURN_S))
     if len(grid) * _STEP_S > _LONG * _FAR_S:
         far_s, alike = _likeliest(ours, theirs, _FAR_S, seen)
         least = by_chance if reference.heading_rad is not None else max(by_chance, _ALIKE)
@@ -137,7 +135,8 @@ def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[flo
     peak = int(np.argmax(scores))
     best = (peak - most + _between(scores, peak)) * _STEP_S
     # At an end of the search lies no peak: nothing told where one is.
-    is_told = 0 < peak < len(scores) - 1 and scores[peak] > scores[most] + BETTER
+    seen_s = float(np.count_nonzero(seen)) * _STEP_S
+    is_told = 0 < peak < len(scores) - 1 and is_better(scores[peak], scores[most], seen_s)
     return best if abs(best) >= _WORTH_S and is_told else 0.0, float(scores[peak])
 
 
