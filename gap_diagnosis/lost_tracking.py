@@ -37,6 +37,7 @@ _AROUND: Final = 5
 """Samples on each side of a leap whose median says where it led."""
 _FAR: Final = 15.0
 """In robust standard deviations."""
+_SD_OF_MEDIAN: Final = 1.4826
 _FASTEST_M_S: Final = 3.0
 """No floor throws a robot so fast between two samples."""
 _SELDOM: Final = 0.02
@@ -197,8 +198,8 @@ def _usual_size(size: Floats, speed: Floats) -> Floats:
     is the same at any, and part grows in proportion, as the slower and the faster half tell."""
     fast = speed > float(np.median(speed))
     if not fast.any():
-        return np.full(len(size), 1.4826 * float(np.median(size)))
-    at_slow, at_fast = (1.4826 * float(np.median(size[half])) for half in (~fast, fast))
+        return np.full(len(size), _SD_OF_MEDIAN * float(np.median(size)))
+    at_slow, at_fast = (_SD_OF_MEDIAN * float(np.median(size[half])) for half in (~fast, fast))
     slower, faster = (float(np.median(speed[half])) for half in (~fast, fast))
     per_speed2 = max(at_fast**2 - at_slow**2, 0.0) / (faster**2 - slower**2)
     return np.sqrt(at_slow**2 + per_speed2 * np.maximum(speed**2 - slower**2, 0.0))
