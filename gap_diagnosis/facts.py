@@ -14,6 +14,7 @@ from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.company import OWN_BLOCK
 from gap_diagnosis.hypothesis import Block
+from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
@@ -179,6 +180,7 @@ def notes_on(
         notes += _on_restarts(analysis)
         notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
+        notes += _on_stamps(analysis)
         notes += _on_a_while(analysis, unlisted_in)
         if analysis.has_burst or unlisted_in == "wheel":
             notes += _on_burst(analysis)
@@ -272,6 +274,24 @@ def _on_the_reference(analysis: Analysis) -> list[str]:
             "follows was put back."
         )
     return notes
+
+
+_OFF: Final = 5.0
+"""Stamps off by so many times what is usual are worth a word: the log itself must say so."""
+
+
+def _on_stamps(analysis: Analysis) -> list[str]:
+    """Say by how much the reference's stamps are off, which is no gap."""
+    motion = analysis.motion
+    if motion is None or analysis.recording.reference is None:
+        return []
+    off_s, usual_s = motion.levels[STAMP], motion.model.level_prior.median[STAMP]
+    if off_s < _OFF * usual_s:
+        return []
+    return [
+        f"{analysis.recording.name}: each stamp of the reference is off by about "
+        f"{1e3 * off_s:.1f} ms, early or late: noise, and no gap."
+    ]
 
 
 _ALIKE: Final = 3.0

@@ -82,6 +82,14 @@ def test_a_healthy_robot_whose_references_stamps_are_off_has_no_gap() -> None:
     found = diagnose_recordings([log], ROBOT, WIRE).diagnosis
     assert found.verdict == "no_gap"
     assert found.which[0].probability > 0.8
+    (told,) = (note for note in found.notes if "stamp of the reference" in note)
+    off_ms = float(told.split("about ")[1].split(" ms")[0])
+    assert off_ms == pytest.approx(20.0, rel=0.1)
+
+
+def test_of_stamps_that_are_right_nothing_is_said() -> None:
+    found = diagnose_recordings([drive(100.0)], ROBOT, WIRE).diagnosis
+    assert not any("stamp of the reference" in note for note in found.notes)
 
 
 def test_a_cause_is_told_as_surely_beside_stamps_that_are_off() -> None:
