@@ -15,7 +15,7 @@ import numpy as np
 
 from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.nodes import Nodes
-from gap_diagnosis.motion.whitening import LEVELS, STAMP
+from gap_diagnosis.motion.whitening import CONTACT, LATERAL, LEVELS, SLIP_WANDER, SLOW, STAMP
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import LevelPrior
 
@@ -26,6 +26,13 @@ _MEMORIES_S: Final = (1.0, 15.0)
 """and how long it lasts."""
 _STAMPS_S: Final = (5e-3, 5e-2)
 """By how much stamps that came over a network may be off."""
+_ROUGH_M_PER_SQRT_M: Final = 3e-3
+_LONG_S: Final = 5.0
+"""Wheels rougher than these, or a reference whose wander lasts longer, may be wheels that slip:"""
+_SLIPS: Final = 0.1
+_SKIDS_M_PER_SQRT_M: Final = 0.03
+"""on grass by as much, along and across. A search comes down from too much of every noise: from too
+little of two it buys the one for the other."""
 
 
 def is_of_a_room(nodes: Nodes) -> bool:
@@ -51,6 +58,20 @@ def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
         levels[LEVELS.index("reference_slow_s")] = memory_s
         found.append(np.maximum(levels, FLOORS))
     return found
+
+
+def with_slip(levels: Floats) -> list[Floats]:
+    """Return the same levels with wheels that slip along and across beside a reference that does
+    not wander, where they tell of wheels that are rough or of a wander that lasts for long."""
+    if levels[CONTACT] < _ROUGH_M_PER_SQRT_M and levels[SLOW] < _LONG_S:
+        return []
+    slips = levels.copy()
+    slips[SLIP_WANDER] = max(levels[SLIP_WANDER], _SLIPS)
+    slips[LATERAL] = max(levels[LATERAL], _SKIDS_M_PER_SQRT_M)
+    for name in ("reference_slow_position_m", "reference_slow_heading_rad"):
+        slips[LEVELS.index(name)] = FLOORS[LEVELS.index(name)]
+    slips[SLOW] = 1.0
+    return [slips]
 
 
 def with_stamps_off(levels: Floats) -> list[Floats]:

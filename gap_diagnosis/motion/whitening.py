@@ -37,9 +37,11 @@ LEVELS: Final = (
 )
 """Levels of noise, in the order of a vector of levels."""
 CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
+LATERAL: Final = LEVELS.index("lateral_m_per_sqrt_m")
 INEXACT: Final = LEVELS.index("inexact")
 SLIP_WANDER: Final = LEVELS.index("slip_wander")
 STAMP: Final = LEVELS.index("reference_stamp_s")
+SLOW: Final = LEVELS.index("reference_slow_s")
 
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE
+from scipy.signal import lfilter
 
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import CONTACT, LEVELS, SLIP_S, SLIP_WANDER
 from gap_diagnosis.priors import default_prior
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
@@ -48,3 +52,50 @@ def test_wheels_that_skid_are_no_end_of_the_search_beside_a_gps() -> None:
     better = model.better_start((), skids)
     assert better is not None
     assert better[LEVELS.index("lateral_m_per_sqrt_m")] < 1e-3
+
+
+def slipping(log: Recording, share: float, seed: int = 3) -> Recording:
+    """Return the log of wheels that turn farther than they roll by a share that wanders."""
+    random = np.random.default_rng(seed)
+    lasts = math.exp(-float(np.median(np.diff(log.t_s))) / SLIP_S)
+
+    def turned(ticks: Floats) -> Floats:
+        noise = random.normal(0.0, share * math.sqrt(1 - lasts**2), len(ticks) - 1)
+        slip = lfilter([1.0], [1.0, -lasts], noise)
+        return ticks[0] + np.rint(np.append(0.0, np.cumsum(np.diff(ticks) * (1.0 + slip))))
+
+    return replace(log, left_ticks=turned(log.left_ticks), right_ticks=turned(log.right_ticks))
+
+
+def skidding(log: Recording, across_m_per_sqrt_m: float, seed: int = 5) -> Recording:
+    """Return the log of a robot that also moves sideways, as its reference saw."""
+    reference = log.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    way_m = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m))
+    random = np.random.default_rng(seed)
+    steps_m = across_m_per_sqrt_m * np.sqrt(way_m) * random.normal(size=len(way_m))
+    x_m = reference.x_m - np.append(0.0, np.cumsum(steps_m * np.sin(reference.heading_rad[1:])))
+    y_m = reference.y_m + np.append(0.0, np.cumsum(steps_m * np.cos(reference.heading_rad[1:])))
+    return replace(log, reference=replace(reference, x_m=x_m, y_m=y_m))
+
+
+@pytest.mark.parametrize(
+    ("across_m_per_sqrt_m", "share", "reference_m"),
+    [(0.0, 0.08, 1e-4), (0.0, 0.02, 1e-3), (0.02, 0.02, 1e-4), (0.02, 0.08, 1e-3)],
+)
+def test_wheels_that_slip_are_not_taken_for_rough_ones(
+    across_m_per_sqrt_m: float, share: float, reference_m: float
+) -> None:
+    """Beside a reference without headings and no gyro the search ended at wheels that are rougher
+    by centimetres per root metre, 100 to 750 nats below wheels that slip."""
+    exact = ReferenceNoise(position_m=reference_m, coloured_position_m=reference_m / 10, rate_hz=5)
+    log = synthetic_recording(ROBOT, WIRE, scenario("calibration"), (), 1, reference=exact)
+    log = slipping(skidding(log, across_m_per_sqrt_m), share)
+    assert log.reference is not None
+    positions = replace(log.reference, heading_rad=None)
+    blind = replace(log, reference=positions, gyro_code=None, gyro_rate_rad_s=None)
+    found = MotionModel(blind, ROBOT, default_prior()).no_effect_levels
+    # Slip that lasts for 2 s is known by the 60 such times of two minutes to 1 / sqrt(2 * 60).
+    assert found[SLIP_WANDER] == pytest.approx(share, rel=4 / math.sqrt(2 * 60))
+    assert found[CONTACT] < 3e-3
