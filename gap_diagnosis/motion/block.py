@@ -22,7 +22,7 @@ from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.noise import NOISES, fit_noise
 from gap_diagnosis.motion.posterior import Posterior, estimate
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
-from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.scan import Scan, search
 from gap_diagnosis.motion.standstill import Standstills, find_standstills
 from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.recording import Floats
@@ -82,7 +82,7 @@ class MotionBlock:
     ) -> None:
         """Search through all single effects and pairs, unless *scan* has."""
         self.model = model
-        self.scan = scan or Scan(model, progress)
+        self.scan = scan or search(model, progress)
         self._nothing = self.scan.found[frozenset()]
         self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}

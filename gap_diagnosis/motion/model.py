@@ -32,7 +32,7 @@ from gap_diagnosis.motion.levels import level_prior, silent_levels
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
-from gap_diagnosis.motion.starts import is_of_a_room, starts, with_slip, with_stamps_off
+from gap_diagnosis.motion.starts import is_of_a_room, starts, with_stamps_off
 from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -238,8 +238,7 @@ class MotionModel:
         """Return levels that suit these effects better than *found*, which a search ended at.
 
         None where a coarse look at the reference shows none. From where a GPS wanders the search
-        is worth its time: one that began in a room may have ended at wheels that skid. So it is
-        from wheels that slip, where it ended at rough ones or a reference that wanders for long.
+        is worth its time: one that began in a room may have ended at wheels that skid.
         """
         weigh = self._of_levels(terms)
 
@@ -249,9 +248,7 @@ class MotionModel:
         best = max(self.elsewhere, key=height, default=found)
         if not is_of_a_room(self.nodes) and height(best) <= height(found):
             best = self.levels_for(terms, best)
-        for slips in with_slip(found):
-            best = max(best, self.levels_for(terms, slips), key=height)
-        others = with_stamps_off(best) if self.nodes.has_reference else []
+        others = with_stamps_off(found) if self.nodes.has_reference else []
         best = max([best, *others], key=height)
         return best if height(best) > height(found) else None
 

@@ -24,8 +24,10 @@ from gap_diagnosis.motion.slips import (
     is_loose,
     loose,
 )
+from gap_diagnosis.motion.starts import with_slip
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
 from gap_diagnosis.motion.windows import at_window, has_window, windows_of
+from gap_diagnosis.recording import Floats
 from gap_diagnosis.visibility import Sight, sight_of
 
 _LEVELS_TRIED: Final = 3
@@ -47,8 +49,8 @@ _CONTRADICTED: Final = 2
 parts, windows and neighbours are fitted: on a wheel on ice they contradict every set."""
 _ALWAYS: Final = 3
 """So many of the best single effects are fitted, whatever straight lines say of them."""
-
-
+_ELSEWHERE: Final = 5.0
+"""Two searches that end at as much [nat] as makes no difference ended at the same place."""
 _CLOCKS: Final = frozenset({"reference_clock_skew", "reference_time_offset"})
 """Always fitted together: what two clocks are apart may shift samples from one row of a table to
 the next, of which no straight line tells."""
@@ -67,10 +69,15 @@ class Scan(Neighbours):
     where_it_turns: Scan | None = None
 
     def __init__(
-        self, model: MotionModel, progress: Callable[[float], None] = lambda share: None
+        self,
+        model: MotionModel,
+        progress: Callable[[float], None] = lambda share: None,
+        begin: Floats | None = None,
     ) -> None:
-        """Search."""
+        """Search, about the levels of noise to *begin* at instead of those that a search from the
+        described ones ends at."""
         super().__init__(model)
+        self._begin = begin
         self._contradicted = 0
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
@@ -81,8 +88,10 @@ class Scan(Neighbours):
         self._add_levels(model.level_prior.median)
         self.foreseen = sight_of(model.columns, self._grams[0], model.prior)
         greedy = self._greedy(self._grams[0])
-        levels = model.levels_for(greedy, model.level_prior.median)
-        better = model.better_start(greedy, levels)
+        better = self._begin
+        if better is None:
+            levels = model.levels_for(greedy, model.level_prior.median)
+            better = model.better_start(greedy, levels)
         if better is not None:
             # What led at levels this wrong was noise.
             levels = model.levels_for(self._greedy(model.gram(better)), better)
@@ -115,6 +124,25 @@ class Scan(Neighbours):
         self._hold_back_the_unfitted()
         if self.likeliest.effects & DEAD:
             self._seek_beside_the_dead()
+
+    def slipping(self) -> Floats | None:
+        """Return levels of noise of wheels that slip, float64[levels], at which the likeliest set
+        or none is likelier than it is; None if there are none.
+
+        Last of all: from the first, such levels take up large effects of which a line shows little.
+        """
+        head = self.likeliest
+        starts = [] if head.effects & DEAD else with_slip(head.levels)
+        for slips in starts:
+            nothing = self._nothing_at(self.model.levels_for((), slips))
+            self._offer(nothing)
+            if nothing.log_evidence > head.log_evidence + _ELSEWHERE:
+                return nothing.levels
+            if head.refitted is not None:
+                fit = self.model.refit(head.terms, slips, start=head.refitted.coefficients)
+                if fit.log_evidence > head.refitted.log_evidence + _ELSEWHERE:
+                    return fit.levels
+        return None
 
     def _seek_beside_the_dead(self) -> None:
         """Seek what else is wrong beside a dead encoder in the log in which its wheel turns again,
@@ -393,6 +421,16 @@ class Scan(Neighbours):
             # A line of delays that crosses none amid a log has no slope there in either.
             stretched = [*stretched, _CLOCKS]
         return near + [self.account(one) for one in dict.fromkeys(stretched) if one not in known]
+
+
+def search(model: MotionModel, progress: Callable[[float], None] = lambda share: None) -> Scan:
+    """Search, and once more from wheels that slip where that is likelier than the rough ones or the
+    long wander at which the search ended."""
+    first = Scan(model, progress)
+    slips = first.slipping()
+    if slips is None:
+        return first
+    return max(first, Scan(model, begin=slips), key=lambda one: one.likeliest.log_evidence)
 
 
 def _differ(first: Term, second: Term) -> bool:

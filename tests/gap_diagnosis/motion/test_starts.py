@@ -11,6 +11,7 @@ from motion_cases import ROBOT, WIRE
 from scipy.signal import lfilter
 
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.scan import search
 from gap_diagnosis.motion.whitening import CONTACT, LEVELS, SLIP_S, SLIP_WANDER
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
@@ -95,7 +96,7 @@ def test_wheels_that_slip_are_not_taken_for_rough_ones(
     assert log.reference is not None
     positions = replace(log.reference, heading_rad=None)
     blind = replace(log, reference=positions, gyro_code=None, gyro_rate_rad_s=None)
-    found = MotionModel(blind, ROBOT, default_prior()).no_effect_levels
+    found = search(MotionModel(blind, ROBOT, default_prior())).found[frozenset()].levels
     # Slip that lasts for 2 s is known by the 60 such times of two minutes to 1 / sqrt(2 * 60).
     assert found[SLIP_WANDER] == pytest.approx(share, rel=4 / math.sqrt(2 * 60))
     assert found[CONTACT] < 3e-3
