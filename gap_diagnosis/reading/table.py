@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.rows import Rows, hold, rows_of_ticks
+from gap_diagnosis.reading.said_again import with_news_only
 from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
 from gap_diagnosis.reading.stamp_jitter import sampled_at
 from gap_diagnosis.reading.table_clock import TableClock, table_clock
@@ -189,6 +190,8 @@ def read_table_recording(
         unsure_ticks2=unsure,
         notes=table.missing(),
     )
+    if not _is_speed(table):
+        recording = with_news_only(recording)
     return recording, _reference(table, t_s)
 
 

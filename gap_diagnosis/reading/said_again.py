@@ -1,0 +1,87 @@
+"""Rows of a table in which a counter has no news: they say again what it said last."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.recording import Floats, Recording
+
+_USUAL_ROWS: Final = 8
+"""The speed before and after is that of so many rows, or of four times as long as nothing came."""
+_LEAST_PER_ROW: Final = 4.0
+"""A slower wheel shows the same count twice by itself."""
+_AS_FAR: Final = 0.4
+"""What comes at last is what was missed, to this share of it."""
+_OFTEN: Final = 5
+"""Fewer times a wheel may have stalled as long as it then made up for."""
+
+_THE_RULE: Final = 0.25
+"""A counter without news in more of a fast wheel's rows comes at a lower rate than the table."""
+
+
+def with_news_only(recording: Recording) -> Recording:
+    """Return a table's recording without counts that were only said again, as if those cells were
+    empty, with a note, and without an odometry: what the ECU made it of may have been other
+    counts than the table has."""
+    left_ticks, left = without_said_again(recording.left_ticks)
+    right_ticks, right = without_said_again(recording.right_ticks)
+    if not left and not right:
+        return recording
+    note = (
+        f"{left:,} rows of {len(recording.t_s):,} say the left wheel's last count again and "
+        f"{right:,} the right one's, and the next makes up for it: they were taken as empty."
+    )
+    if recording.odometry_x_m is not None:
+        note += " What the ECU had is not known: its odometry is not replayed."
+    return replace(
+        recording,
+        left_ticks=left_ticks,
+        right_ticks=right_ticks,
+        odometry_x_m=None,
+        odometry_y_m=None,
+        odometry_heading_rad=None,
+        notes=(*recording.notes, note),
+    )
+
+
+def without_said_again(counts: Floats) -> tuple[Floats, int]:
+    """Return running counts, float64[n], NaN where nothing came, without those that only say the
+    last one again while the wheel goes on, and how many those are.
+
+    A table at a higher rate than its counters, or of a producer that was late at times: each new
+    count then leaps by all that was missed, as far as the speeds before and after say.
+    """
+    row = np.flatnonzero(np.isfinite(counts))
+    value = counts[row]
+    again = np.zeros(len(counts), dtype=np.bool_)
+    if len(row) < 3:
+        return counts, 0
+    changes = np.flatnonzero(np.diff(value) != 0.0)
+    starts, ends = changes[:-1] + 1, changes[1:]
+    repeats = ends > starts
+    last, fresh = starts[repeats], ends[repeats] + 1
+    elapsed = (row[fresh] - row[last]).astype(np.float64)
+    rows = np.maximum(_USUAL_ROWS, 4.0 * elapsed)
+    before = (value[last] - np.interp(row[last] - rows, row, value)) / rows
+    after = (np.interp(row[fresh] + rows, row, value) - value[fresh]) / rows
+    usual = 0.5 * (before + after)
+    off = np.abs(value[fresh] - value[last] - usual * elapsed)
+    made_up = (np.abs(usual) >= _LEAST_PER_ROW) & (off < _AS_FAR * np.abs(usual) * elapsed)
+    if np.count_nonzero(made_up) < _OFTEN:
+        return counts, 0
+    for first, stop in zip(last[made_up] + 1, fresh[made_up], strict=True):
+        again[row[first:stop]] = True
+    speed = np.abs(
+        np.interp(row + _USUAL_ROWS, row, value) - np.interp(row - _USUAL_ROWS, row, value)
+    )
+    fast = speed >= 2 * _USUAL_ROWS * _LEAST_PER_ROW
+    if np.count_nonzero(again) > _THE_RULE * np.count_nonzero(fast):
+        # Of a slow wheel too: what lies within a cycle of a change is old.
+        cycle = round(float(np.percentile(elapsed[made_up], 90)))
+        for first, stop in zip(last + 1, fresh, strict=True):
+            again[row[first : min(first + cycle - 1, stop)]] = True
+            again[row[max(stop - cycle + 1, first) : stop]] = True
+    return np.where(again, np.nan, counts), int(np.count_nonzero(again))
