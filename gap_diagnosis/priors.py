@@ -65,6 +65,7 @@ class Prior:
     Attributes:
         effects: probability of 0, 1, 2 and so on effects.
         unknown: probability that the cause is not in the library.
+        misdescribed: how often a listed cause, or none, is at work that no account of it explains.
         parameters: by effect, one prior for all of its coefficients or one by coefficient.
         ranges: by effect, of thresholds, rates and levels.
         nuisances: by name, what is free beside every effect.
@@ -74,6 +75,7 @@ class Prior:
 
     effects: tuple[float, ...]
     unknown: float
+    misdescribed: float
     parameters: Mapping[str, Mapping[str, ParameterPrior]]
     ranges: Mapping[str, Mapping[str, Range]] = field(default_factory=dict)
     nuisances: Mapping[str, ParameterPrior] = field(default_factory=dict)
@@ -188,6 +190,7 @@ def _prior(table: Mapping[str, Any]) -> Prior:
     return Prior(
         tuple(table["effects"]),
         float(table["unknown"]),
+        float(table["misdescribed"]),
         {
             effect: {name: _size(one) for name, one in coefficients.items()}
             for effect, coefficients in table["parameters"].items()

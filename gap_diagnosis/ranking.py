@@ -218,6 +218,7 @@ def rank(
             logs_of[frozenset()] = nothing + math.log(usual)
     news = moved(logs, prior, logs_of, {effects: one[1] for effects, one in scored.items()})
     logs_of = news.log_probability
+    guesses = _no_surer(guesses, logs_of, prior.misdescribed)
     top = max([*logs_of.values(), *guesses.values()])
     total = math.fsum(math.exp(v - top) for v in [*logs_of.values(), *guesses.values()])
     sets = [
@@ -237,6 +238,19 @@ def rank(
         company.beside(sets[0].effects),
         news.small.get(sets[0].effects, frozenset()),
     )
+
+
+def _no_surer(
+    guesses: Mapping[str, float], logs_of: Mapping[Effects, float], misdescribed: float
+) -> dict[str, float]:
+    """Return the log probabilities of unlisted causes, by stage, so that all others together keep
+    what is *misdescribed* at least."""
+    if not guesses:
+        return {}
+    listed = float(np.logaddexp.reduce(list(logs_of.values())))
+    unlisted = float(np.logaddexp.reduce(list(guesses.values())))
+    too_sure = unlisted - listed - math.log(1 / misdescribed - 1)
+    return {stage: value - max(too_sure, 0.0) for stage, value in guesses.items()}
 
 
 def _scores_of(

@@ -12,7 +12,9 @@ from gap_diagnosis.priors import Prior
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.recording import Recording
 
-PRIOR = Prior(effects=(0.4, 0.4, 0.15, 0.045, 0.005), unknown=0.02, parameters={})
+PRIOR = Prior(
+    effects=(0.4, 0.4, 0.15, 0.045, 0.005), unknown=0.02, misdescribed=0.04, parameters={}
+)
 STAGE = {
     "drive_gain": "actuation",
     "drive_lag": "actuation",
