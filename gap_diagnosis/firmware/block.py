@@ -17,7 +17,7 @@ from gap_diagnosis.firmware.inputs import ReplayInputs, recorded_odometry, repla
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
 from gap_diagnosis.firmware.limits import replay_limits
 from gap_diagnosis.firmware.pairs import Pairs
-from gap_diagnosis.firmware.replay import Program, Start, find_start, replay
+from gap_diagnosis.firmware.replay import Program, Start, find_start, replay, resolution
 from gap_diagnosis.firmware.scored import Scored, estimates_of, log_sum
 from gap_diagnosis.firmware.singles import Singles
 from gap_diagnosis.firmware.workbench import Workbench
@@ -169,7 +169,11 @@ def firmware_block(
         if start.pose is not None:
             start = replace(start, tick=max(start.tick - lag, 0))
             described = replay(handed, Program(handed.config), start)[places]
-        whole = replace(windows, from_power_on=start.pose is None)
+        whole = windows
+        if start.pose is not None:
+            # What it carried into the log may be one of its own digits, however many were written.
+            quantum = np.maximum(windows.quantum, resolution(handed.config))
+            whole = replace(windows, from_power_on=False, quantum=quantum)
         steps = float_steps(handed)
         return Workbench(handed, whole, start, places, steps, described, recording.t_s)
 

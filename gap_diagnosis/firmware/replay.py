@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -132,6 +133,12 @@ def _as_floats(config: KernelConfig, pose_q: Ints, start: Start) -> Floats:
     if start.pose is not None and len(pose):
         pose[:, 2] += _TURN_RAD * round((start.pose[2] - pose[0, 2]) / _TURN_RAD)
     return pose
+
+
+def resolution(config: KernelConfig) -> Floats:
+    """Return one digit of a kernel's x, y [m] and heading [rad], float64[3]."""
+    digit_m = math.ldexp(1.0, -config.position_frac_bits)
+    return np.array([digit_m, digit_m, math.ldexp(_TURN_RAD, -config.heading_frac_bits)])
 
 
 def find_start(inputs: ReplayInputs, odometry: Odometry, described: Floats) -> Start:

@@ -96,12 +96,16 @@ def without_blanks(recording: Recording) -> Recording:
 
 def odometry_of_one_part(recording: Recording, restarts_s: Sequence[float] = ()) -> Recording:
     """Return the recording with the odometry of its longest part without a blank or a restart, and
-    no other.
+    no other; of a table, which does not tell whether the ECU had what it lacks, without an empty
+    cell.
 
     An ECU that had what the recorder lost went on otherwise than any replay does, and one that
     restarts begins at nought.
     """
     blank = blanks(recording) | np.isin(recording.t_s, restarts_s)
+    if not recording.frames:
+        for values in (recording.left_ticks, recording.right_ticks, recording.gyro_code):
+            blank |= False if values is None else ~np.isfinite(values)
     if not blank.any() or recording.odometry_x_m is None:
         return recording
     parts = stretches(~blank & np.isfinite(recording.odometry_x_m))

@@ -24,8 +24,7 @@ _THE_RULE: Final = 0.25
 
 def with_news_only(recording: Recording) -> Recording:
     """Return a table's recording without counts that were only said again, as if those cells were
-    empty, with a note, and without an odometry: what the ECU made it of may have been other
-    counts than the table has."""
+    empty, with a note."""
     left_ticks, left = without_said_again(recording.left_ticks)
     right_ticks, right = without_said_again(recording.right_ticks)
     if not left and not right:
@@ -34,15 +33,10 @@ def with_news_only(recording: Recording) -> Recording:
         f"{left:,} rows of {len(recording.t_s):,} say the left wheel's last count again and "
         f"{right:,} the right one's, and the next makes up for it: they were taken as empty."
     )
-    if recording.odometry_x_m is not None:
-        note += " What the ECU had is not known: its odometry is not replayed."
     return replace(
         recording,
         left_ticks=left_ticks,
         right_ticks=right_ticks,
-        odometry_x_m=None,
-        odometry_y_m=None,
-        odometry_heading_rad=None,
         notes=(*recording.notes, note),
     )
 
