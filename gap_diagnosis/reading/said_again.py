@@ -11,8 +11,10 @@ from gap_diagnosis.recording import Floats, Recording
 
 _USUAL_ROWS: Final = 8
 """The speed before and after is that of so many rows, or of four times as long as nothing came."""
-_LEAST_PER_ROW: Final = 4.0
-"""A slower wheel shows the same count twice by itself."""
+_LEAST_STEPS: Final = 4.0
+"""A wheel of fewer steps of its signal in a row shows the same count twice by itself."""
+_NO_STEP: Final = 1e-6
+"""Counts: by less a sum of decimals is off."""
 _AS_FAR: Final = 0.4
 """What comes at last is what was missed, to this share of it."""
 _OFTEN: Final = 5
@@ -53,7 +55,9 @@ def without_said_again(counts: Floats) -> tuple[Floats, int]:
     again = np.zeros(len(counts), dtype=np.bool_)
     if len(row) < 3:
         return counts, 0
-    changes = np.flatnonzero(np.diff(value) != 0.0)
+    steps = np.abs(np.diff(value))
+    changes = np.flatnonzero(steps > _NO_STEP)
+    least_per_row = _LEAST_STEPS * max(float(np.min(steps[changes], initial=np.inf)), 1.0)
     starts, ends = changes[:-1] + 1, changes[1:]
     repeats = ends > starts
     last, fresh = starts[repeats], ends[repeats] + 1
@@ -63,7 +67,7 @@ def without_said_again(counts: Floats) -> tuple[Floats, int]:
     after = (np.interp(row[fresh] + rows, row, value) - value[fresh]) / rows
     usual = 0.5 * (before + after)
     off = np.abs(value[fresh] - value[last] - usual * elapsed)
-    made_up = (np.abs(usual) >= _LEAST_PER_ROW) & (off < _AS_FAR * np.abs(usual) * elapsed)
+    made_up = (np.abs(usual) >= least_per_row) & (off < _AS_FAR * np.abs(usual) * elapsed)
     if np.count_nonzero(made_up) < _OFTEN:
         return counts, 0
     for first, stop in zip(last[made_up] + 1, fresh[made_up], strict=True):
@@ -71,7 +75,7 @@ def without_said_again(counts: Floats) -> tuple[Floats, int]:
     speed = np.abs(
         np.interp(row + _USUAL_ROWS, row, value) - np.interp(row - _USUAL_ROWS, row, value)
     )
-    fast = speed >= 2 * _USUAL_ROWS * _LEAST_PER_ROW
+    fast = speed >= 2 * _USUAL_ROWS * least_per_row
     if np.count_nonzero(again) > _THE_RULE * np.count_nonzero(fast):
         # Of a slow wheel too: what lies within a cycle of a change is old.
         cycle = round(float(np.percentile(elapsed[made_up], 90)))

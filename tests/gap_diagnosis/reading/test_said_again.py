@@ -90,12 +90,20 @@ def test_a_wheel_of_one_count_per_row_says_the_same_twice_by_itself() -> None:
     assert without_said_again(np.floor(0.7 * np.arange(2000.0)))[1] == 0
 
 
+@pytest.mark.parametrize("step", [0.3, 1.0, 2.6, 6.49, 57.3])
+def test_nor_does_one_whose_way_is_told_in_coarse_steps(step: float) -> None:
+    """Of distances in millimetres, 6.5 counts each, one row in 30 was said to be old."""
+    speeds = np.array([0.4, 1.1, 1.7, 2.3, 3.1])
+    way = np.cumsum(np.repeat(step * speeds, 400))
+    assert without_said_again(step * np.floor(way / step))[1] == 0
+
+
 def test_empty_rows_between_are_still_empty() -> None:
-    counts = held(40.0 * np.arange(400.0), rows_of_a_lower_rate(400, 4.0))
+    counts = held(wheel(1), rows_of_a_lower_rate(1500, 4.0))
     counts[100:110] = np.nan
     found, again = without_said_again(counts)
     assert np.isnan(found[100:110]).all()
-    assert again > 250
+    assert again > 500
 
 
 def test_a_table_tells_how_many_rows_have_no_news_of_a_wheel(tmp_path: Path) -> None:
