@@ -106,6 +106,8 @@ class Recording:
         unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where ways
             were added up from speeds; None where counts were recorded, or speeds that are their
             differences.
+        stamps_late_s: by how much the stamps of a table's rows were taken to be late on average,
+            because they jitter: so much it may be off itself.
         notes: what was read otherwise than it may be meant, each a sentence.
     """
 
@@ -134,6 +136,7 @@ class Recording:
     clock_skew_sd: float = float("nan")
     speed_cycle_s: float = 0.0
     unsure_ticks2: Floats | None = None
+    stamps_late_s: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property

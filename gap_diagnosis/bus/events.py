@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import fisher_exact
 
 from gap_diagnosis.bus.counting import Runs
+from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.recording import FrameTimes, Recording
 from gap_diagnosis.trembling import trembles
 
@@ -32,11 +33,6 @@ _HELD_OFTEN: Final = 3
 """Times, and half of all, that a gyro which is held at a value begins to say that again."""
 _NO_CHANGE: Final = 1e-6
 _LEAST_STEP: Final = 4.0
-_ON_LATTICE: Final = 0.95
-_OFTEN: Final = 5
-_SEVERAL: Final = 3
-"""Counts come in steps of four and more where all but 5 % of them are within a count of a multiple
-of it, and at least three of those come five times."""
 _WANDER_FRAMES: Final = 501
 _EARLIEST: Final = 1e-3
 """One stamp in a thousand may be early by mistake."""
@@ -327,19 +323,9 @@ def _beyond_chance(lengths: list[int], chances: int) -> int:
 
 def _in_steps(counts: Floats) -> Floats:
     """Return counts in the steps in which they come: read ten times too large, a slow wheel's would
-    leap by ten; rounded, degrees have steps of 57 and 58."""
-    changes = np.abs(np.diff(counts[np.isfinite(counts)]))
-    changes = changes[changes >= 1.0]
-    if len(changes) == 0 or changes.min() < _LEAST_STEP:
-        return counts
-    step = float(changes.min())
-    for _ in range(2):  # rounded, the least is off by up to half a count
-        step = float(np.median(changes / np.rint(changes / step)))
-    times = np.rint(changes / step)
-    is_lattice = np.mean(np.abs(changes - times * step) <= 1.0) > _ON_LATTICE
-    # A wheel that turns as fast all the time has one step, and no lattice.
-    several = np.unique(times[times > 0], return_counts=True)[1]
-    return counts / step if is_lattice and np.sum(several >= _OFTEN) >= _SEVERAL else counts
+    leap by ten."""
+    step = lattice_step(counts)
+    return counts / step if step >= _LEAST_STEP else counts
 
 
 def _speed(wheels: Sequence[Floats]) -> Floats:

@@ -115,8 +115,10 @@ class MotionModel:
         if unsure is not None:
             self.course = self.course.scattered(self.nodes, *unsure(motion))
         self.tolerances = _tolerances(robot)
+        offset = "reference_time_offset.offset"
+        self.tolerances[offset] = max(self.tolerances[offset], recording.stamps_late_s)
         if late_up_to_s is not None:
-            self.tolerances["reference_time_offset.offset"] = late_up_to_s
+            self.tolerances[offset] = late_up_to_s
         if not motion.has_counters:
             # How a table's rows were put together, a mean of a tick or its last sample, is no lag.
             tick_s = motion.tick_s

@@ -12,6 +12,7 @@ import numpy as np
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import log_columns, reference_file, table_file
+from gap_diagnosis.reading.courses import without_courses
 from gap_diagnosis.reading.cut_off import last_line_note
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.reading.log import read_log_recording
@@ -105,6 +106,9 @@ def read_recording(
         recording = replace(recording, reference=measured, notes=notes)
     elif own is not None:
         recording = replace(recording, reference=own)
+    if recording.reference is not None:
+        measured, left_out = without_courses(recording.reference)
+        recording = replace(recording, reference=measured, notes=(*recording.notes, *left_out))
     _refuse_unbelievable(recording, path, robot)
     return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))
 

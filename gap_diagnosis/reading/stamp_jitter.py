@@ -32,8 +32,11 @@ _SECOND_DIFFERENCES: Final = math.sqrt(1 + 2 * (4 / 9 + 1 / 36))
 """How much wider a slope is when what lies on it are second differences of independent errors."""
 
 
-def sampled_at(t_s: Floats, tick: Ints, wheels: Sequence[Floats], period_s: float) -> Floats:
-    """Return when the rows of a table were sampled, float64[n].
+def sampled_at(
+    t_s: Floats, tick: Ints, wheels: Sequence[Floats], period_s: float
+) -> tuple[Floats, float]:
+    """Return when the rows of a table were sampled, float64[n], and by how much their stamps are
+    late on average: as if none was early, which nothing tells.
 
     Args:
         t_s: float64[n], the rows' stamps, ascending.
@@ -43,14 +46,14 @@ def sampled_at(t_s: Floats, tick: Ints, wheels: Sequence[Floats], period_s: floa
     """
     known = np.flatnonzero(np.isfinite(wheels).all(axis=0))
     if len(known) < 2 * _GRID_S / period_s:
-        return t_s
+        return t_s, 0.0
     away_s = _away(t_s[known], tick[known], period_s)
     share, sd = _share(away_s, tick[known], [counts[known] for counts in wheels], period_s)
     jitter = 1.0 - max(share, 0.0)
     if not sd < _TOLD or jitter < _CLEAR * sd:
-        return t_s
+        return t_s, 0.0
     late_s = jitter * (away_s - lower_edge(away_s, float(np.ptp(t_s))))
-    return np.asarray(t_s - np.interp(tick, tick[known], late_s))
+    return np.asarray(t_s - np.interp(tick, tick[known], late_s)), float(np.mean(late_s))
 
 
 def _away(t_s: Floats, tick: Ints, period_s: float) -> Floats:

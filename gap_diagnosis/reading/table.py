@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.rows import Rows, hold, rows_of_ticks
 from gap_diagnosis.reading.said_again import with_news_only
@@ -38,6 +39,8 @@ _LEAST_ROWS: Final = 20
 _OUTER_JOIN: Final = 0.2
 """With more rows than this without wheels, the table joins sensors of several rates."""
 _TURN_RAD: Final = 2 * math.pi
+_ROUNDED_UP: Final = 5e-3
+"""An angle in a turn is written as 6.2832, or as 6.3."""
 
 
 class _Table:
@@ -154,7 +157,7 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
-    t_s, unsure = table.t_s, None
+    t_s, unsure, late_s = table.t_s, None, 0.0
     if _is_speed(table):
         left, right = _speed(table, "left_count"), _speed(table, "right_count")
         left_ticks, right_ticks = left.ticks, right.ticks
@@ -163,7 +166,8 @@ def read_table_recording(
     else:
         left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
         if table.map.get("ecu_time") is None:
-            t_s = sampled_at(t_s, rows.tick, (left_ticks, right_ticks), clock.period_s)
+            wheels = left_ticks, right_ticks
+            t_s, late_s = sampled_at(t_s, rows.tick, wheels, clock.period_s)
     gyro = _gyro(table)
     heading = _quantity(table, "odom_heading")
     recording = Recording(
@@ -186,8 +190,12 @@ def read_table_recording(
         counter_bits=_counter_bits(table, robot),
         clock_skew=clock.skew,
         clock_skew_sd=clock.skew_sd,
+        counts_per_step=(1.0, 1.0)
+        if _is_speed(table)
+        else (lattice_step(left_ticks), lattice_step(right_ticks)),
         speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
         unsure_ticks2=unsure,
+        stamps_late_s=late_s,
         notes=table.missing(),
     )
     if not _is_speed(table):
@@ -234,7 +242,7 @@ def _wrap(mapped: MappedColumn, reading: Floats, table: _Table) -> float | None:
     if mapped.quantity == "angle":
         turn = _TURN_RAD / abs(mapped.si_factor)
         jumps = float(np.max(np.abs(np.diff(valid)), initial=0.0))
-        if high - low <= turn * (1 + 1e-6) and jumps > turn / 2:
+        if high - low <= turn * (1 + _ROUNDED_UP) and jumps > turn / 2:
             return turn
     return None
 

@@ -1,0 +1,39 @@
+"""Counts that come in steps of several, as of degrees or millimetres."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from gap_diagnosis.recording import Floats
+
+_NO_STEP: Final = 1e-6
+"""Counts: by less a sum of decimals is off."""
+_NEAR: Final = 0.2
+"""Of a step, or a count: as near to a multiple of it"""
+_ON_LATTICE: Final = 0.95
+_OFTEN: Final = 5
+_SEVERAL: Final = 3
+"""are all but 5 % of the changes where counts come in steps; at least three multiples come five
+times."""
+
+
+def lattice_step(counts: Floats) -> float:
+    """Return the step in which running counts, float64[n] with NaN, come; 1 where it is none.
+
+    Rounded, degrees have steps of 57 and 58.
+    """
+    changes = np.abs(np.diff(counts[np.isfinite(counts)]))
+    changes = changes[changes > _NO_STEP]
+    if len(changes) == 0 or changes.min() <= 1.0:
+        return 1.0
+    step = float(changes.min())
+    for _ in range(2):  # rounded, the least is off by up to half a count
+        step = float(np.median(changes / np.rint(changes / step)))
+    times = np.rint(changes / step)
+    near = min(_NEAR * step, 1.0)
+    is_lattice = np.mean(np.abs(changes - times * step) <= near) > _ON_LATTICE
+    # A wheel that turns as fast all the time has one step, and no lattice.
+    several = np.unique(times[times > 0], return_counts=True)[1]
+    return step if is_lattice and np.sum(several >= _OFTEN) >= _SEVERAL else 1.0
