@@ -116,7 +116,9 @@ class MotionModel:
             self.course = self.course.scattered(self.nodes, *unsure(motion))
         self.tolerances = _tolerances(robot)
         offset = "reference_time_offset.offset"
-        self.tolerances[offset] = max(self.tolerances[offset], recording.stamps_late_s)
+        # Whether a speed is of the moment or of the row before it nothing tells.
+        unsure_s = max(recording.stamps_late_s, 0.5 * recording.speed_cycle_s)
+        self.tolerances[offset] = max(self.tolerances[offset], unsure_s)
         if late_up_to_s is not None:
             self.tolerances[offset] = late_up_to_s
         if not motion.has_counters:

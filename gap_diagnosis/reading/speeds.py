@@ -17,6 +17,9 @@ _JUMP: Final = 5.0
 no wheel leaps."""
 _LEAST_SPEEDS: Final = 3.0
 """A wheel that is told at so many times the least speed does not creep from there to its stop."""
+_STEADY_ROWS: Final = 3.0
+_SPREAD: Final = 2.5
+"""Of the signal's step: what spreads over more of them is rounded otherwise in each row."""
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
@@ -168,7 +171,9 @@ def _noise2(speed: Floats) -> float:
 def _rounded2(told: Floats) -> Floats:
     """Return the variance of a row's speed by the signal's step, float64[n]; none at rest.
 
-    While a signal says the same, it is off by the same: of so many rows each takes its share.
+    While a wheel turns as fast, to a step of its signal, it is off by the same: of so many rows
+    each takes its share. That a value between two steps is told now as the one and now as the
+    other does not make up for it, unless noise spreads it over several.
     """
     changes = np.abs(np.diff(told))
     moving = changes[changes > 0.0]
@@ -177,6 +182,14 @@ def _rounded2(told: Floats) -> Floats:
     step = float(np.quantile(moving, 0.01))
     same = np.cumsum(np.concatenate(([True], changes > 0.0))) - 1
     lengths = np.bincount(same)[same]
+    smooth = gaussian_filter1d(told, _STEADY_ROWS, mode="nearest")
+    first = 0
+    for stop in range(1, len(told) + 1):
+        if stop < len(told) and abs(smooth[stop] - smooth[first]) < step:
+            continue
+        if np.ptp(told[first:stop]) < _SPREAD * step:
+            lengths[first:stop] = np.maximum(lengths[first:stop], stop - first)
+        first = stop
     return np.asarray(np.where(told != 0.0, lengths * step**2 / 12.0, 0.0))
 
 
