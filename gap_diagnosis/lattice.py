@@ -8,7 +8,7 @@ import numpy as np
 
 from gap_diagnosis.recording import Floats
 
-_NO_STEP: Final = 1e-6
+NO_STEP: Final = 1e-6
 """Counts: by less a sum of decimals is off."""
 _NEAR: Final = 0.2
 """Of a step, or a count: as near to a multiple of it"""
@@ -25,7 +25,7 @@ def lattice_step(counts: Floats) -> float:
     Rounded, degrees have steps of 57 and 58.
     """
     changes = np.abs(np.diff(counts[np.isfinite(counts)]))
-    changes = changes[changes > _NO_STEP]
+    changes = changes[changes > NO_STEP]
     if len(changes) == 0 or changes.min() <= 1.0:
         return 1.0
     step = float(changes.min())

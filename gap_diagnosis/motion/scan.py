@@ -132,17 +132,18 @@ class Scan(Neighbours):
         Last of all: from the first, such levels take up large effects of which a line shows little.
         """
         head = self.likeliest
-        starts = [] if head.effects & DEAD else with_slip(head.levels)
-        for slips in starts:
-            nothing = self._nothing_at(self.model.levels_for((), slips))
-            self._offer(nothing)
-            if nothing.log_evidence > head.log_evidence + _ELSEWHERE:
-                return nothing.levels
-            if head.refitted is not None:
-                fit = self.model.refit(head.terms, slips, start=head.refitted.coefficients)
-                if fit.log_evidence > head.refitted.log_evidence + _ELSEWHERE:
-                    return fit.levels
-        return None
+        slips = with_slip(head.levels, self.model.level_prior)
+        if slips is None or head.effects & DEAD:
+            return None
+        nothing = self._nothing_at(self.model.levels_for((), slips))
+        self._offer(nothing)
+        if nothing.log_evidence > head.log_evidence + _ELSEWHERE:
+            return nothing.levels
+        if head.refitted is None:
+            return None
+        fit = self.model.refit(head.terms, slips, start=head.refitted.coefficients)
+        is_better = fit.log_evidence > head.refitted.log_evidence + _ELSEWHERE
+        return fit.levels if is_better else None
 
     def _seek_beside_the_dead(self) -> None:
         """Seek what else is wrong beside a dead encoder in the log in which its wheel turns again,

@@ -60,18 +60,19 @@ def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
     return found
 
 
-def with_slip(levels: Floats) -> list[Floats]:
+def with_slip(levels: Floats, prior: LevelPrior) -> Floats | None:
     """Return the same levels with wheels that slip along and across beside a reference that does
-    not wander, where they tell of wheels that are rough or of a wander that lasts for long."""
+    not wander, float64[levels]; None unless they tell of wheels that are rough or of a wander that
+    lasts for long."""
     if levels[CONTACT] < _ROUGH_M_PER_SQRT_M and levels[SLOW] < _LONG_S:
-        return []
+        return None
     slips = levels.copy()
     slips[SLIP_WANDER] = max(levels[SLIP_WANDER], _SLIPS)
     slips[LATERAL] = max(levels[LATERAL], _SKIDS_M_PER_SQRT_M)
     for name in ("reference_slow_position_m", "reference_slow_heading_rad"):
-        slips[LEVELS.index(name)] = FLOORS[LEVELS.index(name)]
-    slips[SLOW] = 1.0
-    return [slips]
+        slips[LEVELS.index(name)] = prior.low[LEVELS.index(name)]
+    slips[SLOW] = prior.median[SLOW]
+    return slips
 
 
 def with_stamps_off(levels: Floats) -> list[Floats]:

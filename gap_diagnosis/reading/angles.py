@@ -45,7 +45,7 @@ def unwrapped(angle_rad: Floats) -> Floats:
         return result
     cosine, sine = (uniform_filter1d(one, samples) for one in (np.cos(values), np.sin(values)))
     middle = np.unwrap(np.arctan2(sine, cosine))
-    result[known] = middle + _within_half_a_turn(values - middle)
+    result[known] = middle + within_half_a_turn(values - middle)
     return result
 
 
@@ -54,16 +54,17 @@ def _noise_rad(angle_rad: Floats) -> float:
     nearly half a turn for angles that have none."""
     if len(angle_rad) < _FEW_SAMPLES:
         return 0.0
-    bends = np.abs(_within_half_a_turn(np.diff(angle_rad, 2)))
+    bends = np.abs(within_half_a_turn(np.diff(angle_rad, 2)))
     return _SD_PER_MEDIAN * float(np.median(bends)) / math.sqrt(6.0)
 
 
 def _fastest_step_rad(angle_rad: Floats, over: int) -> float:
     """Return by how much angles turn from sample to sample, over so many, where they turn
     fastest."""
-    steps = _within_half_a_turn(np.diff(angle_rad))
+    steps = within_half_a_turn(np.diff(angle_rad))
     return float(np.percentile(np.abs(uniform_filter1d(steps, over)), _FASTEST))
 
 
-def _within_half_a_turn(angle_rad: Floats) -> Floats:
+def within_half_a_turn(angle_rad: Floats) -> Floats:
+    """Return angles from -pi on and below pi."""
     return np.asarray((angle_rad + math.pi) % math.tau - math.pi, dtype=np.float64)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.reading.angles import within_half_a_turn
 from gap_diagnosis.recording import Floats, Reference
 
 _SAME_RAD: Final = 2e-3
@@ -30,7 +30,7 @@ def without_courses(reference: Reference) -> tuple[Reference, tuple[str, ...]]:
 
 def _are_courses(x_m: Floats, y_m: Floats, heading_rad: Floats) -> bool:
     """Tell whether headings follow from the step before, the next one or both, and leap."""
-    if np.mean(np.abs(_wrapped(np.diff(heading_rad))) > _LEAPS_RAD) < _LEAPING:
+    if np.mean(np.abs(within_half_a_turn(np.diff(heading_rad))) > _LEAPS_RAD) < _LEAPING:
         return False
     x_step, y_step = np.diff(x_m), np.diff(y_m)
     return any(
@@ -45,9 +45,5 @@ def _are_courses(x_m: Floats, y_m: Floats, heading_rad: Floats) -> bool:
 
 def _agree(x_m: Floats, y_m: Floats, heading_rad: Floats) -> bool:
     moved = np.hypot(x_m, y_m) > 0.0
-    off = np.abs(_wrapped(heading_rad - np.arctan2(y_m, x_m)))[moved]
+    off = np.abs(within_half_a_turn(heading_rad - np.arctan2(y_m, x_m)))[moved]
     return len(off) > 0 and bool(np.mean(off < _SAME_RAD) > _NEARLY_ALL)
-
-
-def _wrapped(angle_rad: Floats) -> Floats:
-    return np.asarray(np.mod(angle_rad + math.pi, math.tau) - math.pi)

@@ -7,19 +7,17 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.lattice import NO_STEP
 from gap_diagnosis.recording import Floats, Recording
 
 _USUAL_ROWS: Final = 8
 """The speed before and after is that of so many rows, or of four times as long as nothing came."""
 _LEAST_STEPS: Final = 4.0
 """A wheel of fewer steps of its signal in a row shows the same count twice by itself."""
-_NO_STEP: Final = 1e-6
-"""Counts: by less a sum of decimals is off."""
 _AS_FAR: Final = 0.4
 """What comes at last is what was missed, to this share of it."""
 _OFTEN: Final = 5
 """Fewer times a wheel may have stalled as long as it then made up for."""
-
 _THE_RULE: Final = 0.25
 """A counter without news in more of a fast wheel's rows comes at a lower rate than the table."""
 
@@ -56,7 +54,7 @@ def without_said_again(counts: Floats) -> tuple[Floats, int]:
     if len(row) < 3:
         return counts, 0
     steps = np.abs(np.diff(value))
-    changes = np.flatnonzero(steps > _NO_STEP)
+    changes = np.flatnonzero(steps > NO_STEP)
     least_per_row = _LEAST_STEPS * max(float(np.min(steps[changes], initial=np.inf)), 1.0)
     starts, ends = changes[:-1] + 1, changes[1:]
     repeats = ends > starts
