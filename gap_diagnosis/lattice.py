@@ -1,4 +1,4 @@
-"""Counts that come in steps of several, as of degrees or millimetres."""
+"""Signals that come in steps: counts of several, as of degrees or millimetres, and others."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from gap_diagnosis.recording import Floats
 
 NO_STEP: Final = 1e-6
 """Counts: by less a sum of decimals is off."""
+_FINEST: Final = 1e-9
+"""Of the largest value: so much a decimal is off."""
 _NEAR: Final = 0.2
 """Of a step, or a count: as near to a multiple of it"""
 _ON_LATTICE: Final = 0.95
@@ -28,12 +30,26 @@ def lattice_step(counts: Floats) -> float:
     changes = changes[changes > NO_STEP]
     if len(changes) == 0 or changes.min() <= 1.0:
         return 1.0
+    # A wheel that turns as fast all the time has one step, and no lattice.
+    return _step_of(changes, most_off=1.0, least_multiples=_SEVERAL) or 1.0
+
+
+def step_of_values(values: Floats) -> float:
+    """Return the step in which a signal, float64[n], is told; 0 where it is in no such steps."""
+    changes = np.abs(np.diff(values))
+    finest = _FINEST * float(np.max(np.abs(values), initial=0.0))
+    changes = changes[changes > finest]
+    return _step_of(changes, most_off=np.inf, least_multiples=1) if len(changes) else 0.0
+
+
+def _step_of(changes: Floats, most_off: float, least_multiples: int) -> float:
+    """Return of what step changes, float64[k] above 0, are multiples, nearly all of them, to a part
+    of it and to *most_off*, and of several kinds; 0 where there is none."""
     step = float(changes.min())
     for _ in range(2):  # rounded, the least is off by up to half a count
         step = float(np.median(changes / np.rint(changes / step)))
     times = np.rint(changes / step)
-    near = min(_NEAR * step, 1.0)
+    near = min(_NEAR * step, most_off)
     is_lattice = np.mean(np.abs(changes - times * step) <= near) > _ON_LATTICE
-    # A wheel that turns as fast all the time has one step, and no lattice.
     several = np.unique(times[times > 0], return_counts=True)[1]
-    return step if is_lattice and np.sum(several >= _OFTEN) >= _SEVERAL else 1.0
+    return step if is_lattice and np.sum(several >= _OFTEN) >= least_multiples else 0.0

@@ -57,6 +57,7 @@ class Motion:
         gyro_is_filled: bool[n], where it is interpolated.
         gyro_sensitivity_lsb_per_rad_s, gyro_zero_rate_code, gyro_noise_lsb, adc_max_code: of the
             description; the noise is that of one sample.
+        gyro_step_lsb: by how many codes it steps: more than one where a rate is told coarsely.
         gyro_at_its_end: bool[n], codes at an end of the described range or within a sample's noise
             of it: there the gyro does as described, and says no more than that.
         warm_k: temperature over 298.15 K; None where not recorded.
@@ -100,6 +101,7 @@ class Motion:
     gyro_sensitivity_lsb_per_rad_s: float
     gyro_zero_rate_code: float
     gyro_noise_lsb: float
+    gyro_step_lsb: float
     adc_max_code: float
     gyro_at_its_end: NDArray[np.bool_]
     warm_k: Floats | None

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.lattice import step_of_values
 from gap_diagnosis.recording import Floats
 
 _TREMBLES_LSB: Final = 1.2
@@ -25,6 +26,8 @@ def trembles(code: Floats) -> bool:
     """Tell whether codes float64[n] (NaN: none) change by themselves wherever they are.
 
     Where noise is less than a code, a sensor leaves the code that it is in the middle of here and
-    there only, and says the same for as long as what it measures is steady.
+    there only, and says the same for as long as what it measures is steady; so does one that is
+    told in steps of several codes, of which its noise is less.
     """
-    return tremble_lsb(code[np.isfinite(code)]) >= _TREMBLES_LSB
+    known = code[np.isfinite(code)]
+    return tremble_lsb(known) >= _TREMBLES_LSB * max(step_of_values(known), 1.0)

@@ -157,7 +157,8 @@ class CodesBlock:
         reach = float(np.max(np.abs(self._data.code - self._data.zero_code)))
         described = max(self._data.high - self._data.zero_code, 1.0)
         # A limit beyond what was reached leaves no trace: that share of the prior stands.
-        beyond = min(max(-math.log(min(reach / described, 1.0)) / math.log(_LIMITS), 1e-3), 0.99)
+        reached = min(max(reach / described, 1.0 / _LIMITS), 1.0)
+        beyond = min(max(-math.log(reached) / math.log(_LIMITS), 1e-3), 0.99)
         unseen = math.log(beyond)
         if found is None or found.log_ratio <= 0:
             return Fit(("gyro_saturation",), unseen, 0.0)

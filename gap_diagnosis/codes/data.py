@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.lattice import step_of_values
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.trembling import tremble_lsb
 from hil_harness.robot import Robot
@@ -34,6 +35,7 @@ class CodeData:
         expected: float64[n], code by the wheels' turning, smoothed, offset matched; NaN: no counts.
         spread: robust spread of code less expected [LSB].
         noise: standard deviation of a sample about its neighbours [LSB].
+        step: by how many codes it steps: more than one where a rate is told coarsely [LSB].
         turns: bool[n], the wheels say that the turn rate is not that of rest.
         is_whole: codes are converter codes, not physical rates.
         zero_code, per_rad_s, low, high, bits: the described converter and sensor.
@@ -45,6 +47,7 @@ class CodeData:
     expected: Floats
     spread: float
     noise: float
+    step: float
     turns: Bools
     is_whole: bool
     zero_code: float
@@ -80,6 +83,7 @@ def code_data(recording: Recording, robot: Robot) -> CodeData | None:
         expected=expected + offset,
         spread=max(spread, 0.5),
         noise=tremble_lsb(code),
+        step=max(step_of_values(code), 1.0),
         turns=turns,
         is_whole=bool(np.all(code == np.rint(code))),
         zero_code=float(plant.gyro.zero_rate_code),

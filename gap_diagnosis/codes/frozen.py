@@ -65,7 +65,8 @@ def _contradicted(data: CodeData, start: int, stop: int) -> float:
     """Return the evidence of blocks in which the wheels turn and the code does not follow."""
     away = np.abs(data.code[start:stop] - data.expected[start:stop])
     moved = np.abs(data.expected[start:stop] - data.expected[start])
-    unlike = (away > max(8 * data.spread, 20.0)) & (moved > max(8 * data.spread, 20.0))
+    apart = max(8 * data.spread, 20.0, data.step)
+    unlike = (away > apart) & (moved > apart)
     return _CONTRADICTION_NATS * (int(np.count_nonzero(unlike)) // _BLOCK)
 
 

@@ -272,20 +272,23 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
     bends = np.diff(motion.gyro_code, 2)
     noise_lsb = noise_by_bends(bends)
     turning = motion.right_rate_rad_s - motion.left_rate_rad_s
+    step_rad_s = motion.gyro_step_lsb / motion.gyro_sensitivity_lsb_per_rad_s
+    varied = max(_FROZEN_RATE, _VARIED_STEPS * step_rad_s)
     return [
         (first, last)
         for first, last in runs(same, _FROZEN_TICKS)
         if motion.gyro_code[first] not in ends
         and (
-            min(motion.gyro_noise_lsb, noise_lsb) > _NOISY_LSB
-            or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m
-            > _FROZEN_RATE
+            min(motion.gyro_noise_lsb, noise_lsb) > _NOISY_STEPS * motion.gyro_step_lsb
+            or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > varied
         )
     ]
 
 
 _FROZEN_RATE: Final = 0.02
-_NOISY_LSB: Final = 2.0
+_VARIED_STEPS: Final = 2.0
+"""A rate that varies by less may be told by one code, the wheels' turning not being so exact."""
+_NOISY_STEPS: Final = 2.0
 """With a sample's noise as large as this, one code comes up in at most a fifth of the samples."""
 
 

@@ -15,9 +15,11 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.reference import USUAL_S
 from gap_diagnosis.explanations.standstill import dead_ticks
+from gap_diagnosis.lattice import step_of_values
 from gap_diagnosis.motion.blanks import blanks, lost_ways_m2, stretches
 from gap_diagnosis.motion.counters import jumps_of
 from gap_diagnosis.motion.course import bent_heading, dead_reckoned, slow
+from gap_diagnosis.motion.gyro_steps import variance_of_steps
 from gap_diagnosis.motion.missing import (
     between,
     filled,
@@ -146,7 +148,14 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
     if gyro_rate is not None and not has_counters:
         density = plant.gyro.noise_density_rad_per_sqrt_s
         gyro_unsure += variance_of_moments(gyro_rate, t_s, density**2 / step_s) * dt_s**2
+    gyro_step_rad_s = 0.0
     if gyro_rate is not None:
+        told, by_wheels = (
+            filled(gyro_rate, t_s),
+            gaussian_filter1d(_slope(heading_by_wheels, t_s), width),
+        )
+        gyro_step_rad_s = step_of_values(told)
+        gyro_unsure += variance_of_steps(told, gyro_step_rad_s, by_wheels, step_s) * dt_s**2
         gyro_unsure[silences(gyro_rate, t_s) | blank] = NOTHING_SAID_RAD2
     reference = recording.reference
     bent, over_s = np.zeros(len(t_s)), 0.0
@@ -203,6 +212,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         gyro_sensitivity_lsb_per_rad_s=plant.gyro.sensitivity_lsb_per_rad_s,
         gyro_zero_rate_code=plant.gyro.zero_rate_code,
         gyro_noise_lsb=noise_lsb,
+        gyro_step_lsb=max(gyro_step_rad_s * gyro.sensitivity_lsb_per_rad_s, 1.0),
         adc_max_code=plant.adc.max_code,
         gyro_at_its_end=np.zeros(len(t_s), dtype=np.bool_)
         if gyro_code is None

@@ -15,6 +15,7 @@ from gap_diagnosis.reading import log_columns, reference_file, table_file
 from gap_diagnosis.reading.courses import without_courses
 from gap_diagnosis.reading.cut_off import last_line_note
 from gap_diagnosis.reading.cycle_times import wire_of_log
+from gap_diagnosis.reading.held_poses import without_held_poses
 from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import (
     read_reference,
@@ -107,8 +108,10 @@ def read_recording(
     elif own is not None:
         recording = replace(recording, reference=own)
     if recording.reference is not None:
-        measured, left_out = without_courses(recording.reference)
-        recording = replace(recording, reference=measured, notes=(*recording.notes, *left_out))
+        measured, held = without_held_poses(recording.reference)
+        measured, courses = without_courses(measured)
+        notes = (*recording.notes, *held, *courses)
+        recording = replace(recording, reference=measured, notes=notes)
     _refuse_unbelievable(recording, path, robot)
     return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))
 

@@ -15,6 +15,7 @@ from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.reading.courses import without_courses
+from gap_diagnosis.reading.held_poses import without_held_poses
 from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness import load_wire
@@ -95,6 +96,12 @@ def with_courses(drive: Recorded) -> None:
     drive.tum[:, 6], drive.tum[:, 7] = np.sin(half), np.cos(half)
 
 
+def holding_its_last_pose(drive: Recorded) -> None:
+    """A reference that measures twice a second and is written ten times."""
+    for first in range(0, len(drive.tum), 5):
+        drive.tum[first : first + 5, 1:] = drive.tum[first, 1:]
+
+
 def read(drive: Recorded, folder: Path) -> Recording:
     text = '[columns]\ntime = { column = "t_s", unit = "s" }\n'
     for role, name in (("left_count", "left"), ("right_count", "right")):
@@ -112,14 +119,14 @@ def read(drive: Recorded, folder: Path) -> Recording:
 
 @pytest.mark.parametrize(
     ("made", "rows_apart"),
-    [(jittering, 5), (with_courses, 1), (in_millimetres, 1)],
+    [(jittering, 5), (with_courses, 1), (in_millimetres, 1), (holding_its_last_pose, 1)],
     ids=lambda one: getattr(one, "__name__", ""),
 )
 def test_what_a_recorder_makes_of_a_healthy_drive_is_no_gap(
     made: Callable[[Recorded], None], rows_apart: int, tmp_path: Path
 ) -> None:
     """It was a reference late by as much as stamps jitter (0.98); an unlisted cause (1.0); another
-    (1.0)."""
+    (1.0); a reference late by what it held its poses for, on average (0.97)."""
     drive = healthy(1, rows_apart)
     made(drive)
     found = diagnose_recordings([read(drive, tmp_path)], ROBOT, load_wire()).diagnosis
@@ -153,6 +160,38 @@ def test_angles_are_unwrapped_however_few_decimals_they_have(tmp_path: Path) -> 
 def reference(drive: Recorded) -> Reference:
     heading = 2.0 * np.arctan2(drive.tum[:, 6], drive.tum[:, 7])
     return Reference(drive.tum[:, 0], drive.tum[:, 1], drive.tum[:, 2], heading)
+
+
+def test_poses_that_are_only_said_again_are_left_out_and_told() -> None:
+    drive = healthy(1)
+    want = reference(drive).only(np.arange(len(drive.tum)) % 5 == 0)
+    holding_its_last_pose(drive)
+    found, (note,) = without_held_poses(reference(drive))
+    assert np.array_equal(found.t_s, want.t_s)
+    assert np.array_equal(found.x_m, want.x_m)
+    assert f"in {len(drive.tum) - len(want.t_s):,} of {len(drive.tum):,} samples" in note
+
+
+def test_poses_said_again_at_no_even_rate_are_left_out() -> None:
+    drive = healthy(1)
+    fresh = np.cumsum(np.random.default_rng(2).integers(2, 5, len(drive.tum)))
+    fresh = np.concatenate(([0], fresh[fresh < len(drive.tum)]))
+    held = fresh[np.searchsorted(fresh, np.arange(len(drive.tum)), side="right") - 1]
+    drive.tum[:, 1:] = drive.tum[held, 1:]
+    assert np.array_equal(without_held_poses(reference(drive))[0].t_s, drive.tum[fresh, 0])
+
+
+def test_a_robot_at_rest_under_a_reference_without_noise_stays() -> None:
+    t_s = np.arange(0.0, 60.0, 0.05)
+    way = np.cumsum(np.where(t_s % 10 < 5, 0.0, 0.02))
+    still = Reference(t_s, way, 0.0 * way, 0.0 * way)
+    assert without_held_poses(still) == (still, ())
+
+
+def test_a_slow_robot_under_a_reference_of_millimetres_stays() -> None:
+    t_s = np.arange(0.0, 60.0, 0.01)
+    slow = Reference(t_s, np.round(0.02 * t_s, 3), 0.0 * t_s, 0.0 * t_s)
+    assert without_held_poses(slow) == (slow, ())
 
 
 def test_headings_of_their_own_are_kept() -> None:
