@@ -69,6 +69,14 @@ def counts_latency(p: Prediction, *, delay: float) -> None:
     _move_gyro(p, delay)
 
 
+def right_later_than_left(p: Prediction, *, delay: float) -> None:
+    """Read the right wheel's counts later than the left's by *delay*, each by half of it."""
+    m = p.motion
+    half_s = 0.5 * delay
+    p.left_m = p.left_m + half_s * m.radius_m * np.diff(m.left_rate_rad_s, prepend=0.0)
+    p.right_m = p.right_m - half_s * m.radius_m * np.diff(m.right_rate_rad_s, prepend=0.0)
+
+
 def exact_gyro_latency(p: Prediction, *, delay: float) -> None:
     """Stamp the gyro late, with those details of the rate that are no counting errors."""
     _move(p, -delay, turn_rate_with_details(p.motion))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
-from gap_diagnosis.explanations.reference import counts_latency
+from gap_diagnosis.explanations.reference import counts_latency, right_later_than_left
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.explanations.wheel import creep_in_turns
@@ -193,6 +193,12 @@ def build_columns(
         base.append(change / creep)
         nuisances.append((len(base) - 2, 0.5 * creep))
         little[len(base) - 2] = _CREEP_IN_TURNS, 0
+    if not motion.has_counters:
+        # Two controllers are asked one after the other, and nothing says so.
+        change = _change(nodes, _ONE_SIDE_LATE, [_DELAY_S], nominal, to_both=True)
+        base.append(change / _DELAY_S)
+        nuisances.append((len(base) - 2, min(_APART_ROWS * motion.tick_s, _APART_S)))
+        little[len(base) - 2] = _ONE_SIDE_LATE, 0
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)
@@ -284,6 +290,10 @@ _SKEW: Final = "reference_clock_skew"
 _LATENCY: Final = "frame_latency"
 _LAG: Final = "gyro_lag"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
+_ONE_SIDE_LATE: Final = Variant(_LATENCY, right_later_than_left, ("delay",))
+_APART_ROWS: Final = 0.5
+_APART_S: Final = 0.01
+"""By so much of a row, and no more than this, the two wheels of a table are read apart."""
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
