@@ -25,6 +25,7 @@ from gap_diagnosis.reading.reference_file import (
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.reading.table import read_table_recording
 from gap_diagnosis.reading.table_file import is_table
+from gap_diagnosis.reading.unlocked import without_unlocked_ends
 from gap_diagnosis.recording import Floats, Recording, Reference
 from hil_harness.assembly import Wire
 from hil_harness.robot import Robot
@@ -108,9 +109,10 @@ def read_recording(
     elif own is not None:
         recording = replace(recording, reference=own)
     if recording.reference is not None:
-        measured, held = without_held_poses(recording.reference)
+        measured, unlocked = without_unlocked_ends(recording.reference)
+        measured, held = without_held_poses(measured)
         measured, courses = without_courses(measured)
-        notes = (*recording.notes, *held, *courses)
+        notes = (*recording.notes, *unlocked, *held, *courses)
         recording = replace(recording, reference=measured, notes=notes)
     _refuse_unbelievable(recording, path, robot)
     return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))

@@ -16,6 +16,7 @@ from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.reading.courses import without_courses
 from gap_diagnosis.reading.held_poses import without_held_poses
+from gap_diagnosis.reading.unlocked import without_unlocked_ends
 from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness import load_wire
@@ -108,6 +109,12 @@ def of_two_controllers(drive: Recorded) -> None:
     drive.columns["right"] = np.rint(np.interp(t_s + 0.005, t_s, drive.columns["right"]))
 
 
+def before_it_found_the_robot(drive: Recorded) -> None:
+    """A reference that says the origin for four seconds, and stands elsewhere from then on."""
+    drive.tum[:, 1] += 2.0
+    drive.tum[:40, 1:] = (0, 0, 0, 0, 0, 0, 1)
+
+
 def read(drive: Recorded, folder: Path) -> Recording:
     text = '[columns]\ntime = { column = "t_s", unit = "s" }\n'
     for role, name in (("left_count", "left"), ("right_count", "right")):
@@ -131,6 +138,7 @@ def read(drive: Recorded, folder: Path) -> Recording:
         (in_millimetres, 1),
         (holding_its_last_pose, 1),
         (of_two_controllers, 1),
+        (before_it_found_the_robot, 1),
     ],
     ids=lambda one: getattr(one, "__name__", ""),
 )
@@ -139,7 +147,8 @@ def test_what_a_recorder_makes_of_a_healthy_drive_is_no_gap(
 ) -> None:
     """It was a reference late by as much as stamps jitter (0.98); an unlisted cause (1.0); another
     (1.0); a reference late by what it held its poses for, on average (0.97); a gyro
-    that heeds accelerations beside a floor that slopes (0.99)."""
+    that heeds accelerations beside a floor that slopes (0.99); a reference that leaps
+    (unlisted, 0.95)."""
     drive = healthy(1, rows_apart)
     made(drive)
     found = diagnose_recordings([read(drive, tmp_path)], ROBOT, load_wire()).diagnosis
@@ -192,6 +201,23 @@ def test_poses_said_again_at_no_even_rate_are_left_out() -> None:
     held = fresh[np.searchsorted(fresh, np.arange(len(drive.tum)), side="right") - 1]
     drive.tum[:, 1:] = drive.tum[held, 1:]
     assert np.array_equal(without_held_poses(reference(drive))[0].t_s, drive.tum[fresh, 0])
+
+
+def test_ends_that_say_one_pose_far_from_the_next_are_left_out_and_told() -> None:
+    drive = healthy(1)
+    before_it_found_the_robot(drive)
+    drive.tum[-30:, 1:] = drive.tum[0, 1:]
+    found, (note,) = without_unlocked_ends(reference(drive))
+    assert np.array_equal(found.t_s, drive.tum[40:-30, 0])
+    assert note.startswith("70 samples of the reference")
+
+
+def test_a_car_at_rest_that_moves_off_is_seen_from_the_start() -> None:
+    """A receiver of 1 Hz that says the same digits while the car stands."""
+    t_s = np.arange(0.0, 120.0)
+    way = np.cumsum(np.clip(3.0 * (t_s - 20.0), 0.0, 25.0))
+    car = Reference(t_s, way, 0.0 * way, None)
+    assert without_unlocked_ends(car) == (car, ())
 
 
 def test_a_robot_at_rest_under_a_reference_without_noise_stays() -> None:
