@@ -34,7 +34,7 @@ def without_unlocked_ends(reference: Reference) -> tuple[Reference, tuple[str, .
     kept = np.zeros(rows, dtype=np.bool_)
     kept[start:stop] = True
     note = (
-        f"{rows - (stop - start):,} samples of the reference at its ends say one and the same pose, "
-        "far from the next: it had not found the robot, and they were left out."
+        f"{rows - (stop - start):,} samples of the reference at its ends say one and the same "
+        "pose, far from the next: it had not found the robot, and they were left out."
     )
     return reference.only(kept), (note,)
