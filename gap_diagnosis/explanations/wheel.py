@@ -205,6 +205,13 @@ def lateral_slip(p: Prediction, *, compliance: float) -> None:
     p.lateral_m = p.lateral_m - compliance * p.forward_m * p.motion.turn_rate_rad_s
 
 
+def slip_angle(p: Prediction, *, compliance: float) -> None:
+    """Let tyres yield to the side by an angle in proportion to the force: v_y = -c * v² * omega."""
+    m = p.motion
+    speed_m_s = np.abs(m.speed_m_s)
+    p.lateral_m = p.lateral_m - compliance * speed_m_s * p.forward_m * m.turn_rate_rad_s
+
+
 def exact_lateral_slip(p: Prediction, *, compliance: float) -> None:
     """Slide outward in turns as sharp as they are, by the counters where there are any."""
     p.lateral_m = p.lateral_m - compliance * p.forward_m * sharp_turn_rate(p.motion)

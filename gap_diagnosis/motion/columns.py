@@ -15,7 +15,7 @@ from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
 from gap_diagnosis.explanations.reference import counts_latency, right_later_than_left
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.explanations.wheel import creep_in_turns
+from gap_diagnosis.explanations.wheel import creep_in_turns, slip_angle
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -193,6 +193,12 @@ def build_columns(
         base.append(change / creep)
         nuisances.append((len(base) - 2, 0.5 * creep))
         little[len(base) - 2] = _CREEP_IN_TURNS, 0
+    if nodes.has_reference and _speed_in_turns_m_s(motion) > _FAST_M_S:
+        change = _change(nodes, _SLIP_ANGLE, [_SLIP_ANGLE_S2_PER_M], nominal, to_both=True)
+        if _says_something(change):
+            base.append(change / _SLIP_ANGLE_S2_PER_M)
+            nuisances.append((len(base) - 2, _SLIP_ANGLE_S2_PER_M))
+            little[len(base) - 2] = _SLIP_ANGLE, 0
     if not motion.has_counters:
         # Two controllers are asked one after the other, and nothing says so.
         change = _change(nodes, _ONE_SIDE_LATE, [_DELAY_S], nominal, to_both=True)
@@ -277,6 +283,13 @@ def with_variant(
     return term, replace(columns, values=values, terms=(*columns.terms, term))
 
 
+def _speed_in_turns_m_s(motion: Motion) -> float:
+    """Return how fast the robot goes where it turns, on average over what it turns."""
+    turn_rad = np.abs(motion.turn_rate_rad_s) * motion.dt_s
+    total = float(np.sum(turn_rad))
+    return float(np.sum(turn_rad * np.abs(motion.speed_m_s))) / total if total > 0 else 0.0
+
+
 def _reach_m(nodes: Nodes) -> float:
     """Return how far from its start the robot came."""
     motion = nodes.motion
@@ -294,6 +307,13 @@ _ONE_SIDE_LATE: Final = Variant(_LATENCY, right_later_than_left, ("delay",))
 _APART_ROWS: Final = 0.5
 _APART_S: Final = 0.01
 """By so much of a row, and no more than this, the two wheels of a table are read apart."""
+_LATERAL: Final = "lateral_slip"
+_SLIP_ANGLE: Final = Variant(_LATERAL, slip_angle, ("compliance",))
+_SLIP_ANGLE_S2_PER_M: Final = 0.004
+"""Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s² (Milliken
+and Milliken 1995, *Race Car Vehicle Dynamics*, ch. 5)."""
+_FAST_M_S: Final = 1.0
+"""In slower turns it is no more than what is no news of a lateral slip."""
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})

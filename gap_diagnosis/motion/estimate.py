@@ -148,14 +148,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
     if gyro_rate is not None and not has_counters:
         density = plant.gyro.noise_density_rad_per_sqrt_s
         gyro_unsure += variance_of_moments(gyro_rate, t_s, density**2 / step_s) * dt_s**2
-    gyro_step_rad_s = 0.0
     if gyro_rate is not None:
-        told, by_wheels = (
-            filled(gyro_rate, t_s),
-            gaussian_filter1d(_slope(heading_by_wheels, t_s), width),
-        )
-        gyro_step_rad_s = step_of_values(told)
-        gyro_unsure += variance_of_steps(told, gyro_step_rad_s, by_wheels, step_s) * dt_s**2
         gyro_unsure[silences(gyro_rate, t_s) | blank] = NOTHING_SAID_RAD2
     reference = recording.reference
     bent, over_s = np.zeros(len(t_s)), 0.0
@@ -172,6 +165,11 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         y_m = y_m + slow(stamps, off_y_m, t_s, step_s, lost=stretches(blank))
     turning_s = turn_smoothing_s(heading, np.abs(rates) * radius_m, wheelbase_m, step_s)
     turn_rate = gaussian_filter1d(_slope(heading, t_s), max(turning_s / step_s, 0.5))
+    gyro_step_rad_s = 0.0
+    if gyro_rate is not None:
+        told = filled(gyro_rate, t_s)
+        gyro_step_rad_s = step_of_values(told)
+        gyro_unsure += variance_of_steps(told, gyro_step_rad_s, turn_rate, step_s) * dt_s**2
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
     along = _slope(x_m, t_s) * np.cos(middle) + _slope(y_m, t_s) * np.sin(middle)
     temperature, supply = recording.temperature_k, recording.supply_v

@@ -15,32 +15,32 @@ _BENDS_ROWS: Final = 9
 _MANY: Final = 200
 """Samples of a robot that turns, which show how much noise there is."""
 _SAME_PART: Final = 0.25
-"""Of a step: wheels that turn a robot alike to this leave the gyro the same remainder."""
+"""Of a step: a robot that turns alike to this leaves its gyro the same remainder."""
 _HARMONICS: Final = np.arange(1, 50)
 _NOISE: Final = np.linspace(0.0, 1.5, 301)
 """Standard deviations of a sample, in steps."""
 
 
 def variance_of_steps(
-    rate_rad_s: Floats, step_rad_s: float, wheel_rate_rad_s: Floats, tick_s: float
+    rate_rad_s: Floats, step_rad_s: float, turn_rate_rad_s: Floats, tick_s: float
 ) -> Floats:
     """Return the variance [rad²/s²], float64[n], of each tick's rate by the steps it is told in, so
     that a sum over ticks is as unsure as it is.
 
-    At one rate the remainder is the same each time: of all ticks that say the same while the wheels
-    turn the robot alike, each takes its share. Noise that spreads a rate over several steps makes
+    At one rate the remainder is the same each time: of all ticks that say the same while the robot
+    turns alike, each takes its share. Noise that spreads a rate over several steps makes
     their mean right (non-subtractive dither; Widrow & Kollár 2008, *Quantization Noise*, ch. 19).
 
-    *rate_rad_s* has no gaps, *wheel_rate_rad_s* is the turn rate by the wheels, float64[n] each;
+    *rate_rad_s* has no gaps, *turn_rate_rad_s* is about how fast the robot turns, float64[n] each;
     without a step, 0, there is no such variance.
     """
     if step_rad_s == 0.0:
         return np.zeros(len(rate_rad_s))
     code = np.rint((rate_rad_s - rate_rad_s[0]) / step_rad_s).astype(np.int64)
-    turns = np.abs(wheel_rate_rad_s) > step_rad_s
+    turns = np.abs(turn_rate_rad_s) > step_rad_s
     left_over = _left_over(np.diff(code).astype(np.float64), turns, _AROUND_S / tick_s)
     visit = np.cumsum(np.diff(code, prepend=code[0]) != 0)
-    turned = np.bincount(visit, wheel_rate_rad_s) / np.bincount(visit)
+    turned = np.bincount(visit, turn_rate_rad_s) / np.bincount(visit)
     part = np.rint(turned[visit] / (_SAME_PART * step_rad_s)).astype(np.int64)
     part -= part.min()
     same = code * (part.max() + 1) + part

@@ -1,7 +1,9 @@
-"""Tyres creep with the force on them: what turns a car is no force along its wheels."""
+"""Tyres creep with the force on them: what turns a car is none along its wheels, and one to the
+side."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ NO_NEWS = 5.0
 """Less evidence than this [nat] is none: a pair's prior is smaller by as much."""
 
 
-def driven(home: Path, seed: int) -> MotionModel:
+def driven(home: Path, seed: int, slip_angle_s2_per_m: float = 0.0) -> MotionModel:
     """Return what a car's bus and its GPS say of four minutes in town: the rear wheels' speeds and
     the yaw rate, and where it was, not which way it pointed."""
     rng = np.random.default_rng(seed)
@@ -39,7 +41,7 @@ def driven(home: Path, seed: int) -> MotionModel:
     bend = gaussian_filter1d(asked[1], 0.6 / STEP_S)
     turn_rate = speed * bend
     heading = np.cumsum(turn_rate) * STEP_S
-    middle = heading - 0.5 * turn_rate * STEP_S
+    middle = heading - 0.5 * turn_rate * STEP_S - slip_angle_s2_per_m * speed * turn_rate
     x_m, y_m = np.cumsum([speed * np.cos(middle), speed * np.sin(middle)], axis=1) * STEP_S
     creeps = 1.0 + CREEP_S2_PER_M * np.gradient(speed, STEP_S)
     apart = 0.5 * TRACK_M * turn_rate
@@ -62,4 +64,15 @@ def test_a_car_that_creeps_within_tolerance_has_no_gap(tmp_path: Path, seed: int
     gram = model.gram(model.no_effect_levels)
     for term in model.columns.terms:
         if term.variant.effect in {"reference_lever_arm", "lateral_slip", "longitudinal_slip"}:
+            assert score(gram, [term], model.prior).log_evidence < NO_NEWS
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_car_whose_tyres_yield_to_the_side_has_no_gap(tmp_path: Path, seed: int) -> None:
+    """By 0.2 degrees per m/s² sideways, 2 degrees per g, as rear axles do. It was a lateral slip
+    (56 nats), or, as it grows with the square of the speed, an unlisted cause (0.96)."""
+    model = driven(tmp_path, seed, slip_angle_s2_per_m=math.radians(0.2))
+    gram = model.gram(model.no_effect_levels)
+    for term in model.columns.terms:
+        if term.variant.effect in {"reference_lever_arm", "lateral_slip", "cross_slope_drift"}:
             assert score(gram, [term], model.prior).log_evidence < NO_NEWS

@@ -98,11 +98,14 @@ def test_a_car_on_a_straight_road_has_no_wheelbase_to_be_told(tmp_path: Path, se
     assert gained_by_wheelbase(recording, robot) < BORNE_OUT + OWN_LEVELS
 
 
-def test_a_gyro_in_coarse_steps_bears_out_no_wheels_that_turn_as_it_does(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gyro_in_coarse_steps_bears_out_no_wheels_that_turn_as_it_does(
+    tmp_path: Path, seed: int
+) -> None:
     """A car's own yaw rate is told in steps as large as it turned. What it reads of turns by wheels
     that tremble is too little: they stood 75 % farther apart (90 %), and these 97 %, by 370."""
-    recording, robot = minute(tmp_path, 1, OWN, contact_m_per_sqrt_m=1.2e-3)
-    assert gained_by_wheelbase(recording, robot) < OWN_LEVELS
+    recording, robot = minute(tmp_path, seed, OWN, contact_m_per_sqrt_m=1.2e-3)
+    assert gained_by_wheelbase(recording, robot) < BORNE_OUT + OWN_LEVELS
 
 
 def test_without_a_gyro_headings_bear_out_no_wheels_that_turn_as_they_do() -> None:
