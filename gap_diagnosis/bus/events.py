@@ -28,6 +28,8 @@ _CHANGING: Final = 0.8
 LONGEST_STALE_S: Final = 0.3
 """What repeats for longer is frozen: that is the sensor's fault, not its sender's."""
 _BY_CHANCE: Final = 0.01
+_A_LEAP: Final = 8.0
+"""Counts of both wheels: by so many no wheel moves off from one row to the next."""
 SURE_LENGTH: Final = 3
 _HELD_OFTEN: Final = 3
 """Times, and half of all, that a gyro which is held at a value begins to say that again."""
@@ -260,14 +262,19 @@ def staleness(
         _repeats_itself(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
     )
     longest = LONGEST_STALE_S / (message.cycle * recording.tick_period_s)
+    # Of another stale run close by, that it does not change says nothing.
+    stale = np.zeros(len(changes), dtype=np.bool_)
+    for start, stop in edges.reshape(-1, 2):
+        if SURE_LENGTH <= stop - start <= longest and start >= 2 and stop < len(changes) - 1:
+            stale[start:stop] = _leaps(moved, row[start - 1], row[stop], int(stop - start))
     found: list[tuple[int, int, int]] = []
     at_rest: list[tuple[int, int, int]] = []
     for start, stop in edges.reshape(-1, 2):
         length = int(stop - start)
         if length > longest or stop >= len(changes) - 1 or start < 2 or repeats[row[start]]:
             continue
-        before = slice(max(0, start - _CONTEXT), start)
-        after = slice(stop, stop + _CONTEXT)
+        before = _rows_but(stale, max(0, start - _CONTEXT), start)
+        after = _rows_but(stale, stop, stop + _CONTEXT)
         around = np.concatenate((changes[before], changes[after]))
         turning = np.concatenate((moving[before], moving[after]))
         if (
@@ -292,6 +299,11 @@ def staleness(
         tuple((float(stamp[start]), float(stamp[stop])) for _, start, stop in kept),
         tuple((int(tick[start]), int(tick[stop])) for _, start, stop in kept),
     )
+
+
+def _rows_but(without: Bools, start: int, stop: int) -> NDArray[np.int64]:
+    """Return the rows from *start* to before *stop*, int64[k], *without* some, bool[n]."""
+    return start + np.flatnonzero(~without[start:stop])
 
 
 def _repeats_itself(recording: Recording) -> Bools:
@@ -344,13 +356,17 @@ def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool
     moved = 0.0
     usual = 0.0
     for wheel in wheels:
-        until = min(fresh + _USUAL_ROWS, len(wheel) - 1)
-        usual += 0.5 * float(np.abs(wheel[last] - wheel[max(last - _USUAL_ROWS, 0)])) / _USUAL_ROWS
-        usual += 0.5 * float(np.abs(wheel[until] - wheel[fresh])) / _USUAL_ROWS
+        for around in (
+            wheel[max(last - _USUAL_ROWS, 0) : last + 1],
+            wheel[fresh:][: _USUAL_ROWS + 1],
+        ):
+            # Another leap close by is no speed.
+            usual += 0.5 * float(np.median(np.abs(np.diff(around)))) if len(around) > 1 else 0.0
         moved += float(np.abs(wheel[fresh] - wheel[last]))
-    # A slow wheel shows the same count twice by itself, a steady one the same speed.
-    least = 2.0 if length >= SURE_LENGTH else 8.0
-    return bool(usual >= least and moved > 0.6 * usual * (length + 1))
+    # A slow wheel shows the same count twice by itself, a steady one the same speed; neither leaps.
+    sure = length >= SURE_LENGTH
+    is_fast = usual >= (2.0 if sure else 8.0) or (sure and moved >= _A_LEAP)
+    return bool(is_fast and moved > 0.6 * usual * (length + 1))
 
 
 def _speed_steps(counts: Floats) -> Floats:

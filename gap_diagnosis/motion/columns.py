@@ -193,7 +193,7 @@ def build_columns(
         base.append(change / creep)
         nuisances.append((len(base) - 2, 0.5 * creep))
         little[len(base) - 2] = _CREEP_IN_TURNS, 0
-    if nodes.has_reference and _speed_in_turns_m_s(motion) > _FAST_M_S:
+    if nodes.has_reference and not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
         change = _change(nodes, _SLIP_ANGLE, [_SLIP_ANGLE_S2_PER_M], nominal, to_both=True)
         if _says_something(change):
             base.append(change / _SLIP_ANGLE_S2_PER_M)

@@ -304,6 +304,37 @@ def test_counts_that_stood_and_leapt_once_are_not_believed_however_seldom_that_h
     assert np.array_equal(np.flatnonzero(empty), np.arange(at, at + stood))
 
 
+def test_counts_that_stand_and_leap_twice_in_a_moment_are_both_said_again() -> None:
+    """Four rows lay between them: the second was no stale run, as so much around it repeated, and
+    its speed before was that of the first leap (unlisted, 1.00)."""
+    made = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 3, duration_s=60.0)
+    left, right = made.left_ticks.copy(), made.right_ticks.copy()
+    payload = made.frames["ENCODER"].payload.copy()
+    runs = [slice(3_000, 3_012), slice(3_016, 3_028)]
+    for held in runs:
+        at = held.start - 1
+        left[held], right[held], payload[held] = left[at], right[at], payload[at]
+    frames = {**made.frames, "ENCODER": replace(made.frames["ENCODER"], payload=payload)}
+    block = block_of(replace(made, left_ticks=left, right_ticks=right, frames=frames))
+    empty = np.isnan(block.without_stale().left_ticks)
+    assert np.array_equal(np.flatnonzero(empty), np.r_[runs[0], runs[1]])
+
+
+def test_a_wheel_that_begins_to_creep_does_not_leap_by_nine_counts() -> None:
+    """It was too slow to be stale, and a play at reversals beside stale frames (unlisted, 0.96)."""
+    made = synthetic_recording(ROBOT, WIRE, scenario("figure8"), (), 3, duration_s=60.0)
+    at, stood = 3_000, 6
+    counts = np.floor(1.4 * np.maximum(np.arange(len(made.tick)) - at, 0))
+    payload = counts.astype(np.uint64)
+    # At rest a counter trembles between two counts now and then.
+    payload[:at:5] += np.uint64(1)
+    held = slice(at, at + stood + 1)
+    counts[held], payload[held] = counts[at - 1], payload[at - 1]
+    frames = {**made.frames, "ENCODER": replace(made.frames["ENCODER"], payload=payload)}
+    block = block_of(replace(made, left_ticks=counts, right_ticks=counts.copy(), frames=frames))
+    assert np.isnan(block.without_stale().left_ticks)[at + 1 : at + stood].all()
+
+
 @pytest.mark.parametrize("factor", [10.0, math.degrees(1.0)])
 @pytest.mark.parametrize("seed", range(1, 4))
 def test_a_slow_wheel_says_nothing_again_though_it_is_read_too_large(
