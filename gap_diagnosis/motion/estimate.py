@@ -55,7 +55,8 @@ def estimate_motion(
 
     *reference_delay_s*, one or each sample's, is taken off the reference's stamps first. Only a
     linearisation point: the reference is smoothed here and nowhere else. Where one wheel alone
-    counts and there is no gyro, the way leads where the reference's headings turn.
+    counts, the way leads where the gyro turns, if the reference has no headings, or where these do,
+    if there is no gyro.
 
     Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
     """
@@ -67,14 +68,14 @@ def estimate_motion(
     motion = _estimated(recording, robot, reference_delay_s)
     reference = recording.reference
     dead = dead_ticks(motion)
-    if (
-        reference is None
-        or reference.heading_rad is None
-        or motion.gyro_turn_rad is not None
-        or not dead.any()
-    ):
+    if reference is None or not dead.any():
         return motion
-    heading = np.interp(motion.t_s, reference.t_s - reference_delay_s, reference.heading_rad)
+    if motion.gyro_turn_rad is None and reference.heading_rad is not None:
+        heading = np.interp(motion.t_s, reference.t_s - reference_delay_s, reference.heading_rad)
+    elif motion.gyro_turn_rad is not None and reference.heading_rad is None:
+        heading = motion.gyro_turn_rad
+    else:
+        return motion
     turning = _with_turns_of(heading, recording, motion, dead)
     way = _estimated(turning, robot, reference_delay_s)
     return replace(
