@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.lattice import NO_STEP
+from gap_diagnosis.lattice import NO_STEP, lattice_step
 from gap_diagnosis.recording import Floats, Recording
 
 _USUAL_ROWS: Final = 8
@@ -55,7 +55,8 @@ def without_said_again(counts: Floats) -> tuple[Floats, int]:
         return counts, 0
     steps = np.abs(np.diff(value))
     changes = np.flatnonzero(steps > NO_STEP)
-    least_per_row = _LEAST_STEPS * max(float(np.min(steps[changes], initial=np.inf)), 1.0)
+    # Not the least change: of a wheel that never is slow that is many of its steps.
+    least_per_row = _LEAST_STEPS * lattice_step(value)
     starts, ends = changes[:-1] + 1, changes[1:]
     repeats = ends > starts
     last, fresh = starts[repeats], ends[repeats] + 1

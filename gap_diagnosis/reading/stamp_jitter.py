@@ -72,9 +72,11 @@ def _share(
     even = (np.diff(tick) == 1) & (np.abs(np.diff(away_s)) < 0.5 * period_s)
     even = even[:-2] & even[1:-1] & even[2:]  # three steps of one tick each
     longer, more = [], []
+    # Where rows were sampled unevenly, or are missing, one is not a tick.
+    ticks = gaussian_filter1d(np.diff(tick).astype(np.float64), _RATE_ROWS, mode="nearest")
     for counts in wheels:
         steps = np.diff(counts)
-        rate = gaussian_filter1d(steps, _RATE_ROWS, mode="nearest")[1:-1] / period_s
+        rate = (gaussian_filter1d(steps, _RATE_ROWS, mode="nearest") / ticks)[1:-1] / period_s
         more.append(_bend(steps)[even])
         longer.append((rate * _bend(np.diff(away_s)))[even])
     x, y = np.concatenate(longer), np.concatenate(more)

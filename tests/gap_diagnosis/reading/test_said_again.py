@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import ROBOT, Drive, drive
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -54,6 +54,7 @@ def test_counts_that_come_with_every_row_are_left_as_they_are(seed: int) -> None
 
 
 @given(st.integers(0, 10_000), st.floats(1.3, 6.0))
+@example(seed=0, cycle=5.875)
 def test_of_a_counter_at_a_lower_rate_only_what_came_is_left(seed: int, cycle: float) -> None:
     counts = wheel(seed)
     old = rows_of_a_lower_rate(len(counts), cycle)
