@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, median_filter
+from scipy.ndimage import convolve1d, median_filter
 
 from gap_diagnosis.reading.clock import lower_edge
 from gap_diagnosis.recording import Floats
@@ -24,6 +24,7 @@ Ints = NDArray[np.int64]
 _GRID_S: Final = 5.0
 """Over a longer time two clocks, or a loop that sleeps between its rows, keep no even grid."""
 _RATE_ROWS: Final = 3.0
+_FARTHEST_ROWS: Final = 12
 _TOLD: Final = 0.1
 """A share with a larger standard deviation is not told; stamps are then believed,"""
 _CLEAR: Final = 3.0
@@ -48,7 +49,8 @@ def sampled_at(
     if len(known) < 2 * _GRID_S / period_s:
         return t_s, 0.0
     away_s = _away(t_s[known], tick[known], period_s)
-    share, sd = _share(away_s, tick[known], [counts[known] for counts in wheels], period_s)
+    own = [counts[known] for counts in wheels]
+    share, sd = _share(away_s, t_s[known], tick[known], own, period_s)
     jitter = 1.0 - max(share, 0.0)
     if not sd < _TOLD or jitter < _CLEAR * sd:
         return t_s, 0.0
@@ -66,17 +68,17 @@ def _away(t_s: Floats, tick: Ints, period_s: float) -> Floats:
 
 
 def _share(
-    away_s: Floats, tick: Ints, wheels: Sequence[Floats], period_s: float
+    away_s: Floats, t_s: Floats, tick: Ints, wheels: Sequence[Floats], period_s: float
 ) -> tuple[float, float]:
     """Return by which share of *away_s* the counts follow, and its standard deviation."""
     even = (np.diff(tick) == 1) & (np.abs(np.diff(away_s)) < 0.5 * period_s)
     even = even[:-2] & even[1:-1] & even[2:]  # three steps of one tick each
     longer, more = [], []
-    # Where rows were sampled unevenly, or are missing, one is not a tick.
-    ticks = gaussian_filter1d(np.diff(tick).astype(np.float64), _RATE_ROWS, mode="nearest")
+    # By their times, not by ticks: of rows sampled unevenly one is not a tick.
+    apart_s = _around(np.diff(t_s))
     for counts in wheels:
         steps = np.diff(counts)
-        rate = (gaussian_filter1d(steps, _RATE_ROWS, mode="nearest") / ticks)[1:-1] / period_s
+        rate = (_around(steps) / apart_s)[1:-1]
         more.append(_bend(steps)[even])
         longer.append((rate * _bend(np.diff(away_s)))[even])
     x, y = np.concatenate(longer), np.concatenate(more)
@@ -86,6 +88,13 @@ def _share(
     share = float(x @ y) / power
     sd = math.sqrt(float(np.sum((x * (y - share * x)) ** 2))) / power
     return share, _SECOND_DIFFERENCES * sd
+
+
+def _around(values: Floats) -> Floats:
+    """Return the mean of the values about each one, but for those whose ends its bend is made of."""
+    place = np.arange(-_FARTHEST_ROWS, _FARTHEST_ROWS + 1)
+    weight = np.where(np.abs(place) > 2, np.exp(-0.5 * (place / _RATE_ROWS) ** 2), 0.0)
+    return np.asarray(convolve1d(values, weight / weight.sum(), mode="nearest"))
 
 
 def _bend(values: Floats) -> Floats:

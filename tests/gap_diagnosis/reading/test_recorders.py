@@ -175,7 +175,7 @@ def test_rows_that_were_sampled_now_sooner_and_now_later_are_not_late(
     seed: int, tmp_path: Path
 ) -> None:
     """One to four ticks apart, 25 ms on average and a tick of 20 or 30: turns as fast by rows as by
-    ticks made 8 to 13 ms of jitter of them in 15 of 24 tables. Half a tick is what is left."""
+    ticks made 5 to 13 ms of jitter of them in 15 of 24 tables, and 1 to 3 ms in three by time."""
     drive = healthy(1)
     rows = np.cumsum(np.random.default_rng(seed).integers(1, 5, len(drive.columns["t_s"])))
     rows = rows[rows < len(drive.columns["t_s"])]
