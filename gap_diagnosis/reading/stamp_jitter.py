@@ -91,7 +91,7 @@ def _share(
 
 
 def _around(values: Floats) -> Floats:
-    """Return the mean of the values about each one, but for those that its bend shares ends with."""
+    """Return the mean of the values about each one, but for those its bend shares ends with."""
     place = np.arange(-_FARTHEST_ROWS, _FARTHEST_ROWS + 1)
     weight = np.where(np.abs(place) > 2, np.exp(-0.5 * (place / _RATE_ROWS) ** 2), 0.0)
     return np.asarray(convolve1d(values, weight / weight.sum(), mode="nearest"))
