@@ -180,31 +180,24 @@ def build_columns(
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
     free = {index for index, _ in nuisances}
     delays = {i for one in terms if one.variant.effect == _OFFSET for i, _ in one.weights[0]} & free
+    healthy: list[tuple[Variant, float, float]] = []
     if speed_cycle_s > 0:
         # A mean since the speed before is that of half a cycle ago; what else was smoothed is late.
-        change = _change(nodes, _LATE_COUNTS, [_DELAY_S], nominal, to_both=True)
-        base.append(change / _DELAY_S)
-        nuisances.append((len(base) - 2, 0.5 * speed_cycle_s))
-        little[len(base) - 2] = _LATE_COUNTS, 0
-        delays.add(len(base) - 2)
+        healthy.append((_LATE_COUNTS, _DELAY_S, 0.5 * speed_cycle_s))
     creep = prior.of(_CREEP, "compliance").tolerance
-    change = _change(nodes, _CREEP_IN_TURNS, [creep], nominal, to_both=True)
-    if _says_something(change):
-        base.append(change / creep)
-        nuisances.append((len(base) - 2, 0.5 * creep))
-        little[len(base) - 2] = _CREEP_IN_TURNS, 0
+    healthy.append((_CREEP_IN_TURNS, creep, 0.5 * creep))
     if nodes.has_reference and not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
-        change = _change(nodes, _SLIP_ANGLE, [_SLIP_ANGLE_S2_PER_M], nominal, to_both=True)
-        if _says_something(change):
-            base.append(change / _SLIP_ANGLE_S2_PER_M)
-            nuisances.append((len(base) - 2, _SLIP_ANGLE_S2_PER_M))
-            little[len(base) - 2] = _SLIP_ANGLE, 0
+        healthy.append((_SLIP_ANGLE, _SLIP_ANGLE_S2_PER_M, _SLIP_ANGLE_S2_PER_M))
     if not motion.has_counters:
         # Two controllers are asked one after the other, and nothing says so.
-        change = _change(nodes, _ONE_SIDE_LATE, [_DELAY_S], nominal, to_both=True)
-        base.append(change / _DELAY_S)
-        nuisances.append((len(base) - 2, min(_APART_ROWS * motion.tick_s, _APART_S)))
-        little[len(base) - 2] = _ONE_SIDE_LATE, 0
+        healthy.append((_ONE_SIDE_LATE, _DELAY_S, min(_APART_ROWS * motion.tick_s, _APART_S)))
+    for variant, step, sd in healthy:
+        change = _change(nodes, variant, [step], nominal, to_both=True)
+        if _says_something(change):
+            base.append(change / step)
+            nuisances.append((len(base) - 2, sd))
+            little[len(base) - 2] = variant, 0
+            delays |= {len(base) - 2} if variant is _LATE_COUNTS else set()
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)
@@ -310,8 +303,8 @@ _APART_S: Final = 0.01
 _LATERAL: Final = "lateral_slip"
 _SLIP_ANGLE: Final = Variant(_LATERAL, slip_angle, ("compliance",))
 _SLIP_ANGLE_S2_PER_M: Final = 0.004
-"""Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s² (Milliken
-and Milliken 1995, *Race Car Vehicle Dynamics*, ch. 5)."""
+"""Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s²
+(Bundorf and Leffert 1976, SAE 760713)."""
 _FAST_M_S: Final = 1.0
 """In slower turns it is no more than what is no news of a lateral slip."""
 _CREEP: Final = "longitudinal_slip"
