@@ -298,7 +298,7 @@ _LAG: Final = "gyro_lag"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
 _ONE_SIDE_LATE: Final = Variant(_LATENCY, right_later_than_left, ("delay",))
 _APART_ROWS: Final = 0.5
-_APART_S: Final = 0.01
+_APART_S: Final = 0.005
 """By so much of a row, and no more than this, the two wheels of a table are read apart."""
 _LATERAL: Final = "lateral_slip"
 _SLIP_ANGLE: Final = Variant(_LATERAL, slip_angle, ("compliance",))
