@@ -72,9 +72,12 @@ def counts_latency(p: Prediction, *, delay: float) -> None:
 def right_later_than_left(p: Prediction, *, delay: float) -> None:
     """Read the right wheel's counts later than the left's by *delay*, each by half of it."""
     m = p.motion
-    half_s = 0.5 * delay
-    p.left_m = p.left_m + half_s * m.radius_m * np.diff(m.left_rate_rad_s, prepend=0.0)
-    p.right_m = p.right_m - half_s * m.radius_m * np.diff(m.right_rate_rad_s, prepend=0.0)
+    left, right = (
+        0.5 * delay * m.radius_m * np.diff(rate, prepend=rate[0])
+        for rate in (m.left_rate_rad_s, m.right_rate_rad_s)
+    )
+    p.left_m = p.left_m + left
+    p.right_m = p.right_m - right
 
 
 def exact_gyro_latency(p: Prediction, *, delay: float) -> None:

@@ -197,7 +197,8 @@ def build_columns(
             base.append(change / step)
             nuisances.append((len(base) - 2, sd))
             little[len(base) - 2] = variant, 0
-            delays |= {len(base) - 2} if variant is _LATE_COUNTS else set()
+            if variant is _LATE_COUNTS:
+                delays.add(len(base) - 2)
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)

@@ -168,8 +168,9 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
     turn_rate = gaussian_filter1d(_slope(heading, t_s), max(turning_s / step_s, 0.5))
     gyro_step_rad_s = 0.0
     if gyro_rate is not None:
+        # What is put in between two samples is no multiple of a step.
+        gyro_step_rad_s = step_of_values(gyro_rate[np.isfinite(gyro_rate)])
         told = filled(gyro_rate, t_s)
-        gyro_step_rad_s = step_of_values(told)
         gyro_unsure += variance_of_steps(told, gyro_step_rad_s, turn_rate, step_s) * dt_s**2
     middle = heading - 0.5 * np.diff(heading, prepend=heading[0])
     along = _slope(x_m, t_s) * np.cos(middle) + _slope(y_m, t_s) * np.sin(middle)

@@ -10,6 +10,7 @@ import pytest
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.lattice import step_of_values
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.gyro_steps import variance_of_steps
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -90,6 +91,17 @@ def test_whole_degrees_per_second_are_no_gap(name: str) -> None:
     """They were a gyro that bends by 0.7 % and reads 1.4 % less (0.97), a frozen one (0.98),
     another that bends."""
     assert diagnose_recordings([drive(name, 1)], ROBOT, WIRE).diagnosis.verdict == "no_gap"
+
+
+def test_the_steps_of_a_gyro_are_found_beside_lost_samples() -> None:
+    """What is put in their place lies between two steps."""
+    log = drive("square", 1)
+    assert log.gyro_rate_rad_s is not None
+    rate = log.gyro_rate_rad_s.copy()
+    rate[np.random.default_rng(4).random(len(rate)) < 0.02] = np.nan
+    motion = estimate_motion(replace(log, gyro_rate_rad_s=rate), ROBOT)
+    lsb = STEP * ROBOT.plant.gyro.sensitivity_lsb_per_rad_s
+    assert motion.gyro_step_lsb == pytest.approx(lsb, rel=1e-6)
 
 
 def test_a_coarse_gyro_that_says_zero_all_along_a_straight_is_no_gap() -> None:
