@@ -140,10 +140,7 @@ def _holes(t_s: Floats, rolled_m: Floats) -> tuple[Window, ...]:
 def _stopped(reference: Reference, at: Floats) -> list[tuple[int, int]]:
     """Return the first samples, and those after the last, of runs that repeat an older pose though
     the robot drove on; *at* is how far it has gone."""
-    same = (np.diff(reference.x_m) == 0) & (np.diff(reference.y_m) == 0)
-    if reference.heading_rad is not None:
-        same &= np.diff(reference.heading_rad) == 0
-    repeats = np.concatenate(([False], same))
+    repeats = reference.said_again()
     stands = np.concatenate(([False], np.diff(at) == 0))
     if stands.sum() > _FROZEN and repeats[stands].mean() > _AT_REST:
         return []

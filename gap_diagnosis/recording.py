@@ -46,6 +46,13 @@ class Reference:
             heading_rad=None if heading is None else heading[kept],
         )
 
+    def said_again(self) -> NDArray[np.bool_]:
+        """Tell, bool[m], which samples say the pose before them again, to the last digit."""
+        same = (np.diff(self.x_m) == 0.0) & (np.diff(self.y_m) == 0.0)
+        if self.heading_rad is not None:
+            same &= np.diff(self.heading_rad) == 0.0
+        return np.concatenate(([False], same))
+
     def mirrored(self) -> Reference:
         """Return the trajectory as axes of the other hand have it."""
         heading = self.heading_rad

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.recording import Reference
 
@@ -18,14 +17,6 @@ _THE_RULE: Final = 0.25
 _CYCLE_PERCENT: Final = 90.0
 
 
-def said_again(reference: Reference) -> NDArray[np.bool_]:
-    """Tell, bool[s], which samples say the pose before them again, to the last digit."""
-    same = (np.diff(reference.x_m) == 0.0) & (np.diff(reference.y_m) == 0.0)
-    if reference.heading_rad is not None:
-        same &= np.diff(reference.heading_rad) == 0.0
-    return np.concatenate(([False], same))
-
-
 def without_held_poses(reference: Reference) -> tuple[Reference, tuple[str, ...]]:
     """Return the reference without poses that are only the last one said again, and a note of it.
 
@@ -33,7 +24,7 @@ def without_held_poses(reference: Reference) -> tuple[Reference, tuple[str, ...]
     they are late by up to a cycle, and by half of one on average. What repeats for longer than a
     cycle is a robot at rest, or lost, and stays.
     """
-    fresh = np.flatnonzero(~said_again(reference))
+    fresh = np.flatnonzero(~reference.said_again())
     rows = np.diff(fresh)
     steps_m = np.abs(np.concatenate((np.diff(reference.x_m), np.diff(reference.y_m))))
     least_m = _LEAST_STEPS * float(np.min(steps_m, where=steps_m > 0.0, initial=np.inf))

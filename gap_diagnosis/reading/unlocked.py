@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.reading.held_poses import said_again
 from gap_diagnosis.recording import Reference
 
 _ROWS: Final = 5
@@ -21,7 +20,7 @@ _LEAST_SAMPLES: Final = 20
 def without_unlocked_ends(reference: Reference) -> tuple[Reference, tuple[str, ...]]:
     """Return the reference from where it first sees the robot to where it does last, and a note of
     what was left out: as one that comes late or ends early, it has no gap there."""
-    fresh = np.flatnonzero(~said_again(reference))
+    fresh = np.flatnonzero(~reference.said_again())
     if len(fresh) < _LEAST_SAMPLES:
         return reference, ()
     step_m = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m))
