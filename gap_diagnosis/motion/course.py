@@ -14,7 +14,11 @@ from scipy.signal import oaconvolve
 from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.recording import Floats, Reference
 
-_COURSE_S: Final = 1.5
+_AVERAGED_S: Final = 1.5
+"""Over which steps are averaged that tell one angle of a whole log."""
+_COURSE_S: Final = 0.5
+"""Over which a course is told at least. Longer, and of a car whose one tyre is 2 % larger, whose
+wheels turn by 0.2 rad/s too much as it speeds up, the heading is off by as much."""
 _TOLD: Final = 0.02
 """Where the way is less than this share of the longest, the course says nothing."""
 _ASLANT: Final = (0.03, math.pi)
@@ -116,7 +120,7 @@ def _aslant(
     measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
     ways = [reckoned, 1j * reckoned, swung, 1j * swung, aside * facing.real, aside * facing.imag]
     # Steps are short and a reference's noise may be long: over a while it averages out.
-    width = _COURSE_S / float(np.median(np.diff(stamps)))
+    width = _AVERAGED_S / float(np.median(np.diff(stamps)))
     measured, *ways = (_averaged(one, width) for one in (measured, *ways))
     both = np.stack(ways, axis=1)
     inner = (both.conj().T @ both).real
