@@ -15,6 +15,8 @@ TURN_S: Final = 0.35
 """What is smoothed over a tenth of a second has one value in so long."""
 _BETTER: Final = 1e-3
 """Of a correlation: a shift, or a drift, that adds less is none,"""
+_OF_THE_REST: Final = 0.2
+"""unless it is so much of what is left: a car's speeds are alike to 0.999 a tenth of a second late;"""
 _SURE: Final = 5.0
 """nor is one that gains less [nat]: of noise the best of a hundred places gains log 100."""
 _RATE: Final = 0.025
@@ -108,7 +110,7 @@ def is_better(alike: float, than: float, seen_s: float) -> bool:
     """
     left, left_otherwise = (max(1.0 - one * one, 1e-12) for one in (alike, than))
     gained = 0.5 * seen_s / TURN_S * math.log(left_otherwise / left)
-    return alike > than + _BETTER and gained > _SURE
+    return alike - than > min(_BETTER, _OF_THE_REST * (1.0 - than)) and gained > _SURE
 
 
 def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> Floats:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness import Robot, load_robot
+
+CREEP_S2_PER_M = 0.002
+"""Two thirds of what is no gap."""
+TRACK_M = 1.52
+STEP_S, FIX_S = 0.01, 0.1
+GPS_M = 0.02
+WANDER_S = 80.0
 
 _MAP = """[columns]
 time = { column = "t_s", unit = "s" }
@@ -56,3 +67,50 @@ def read_car(home: Path, track_m: float, rows: Floats, fixes: Floats) -> tuple[R
         signals=home / "map.toml",
     )
     return recording, robot
+
+
+def driven(
+    home: Path,
+    seed: int,
+    slip_angle_s2_per_m: float = 0.0,
+    left_larger: float = 0.0,
+    wander: float = 0.0,
+) -> MotionModel:
+    """Return what a car's bus and its GPS say of four minutes in town: the rear wheels' speeds and
+    the yaw rate, and where it was, not which way it pointed.
+
+    Its tyres yield by *slip_angle_s2_per_m*, its left wheel is by *left_larger* larger than it is
+    described, and the wheels come apart to and fro by *wander*, parts of their way.
+    """
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(0.0, 240.0, STEP_S)
+    asked = np.zeros((2, len(t_s)))
+    at_s = 3.0
+    while at_s < t_s[-1] - 12.0:
+        part = (t_s >= at_s) & (t_s < (at_s := at_s + rng.uniform(4.0, 12.0)))
+        if rng.random() < 0.8:
+            speed = rng.uniform(3.0, 16.0)
+            bend = min(rng.uniform(0.01, 0.12), 2.5 / speed**2) * (rng.random() < 0.55)
+            asked[:, part] = [[speed], [rng.choice([-1.0, 1.0]) * bend]]
+    speed = gaussian_filter1d(asked[0], 1.5 / STEP_S)
+    bend = gaussian_filter1d(asked[1], 0.6 / STEP_S)
+    turn_rate = speed * bend
+    heading = np.cumsum(turn_rate) * STEP_S
+    middle = heading - 0.5 * turn_rate * STEP_S - slip_angle_s2_per_m * speed * turn_rate
+    x_m, y_m = np.cumsum([speed * np.cos(middle), speed * np.sin(middle)], axis=1) * STEP_S
+    creeps = 1.0 + CREEP_S2_PER_M * np.gradient(speed, STEP_S)
+    apart = 0.5 * TRACK_M * turn_rate
+    apart_more = 0.5 * wander * np.sin(math.tau * t_s / WANDER_S)
+    rows = [
+        t_s,
+        (speed - apart) * creeps * (1.0 - apart_more) / (1.0 + left_larger),
+        (speed + apart) * creeps * (1.0 + apart_more),
+        turn_rate,
+    ]
+    noise = np.array([[0.0], [0.003], [0.003], [5e-4]]) * rng.standard_normal((4, len(t_s)))
+    fixes_s = np.arange(0.0037, t_s[-1], FIX_S)
+    way = np.array([np.interp(fixes_s, t_s, one) for one in (x_m, y_m)])
+    way += GPS_M * rng.standard_normal(way.shape)
+    table, fixes = (np.array(rows) + noise).T, np.column_stack([fixes_s, *way])
+    recording, robot = read_car(home, TRACK_M, table, fixes)
+    return MotionModel(recording, robot, default_prior())
