@@ -26,7 +26,7 @@ from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.levels import is_louder
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.pushes import Pushes
-from gap_diagnosis.motion.slack import with_slack
+from gap_diagnosis.motion.slack import about, slack_of, with_slack
 from gap_diagnosis.motion.spells import lay_out_ways, levels_of_spell, spells
 from gap_diagnosis.motion.standstill import Standstills
 from gap_diagnosis.motion.unknown import (
@@ -272,23 +272,34 @@ def _without(block: Block, without: frozenset[str]) -> Block:
 
 
 def _beside_slack(motion: MotionBlock, *, gross: bool) -> tuple[MotionBlock, list[Alternative]]:
-    """Return the block and its unlisted causes; where what a healthy robot is off by explains a log
-    better than any listed effect does, and these explain something, a block with that free."""
+    """Return the block and its unlisted causes, what a healthy robot is off by free where that
+    explains something: by itself, better than any listed effect does; or beside the best of these,
+    where an unlisted cause explains more than they do, theirs and the rest."""
     found = _smooth(motion, gross=gross)
-    if gross or not _LITTLE <= motion.explained < within_tolerance(found):
+    if gross or motion.explained < _LITTLE:
         return motion, found
-    model, left, levels = motion.model, found, motion.levels
+    model, levels = motion.model, motion.levels
+    if motion.explained < within_tolerance(found):
+        beside, left = model, found
+    elif motion.explained < max(one.log_evidence for one in found):
+        beside = about(model, motion.scan.likeliest)
+        left = alternatives(beside, levels)
+    else:
+        return motion, found
     for _ in range(_SLACKS):
         if within_tolerance(left) < _LITTLE:
             break
-        laid = lay_out(model)
+        laid = lay_out(beside)
         best = max(left, key=lambda one: one.within)
-        suiting = levels_beside(model, best, levels, laid)
+        suiting = levels_beside(beside, best, levels, laid)
         levels = levels if suiting is None else suiting
-        model = with_slack(model, laid, best, levels)
-        left = alternatives(model, levels)
-    beside = MotionBlock(model)
-    return beside, _smooth(beside, gross=gross)
+        slack = slack_of(beside, laid, best, levels)
+        model, beside = with_slack(model, slack), with_slack(beside, slack)
+        left = alternatives(beside, levels)
+    if model is motion.model:
+        return motion, found
+    healthy = MotionBlock(model)
+    return healthy, _smooth(healthy, gross=gross)
 
 
 _SLACKS: Final = 3

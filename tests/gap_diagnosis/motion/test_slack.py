@@ -1,6 +1,9 @@
 """An effect beyond tolerance is told beside what a healthy robot is off by within it."""
 
+from pathlib import Path
+
 import pytest
+from car_cases import driven
 from wandering import wandering_by
 
 from gap_diagnosis.analysis import _beside_slack
@@ -15,6 +18,9 @@ from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
 ROBOT = load_robot()
+TYRE = {"left_larger": 0.02, "wander": 8e-4}
+CLEARLY = 3.0
+"""So much likelier [nat] is twenty times likelier."""
 
 
 def block_of(*effects: str) -> MotionBlock:
@@ -51,3 +57,13 @@ def test_wheels_that_only_wander_within_tolerance_stay_no_gap() -> None:
     motion = block_of()
     beside, _ = _beside_slack(motion, gross=False)
     assert beside.explained < 3
+
+
+def test_a_larger_tyre_of_a_car_is_told_beside_wheels_that_wander_within_tolerance(
+    tmp_path: Path,
+) -> None:
+    """A wheel that errs by some smooth function of its way errs by as much everywhere, too, so that
+    an unlisted cause was likelier than the tyre by 22 nats: it explained that and the rest."""
+    beside, unlisted = _beside_slack(MotionBlock(driven(tmp_path, 1, **TYRE)), gross=False)
+    assert beside.scan.likeliest.effects == {"radius_mismatch", "radius_scale"}
+    assert max(one.log_evidence for one in unlisted) < beside.explained - CLEARLY
