@@ -16,7 +16,7 @@ TURN_S: Final = 0.35
 _BETTER: Final = 1e-3
 """Of a correlation: a shift, or a drift, that adds less is none,"""
 _OF_THE_REST: Final = 0.2
-"""unless it is so much of what is left: of a car a tenth of a second late speeds are alike to 0.999;"""
+"""unless it is so much of what is left: speeds of a late car are alike to 0.999;"""
 _SURE: Final = 5.0
 """nor is one that gains less [nat]: of noise the best of a hundred places gains log 100."""
 _RATE: Final = 0.025
