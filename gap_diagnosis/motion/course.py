@@ -14,11 +14,10 @@ from scipy.signal import oaconvolve
 from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.recording import Floats, Reference
 
-_AVERAGED_S: Final = 1.5
-"""Over which steps are averaged that tell one angle of a whole log."""
-_COURSE_S: Final = 0.5
-"""Over which a course is told at least. Longer, and of a car whose one tyre is 2 % larger, whose
-wheels turn by 0.2 rad/s too much as it speeds up, the heading is off by as much."""
+_COURSE_S: Final = 1.5
+_TURNED_RAD: Final = 0.05
+"""By so much may wheels turn away from a course while it is told: those of a car with one tyre 2 %
+larger do by 0.1 rad/s, and over 1.5 s left the heading 0.2 rad off as it sped up."""
 _TOLD: Final = 0.02
 """Where the way is less than this share of the longest, the course says nothing."""
 _ASLANT: Final = (0.03, math.pi)
@@ -120,7 +119,7 @@ def _aslant(
     measured = measured * np.minimum(1.0, most_m / np.maximum(np.abs(measured), 1e-12))
     ways = [reckoned, 1j * reckoned, swung, 1j * swung, aside * facing.real, aside * facing.imag]
     # Steps are short and a reference's noise may be long: over a while it averages out.
-    width = _AVERAGED_S / float(np.median(np.diff(stamps)))
+    width = _COURSE_S / float(np.median(np.diff(stamps)))
     measured, *ways = (_averaged(one, width) for one in (measured, *ways))
     both = np.stack(ways, axis=1)
     inner = (both.conj().T @ both).real
@@ -159,8 +158,9 @@ def _measured_and_reckoned(
 def _course_over_s(
     heading: Floats, t_s: Floats, stamps: Floats, reference: Reference, forward_m: Floats
 ) -> float:
-    """Return over how long a course must be told [s] for positions this noisy to leave its angle
-    within `_STEADY_RAD`: by a GPS, once a second, each step is off by a third of a radian.
+    """Return over how long a course is told [s]: no longer than wheels take to turn away from it,
+    and as long as it must be for positions this noisy to leave its angle within `_STEADY_RAD`: by a
+    GPS, once a second, each step is off by a third of a radian.
 
     White noise of sd sigma, averaged as by `_averaged` over s steps of length d, leaves an angle of
     sigma / (d sqrt(4 sqrt(pi) s^3)).
@@ -177,7 +177,9 @@ def _course_over_s(
     noise_m = _SD_OF_MEDIAN * usual_m / math.sqrt(2.0)
     step_m = float(np.sum(way**2) / np.sum(way))
     cube = (noise_m / (_STEADY_RAD * step_m)) ** 2 / (4.0 * math.sqrt(math.pi))
-    return min(max(float(np.cbrt(cube)) * between_s, _COURSE_S), _LONGEST_S)
+    away_rad_s = np.average(np.abs(np.gradient(turn, t_s)), weights=np.abs(forward_m))
+    steady_s = min(_COURSE_S, _TURNED_RAD / max(float(away_rad_s), 1e-9))
+    return min(max(float(np.cbrt(cube)) * between_s, steady_s), _LONGEST_S)
 
 
 def _course_correction(
