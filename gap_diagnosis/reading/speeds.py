@@ -28,6 +28,11 @@ _WHOLE: Final = 0.02
 _NEARLY_ALL: Final = 0.98
 _LEAST_WHOLE: Final = 50
 """Of so many steps hardly any would be as near to whole ticks by chance: one in 25 is."""
+_ROUNDED: Final = 0.2
+"""Ticks: by less are whole steps off that were rounded once more, and their changes by less than
+twice that;"""
+_LEAST_CHANGES: Final = 100
+"""of so many, all but two are so near to whole ones by one chance in ten million."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def _counts(ticks_per_s: Floats, apart_s: Floats) -> Floats | None:
     """
     usual_s = float(np.median(apart_s[1:]))
     for steps in (ticks_per_s * np.where(apart_s > 0.0, apart_s, usual_s), ticks_per_s * usual_s):
-        if _are_whole(steps):
+        if _are_whole(steps) or _are_rounded(steps):
             return np.asarray(np.cumsum(np.round(steps)))
         if _are_whole(2.0 * steps) and _are_whole(steps[[0, -1]], least=0):
             counts = np.zeros(len(steps))
@@ -104,6 +109,22 @@ def _are_whole(steps: Floats, least: int = _LEAST_WHOLE) -> bool:
     moved = steps[np.abs(steps) > 0.5]
     off = np.abs(moved - np.round(moved))
     return len(moved) >= least and bool(np.mean(off < _WHOLE) >= _NEARLY_ALL if len(off) else True)
+
+
+def _are_rounded(steps: Floats) -> bool:
+    """Tell whether steps are whole numbers but for what their signal rounds off.
+
+    A steady wheel's steps may happen to lie near one whole number: but counts go from one to another
+    all the time.
+    """
+    moved = steps[np.abs(steps) > 0.5]
+    changes = np.diff(steps)
+    changes = changes[np.abs(changes) > 0.5]
+    if len(changes) < _LEAST_CHANGES:
+        return False
+    off = float(np.quantile(np.abs(moved - np.round(moved)), _NEARLY_ALL))
+    apart = float(np.quantile(np.abs(changes - np.round(changes)), _NEARLY_ALL))
+    return max(off, 0.5 * apart) < _ROUNDED
 
 
 def _crept(told: Floats, t_s: Floats) -> Floats:
