@@ -48,6 +48,19 @@ def reference_scale(p: Prediction, *, scale: float) -> None:
     p.reference_scale += scale
 
 
+def smoothed_reference(p: Prediction, *, spread: float) -> None:
+    """Let the reference report a mean of poses around the one that it stamps, of *spread* [s²] half
+    the variance of when they are of: of a filter with time constant T, beside its delay, T²/2.
+
+    A mean of x(t) over times of variance V is x + V/2 · x'' (its expansion in moments).
+    """
+    m = p.motion
+    speeding_up = np.gradient(m.turn_rate_rad_s, m.t_s)
+    p.reference_forward_m = p.reference_forward_m + spread * m.acceleration_m_s2
+    p.reference_left_m = p.reference_left_m + spread * m.speed_m_s * m.turn_rate_rad_s
+    p.reference_heading_rad = p.reference_heading_rad + spread * speeding_up
+
+
 def encoder_latency(p: Prediction, *, delay: float) -> None:
     """Stamp the counts late: they show where the wheels were before."""
     p.encoder_delay_s = p.encoder_delay_s + delay

@@ -12,7 +12,11 @@ import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
-from gap_diagnosis.explanations.reference import counts_latency, right_later_than_left
+from gap_diagnosis.explanations.reference import (
+    counts_latency,
+    right_later_than_left,
+    smoothed_reference,
+)
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.explanations.wheel import creep_in_turns, slip_angle
@@ -188,6 +192,8 @@ def build_columns(
     healthy.append((_CREEP_IN_TURNS, creep, 0.5 * creep))
     if nodes.has_reference and not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
         healthy.append((_SLIP_ANGLE, _SLIP_ANGLE_S2_PER_M, _SLIP_ANGLE_S2_PER_M))
+    if nodes.has_reference:
+        healthy.append((_SMOOTHED, _SMOOTHED_S2, _SMOOTHED_S2))
     if not motion.has_counters:
         # Two controllers are asked one after the other, and nothing says so.
         healthy.append((_ONE_SIDE_LATE, _DELAY_S, min(_APART_ROWS * motion.tick_s, _APART_S)))
@@ -298,6 +304,9 @@ _LATENCY: Final = "frame_latency"
 _LAG: Final = "gyro_lag"
 _LATE_COUNTS: Final = Variant(_LATENCY, counts_latency, ("delay",))
 _ONE_SIDE_LATE: Final = Variant(_LATENCY, right_later_than_left, ("delay",))
+_SMOOTHED: Final = Variant(_OFFSET, smoothed_reference, ("spread",))
+_SMOOTHED_S2: Final = 0.01
+"""What an estimator makes of positions is smooth: as by a filter of 0.14 s or a mean over 0.5 s."""
 _APART_ROWS: Final = 0.5
 _APART_S: Final = 0.005
 """By so much of a row, and no more than this, the two wheels of a table are read apart."""

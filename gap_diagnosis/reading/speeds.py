@@ -114,8 +114,8 @@ def _are_whole(steps: Floats, least: int = _LEAST_WHOLE) -> bool:
 def _are_rounded(steps: Floats) -> bool:
     """Tell whether steps are whole numbers but for what their signal rounds off.
 
-    A steady wheel's steps may happen to lie near one whole number: but counts go from one to another
-    all the time.
+    A steady wheel's steps may happen to lie near one whole number, but counts go from one to
+    another all the time.
     """
     moved = steps[np.abs(steps) > 0.5]
     changes = np.diff(steps)
