@@ -13,10 +13,8 @@ from gap_diagnosis.recording import Floats
 
 TURN_S: Final = 0.35
 """What is smoothed over a tenth of a second has one value in so long."""
-_BETTER: Final = 1e-3
+BETTER: Final = 1e-3
 """Of a correlation: a shift, or a drift, that adds less is none,"""
-_OF_THE_REST: Final = 0.2
-"""unless it is so much of what is left: speeds of a late car are alike to 0.999;"""
 _SURE: Final = 5.0
 """nor is one that gains less [nat]: of noise the best of a hundred places gains log 100."""
 _RATE: Final = 0.025
@@ -102,15 +100,16 @@ def drift_of(
     return Drift(begin * step_s, at_s, rate, alike) if abs(rate) <= _RATE else Drift(alike=alike)
 
 
-def is_better(alike: float, than: float, seen_s: float) -> bool:
-    """Tell whether two signals seen for so long are more *alike* than otherwise beyond noise.
+def is_better(alike: float, than: float, seen_s: float, least: float = BETTER) -> bool:
+    """Tell whether two signals seen for so long are more *alike* than otherwise, by *least* and
+    beyond noise.
 
     Of n values correlated by r, the best line leaves 1 - r² of the power: by n/2 times its
     logarithm two lines' log likelihoods differ.
     """
     left, left_otherwise = (max(1.0 - one * one, 1e-12) for one in (alike, than))
     gained = 0.5 * seen_s / TURN_S * math.log(left_otherwise / left)
-    return alike - than > min(_BETTER, _OF_THE_REST * (1.0 - than)) and gained > _SURE
+    return alike > than + least and gained > _SURE
 
 
 def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.explanations.standstill import told_until_s
-from gap_diagnosis.motion.drift import TURN_S, drift_of, is_better
+from gap_diagnosis.motion.drift import BETTER, TURN_S, drift_of, is_better
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.seen import is_seen
 from gap_diagnosis.prediction import Motion
@@ -35,6 +35,9 @@ _REACH_S: Final = 0.3
 _BY_CHANCE: Final = 4.0
 """Standard deviations of a correlation of noise that none of all shifts has by chance: of a robot
 of 0.25 m/s fixes that were off by 0.5 m once a second were 0.44 s late."""
+_BETTER_OF_SPEEDS: Final = 1e-4
+"""Of a correlation: a car's are alike to 0.9993 as they are, and to 0.9996 a tenth of a second
+later. Turns that are more alike by as little are late by what a fit finds from there."""
 _ALIKE: Final = 0.8
 """A gyro that shows the wheels' turns at all agrees with them so well at the right shift, and a
 reference along the right line."""
@@ -68,6 +71,7 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     else:
         theirs = _smooth_steps(np.interp(grid, reference.t_s, reference.heading_rad))
         ours = [_smooth_steps(np.interp(grid, motion.t_s, turn)) for turn in turns_of(motion)]
+    better = BETTER if reference.heading_rad is not None else _BETTER_OF_SPEEDS
     seen = is_seen(grid, reference.t_s, _REACH_S)
     if not seen.any():
         return timely
@@ -81,11 +85,11 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     samples = np.count_nonzero((reference.t_s >= grid[0]) & (reference.t_s <= grid[-1]))
     by_chance = _BY_CHANCE / math.sqrt(min(samples, np.count_nonzero(seen) * _STEP_S / TURN_S))
     if len(grid) * _STEP_S > _LONG * _FAR_S:
-        far_s, alike = _likeliest(ours, theirs, _FAR_S, seen)
+        far_s, alike = _likeliest(ours, theirs, _FAR_S, seen, better)
         least = by_chance if reference.heading_rad is not None else max(by_chance, _ALIKE)
         if alike > least:
             return timely + far_s
-    near_s, alike = _likeliest(ours, theirs, SEARCH_S, seen)
+    near_s, alike = _likeliest(ours, theirs, SEARCH_S, seen, better)
     return timely + near_s if alike > by_chance else timely
 
 
@@ -111,11 +115,13 @@ def coarse_gyro_delay_s(motion: Motion) -> float:
 
 
 def _likeliest(
-    ours: Sequence[Floats], theirs: Floats, most_s: float, seen: Mask
+    ours: Sequence[Floats], theirs: Floats, most_s: float, seen: Mask, better: float
 ) -> tuple[float, float]:
     """Return the shift by which *theirs* is most like one of *ours*, and how alike they are then;
     see `_shift`."""
-    return max((_shift(one, theirs, most_s, seen) for one in ours), key=lambda shift: shift[1])
+    return max(
+        (_shift(one, theirs, most_s, seen, better) for one in ours), key=lambda shift: shift[1]
+    )
 
 
 def _smooth_steps(values: Floats) -> Floats:
@@ -123,10 +129,12 @@ def _smooth_steps(values: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(np.diff(values), 0.1 / _STEP_S))
 
 
-def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[float, float]:
+def _shift(
+    ours: Floats, theirs: Floats, most_s: float, seen: Mask, better: float = BETTER
+) -> tuple[float, float]:
     """Return by how much *theirs*, smooth steps on a grid of _STEP_S, come later than *ours*, up to
-    *most_s* (0 where it is small or no better than none), and how alike they are then, where they
-    are *seen*."""
+    *most_s* (0 where it is small or not *better* than none by so much), and how alike they are
+    then, where they are *seen*."""
     most = round(most_s / _STEP_S)
     is_short = len(ours) <= 2 * (2 * most + 1) + 1
     if is_short or ours.std() < 1e-9 or theirs.std() < 1e-9:
@@ -136,7 +144,7 @@ def _shift(ours: Floats, theirs: Floats, most_s: float, seen: Mask) -> tuple[flo
     best = (peak - most + _between(scores, peak)) * _STEP_S
     # At an end of the search lies no peak: nothing told where one is.
     seen_s = float(np.count_nonzero(seen)) * _STEP_S
-    is_told = 0 < peak < len(scores) - 1 and is_better(scores[peak], scores[most], seen_s)
+    is_told = 0 < peak < len(scores) - 1 and is_better(scores[peak], scores[most], seen_s, better)
     return best if abs(best) >= _WORTH_S and is_told else 0.0, float(scores[peak])
 
 

@@ -241,6 +241,7 @@ def late_reference(effect: str, offset_s: float, skew: float) -> tuple[MotionMod
         (index, sd)
         for index, sd in model.columns.nuisances
         if model.columns.little[index][0].effect in MOVES_IN_TIME
+        and model.columns.little[index][0].coefficients != ("spread",)
     )
     assert len(free) == 2
     model.columns = replace(model.columns, nuisances=free)
