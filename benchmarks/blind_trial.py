@@ -95,11 +95,7 @@ def markdown(
         f"{unproved} of them without proof.** "
         f"{own['crashes']} crashes. How it was made and what each word means: "
         "[Blind trials](../how-to/blind-trials.md).",
-        "",
-        "**Fewer cases than a full trial has:** 40 of each effect, 1,000 nulls and 3,000 for the "
-        "calibration. Read the intervals."
-        if own["cases"] < _FULL
-        else "",
+        *_fewer(own["cases"]),
         *_missing(own["missing"]),
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d}. Made with",
@@ -141,6 +137,17 @@ def markdown(
         ],
     )
     return "\n".join(lines) + "\n"
+
+
+def _fewer(cases: int) -> list[str]:
+    """Return the lines that say that a trial is no full one."""
+    if cases >= _FULL:
+        return []
+    return [
+        "",
+        "**Fewer cases than a full trial has:** 40 of each effect, 1,000 nulls and 3,000 for the "
+        "calibration. Read the intervals.",
+    ]
 
 
 def _missing(count: int) -> list[str]:
