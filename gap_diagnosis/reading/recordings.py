@@ -16,6 +16,7 @@ from gap_diagnosis.reading.courses import without_courses
 from gap_diagnosis.reading.cut_off import last_line_note
 from gap_diagnosis.reading.cycle_times import wire_of_log
 from gap_diagnosis.reading.held_poses import without_held_poses
+from gap_diagnosis.reading.interpolated import without_interpolated_poses
 from gap_diagnosis.reading.log import read_log_recording
 from gap_diagnosis.reading.reference_file import (
     read_reference,
@@ -111,8 +112,9 @@ def read_recording(
     if recording.reference is not None:
         measured, unlocked = without_unlocked_ends(recording.reference)
         measured, held = without_held_poses(measured)
+        measured, between = without_interpolated_poses(measured)
         measured, courses = without_courses(measured)
-        notes = (*recording.notes, *unlocked, *held, *courses)
+        notes = (*recording.notes, *unlocked, *held, *between, *courses)
         recording = replace(recording, reference=measured, notes=notes)
     _refuse_unbelievable(recording, path, robot)
     return replace(recording, notes=(*recording.notes, *_cut_off(path, reference)))
