@@ -343,6 +343,7 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
     **dict.fromkeys(MOVES_IN_TIME, MOVES_IN_TIME),
     "reference_lever_arm": MOVES_IN_TIME | {"reference_scale"},
     "lateral_slip": MOVES_IN_TIME | _OF_WHEELS,
+    "longitudinal_slip": frozenset({"gyro_lag"}),
     **dict.fromkeys(
         ("backlash", "encoder_eccentricity", "wheel_eccentricity"),
         _OF_WHEELS | {"gyro_lag", "gyro_scale"},
@@ -354,9 +355,9 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
 """Beside a large effect these constants do something else within their tolerances than about none:
 of half a slipping wheel's way a radius is half as much, a scrub of -0.5 makes a wheelbase four
 times as much, a late reference sees a long arm swung on, a late gyro none of the turns that an
-encoder makes up, and the scale of a gyro that lags is that of what it shows. A gyro that clips
-shows nothing of its scale; where its converter holds a high bit, a bias of one code at the bit's
-edge moves the mean reading by twenty."""
+encoder makes up or that wheels count too far as they speed up, and the scale of a gyro that lags is
+that of what it shows. A gyro that clips shows nothing of its scale; where its converter holds a
+high bit, a bias of one code at the bit's edge moves the mean reading by twenty."""
 _DELAY_S: Final = 0.02
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""

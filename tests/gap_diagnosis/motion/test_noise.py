@@ -125,6 +125,20 @@ def test_a_walk_that_was_taken_for_rough_contact_is_found_from_a_larger_level() 
     assert fit.parameters["gyro_bias_walk.density"].value == pytest.approx(0.00025, rel=0.5)
 
 
+def test_a_walk_beyond_the_end_of_its_prior_is_told_as_large_as_it_is() -> None:
+    """It was cut off there, by four of what a log of a minute tells it to."""
+    described = ROBOT.plant.gyro.bias_walk_density_rad_s_per_sqrt_s
+    assert described < 1e-5
+    walk = EffectSetting("gyro_bias_walk", (("density", 0.001),))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("calibration"), (walk,), 5, reference=ReferenceNoise()
+    )
+    fit = MotionBlock(MotionModel(log, ROBOT, default_prior())).detail(frozenset({walk.effect}))
+    found = fit.parameters["gyro_bias_walk.density"]
+    assert found.sd is not None
+    assert found.value == pytest.approx(0.001, abs=3.0 * found.sd)
+
+
 def test_what_a_long_lag_leaves_for_want_of_exactness_is_no_walk_of_the_bias() -> None:
     """A lag of five ticks in sharp turns is explained to a fifth of its amplitude, not better."""
     lag = EffectSetting("gyro_lag", (("time_constant", 0.056),))
