@@ -211,10 +211,15 @@ def _metric_rows(found: Diagnosis) -> list[list[str]]:
         [
             words.metric_name(name),
             *(_value(value, metric) for value in (metric.before, metric.after, metric.floor)),
-            q.UNKNOWN if metric.closed is None else f"{q.fixed(100 * metric.closed, 0)} %",
+            _share(metric.closed),
         ]
         for name, metric in found.gap.all.items()
     ]
+
+
+def _share(closed: float | None) -> str:
+    """Return a share of what is above the floor; where less is left than noise leaves, all."""
+    return q.UNKNOWN if closed is None else f"{q.fixed(100 * min(closed, 1.0), 0)} %"
 
 
 def _value(value: float | None, metric: Metric) -> str:

@@ -150,11 +150,7 @@ def gap_sentence(diagnosis: Diagnosis) -> str:
     text = f"{name[:1].upper()}{name[1:]}, RMS on {where}: {gap_arrow(gap)}"
     if gap.closed is None:
         return f"{text}; {_why_not_closed(diagnosis, gap)}."
-    interval = ""
-    if gap.ci95 is not None:
-        low, high = (100 * bound for bound in gap.ci95)
-        interval = f" (95 %: {low:.0f} to {high:.0f} %)"
-    return f"{text}; {100 * gap.closed:.0f} % closed{interval}.".replace("-", q.MINUS)
+    return f"{text}; {_share_closed(gap)}."
 
 
 def _is_nothing(gap: Metric) -> bool:
@@ -219,13 +215,19 @@ def _modelled_sentence(found: Unknown) -> str:
 
 
 def _share_closed(metric: Metric) -> str:
-    """Return `88 % closed (95 %: 80 to 93 %)`; and that it may be chance where it may."""
-    share = q.fixed(100 * (metric.closed or 0.0), 0)
+    """Return `88 % closed (95 %: 80 to 93 %)`; and that it may be chance where it may.
+
+    Where less is left than noise leaves on average there is no share to tell.
+    """
+    closed = metric.closed or 0.0
+    is_all = round(100 * closed) >= 100
+    share = "closed down to what noise leaves" if is_all else f"{q.fixed(100 * closed, 0)} % closed"
     if metric.ci95 is None:
-        return f"{share} % closed"
-    low, high = (q.fixed(100 * bound, 0) for bound in metric.ci95)
+        return share
+    low, high = (q.fixed(100 * min(bound, 1.0), 0) for bound in metric.ci95)
     doubt = "" if metric.ci95[0] > 0 else ", which may be chance"
-    return f"{share} % closed (95 %: {low} to {high} %){doubt}"
+    interval = f"{low} % or more" if is_all else f"{low} to {high} %"
+    return f"{share} (95 %: {interval}){doubt}"
 
 
 def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:

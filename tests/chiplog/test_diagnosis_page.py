@@ -285,6 +285,14 @@ def test_a_gap_that_no_held_out_stretch_tests_says_why_no_share_is_closed() -> N
     assert said.endswith("nothing that was held out lies in the window in which it acts.")
 
 
+def test_of_a_gap_with_less_left_than_noise_leaves_no_share_of_more_than_all_is_told() -> None:
+    """Of a real robot in a corridor it read "218 % closed (95 %: 169 to 307 %)"."""
+    found = samples.diagnosis()
+    lucky = samples.gap().model_copy(update={"closed": 2.18, "ci95": (0.69, 3.07)})
+    said = gap_sentence(found.model_copy(update={"gap": lucky}))
+    assert said.endswith("closed down to what noise leaves (95 %: 69 % or more).")
+
+
 def test_where_there_is_nothing_to_close_no_gap_of_0_is_told() -> None:
     """Of frames that are late by the same all along it read "gap 0 s → 0 s (floor 0 s)"."""
     found = samples.diagnosis()
