@@ -95,3 +95,29 @@ ticks_per_rev = 2797
 [drive]
 max_wheel_rate_rad_s = 20.0
 """
+
+CHEMNITZ = """\
+# A robot of which only speeds and turn rates were recorded: radius, wheelbase and ticks are any
+# numbers, as the table has the speeds of two wheels this far apart.
+schema = 1
+
+[robot]
+name = "chemnitz"
+
+[wheels]
+radius_m = 0.1
+wheelbase_m = 0.4
+
+[encoder]
+ticks_per_rev = 60000
+
+[drive]
+max_wheel_rate_rad_s = 40.0
+"""
+
+CHEMNITZ_MAP = """\
+[columns]
+time = { column = "t_s", unit = "s" }
+left_count = { column = "left_m_s", unit = "m/s" }
+right_count = { column = "right_m_s", unit = "m/s" }
+"""

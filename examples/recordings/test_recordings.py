@@ -3,7 +3,7 @@
     CHIPLOG_RECORDINGS=FOLDER pytest examples/recordings
 
 FOLDER holds `kobuki/NAME/*.csv.gz`, `plaza_lawnmower/Plaza1_DR.txt`, …, a `global_pose` below
-`comma2k19` and `optiodom/*_run-NN.csv`, as they are published.
+`comma2k19`, `optiodom/*_run-NN.csv` and `chemnitz/*_Input.txt`, as they are published.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ KOBUKI = sorted(path.parent for path in RECORDINGS.glob("kobuki/*/_odom.csv.gz")
 PLAZA = sorted(RECORDINGS.glob("plaza_lawnmower/*_DR.txt"))
 OPTITRACK = sorted(RECORDINGS.glob("optiodom/**/*_run-[0-9][0-9].csv"))
 CARS = sorted(path.parent for path in RECORDINGS.glob("comma2k19/**/global_pose"))
+CHEMNITZ = sorted(RECORDINGS.glob("chemnitz/*_Input.txt"))
 NS = 10**9
 START = 1_494_449_908 * NS
 
@@ -43,6 +44,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "run" in metafunc.fixturenames:
         metafunc.parametrize(
             "run", [None, *OPTITRACK], ids=lambda p: "made up" if p is None else p.stem
+        )
+    if "drive" in metafunc.fixturenames:
+        metafunc.parametrize(
+            "drive", [None, *CHEMNITZ], ids=lambda p: "made up" if p is None else p.stem
         )
     if "plaza" in metafunc.fixturenames:
         metafunc.parametrize(
@@ -223,3 +228,48 @@ def test_a_robot_under_optitrack_turns_as_its_wheels_do(run: Path | None, tmp_pa
     per_tick_m = 2 * np.pi * 0.042003 / 2797
     wheels = np.ptp(found.right_ticks - found.left_ticks) * per_tick_m / 0.2
     assert turned == pytest.approx(wheels, rel=0.05)
+
+
+def made_up_drive(path: Path) -> Path:
+    """A minute of turns to and fro at half a metre a second, seen once in two seconds and told ten
+    times."""
+    t_s = np.arange(600) * 0.1
+    turn_rad_s = 0.3 * np.cos(0.2 * t_s)
+    heading = 1.5 * np.sin(0.2 * t_s)
+    lines = [
+        f"odom2 {t} 0.5 0 {w} 0.0025 0.0025 0.0001" for t, w in zip(t_s, turn_rad_s, strict=True)
+    ]
+    path.write_text("\n".join(["loop 0 30 0.5", *lines]), encoding="utf-8")
+    seen = slice(None, None, 20)
+    x_m, y_m = (np.cumsum(0.05 * one(heading)) for one in (np.cos, np.sin))
+    told_s = t_s[::2]
+    places = (np.interp(told_s, t_s[seen], one[seen]) for one in (x_m, y_m))
+    told = [f"point2 {t} {x} {y} 0 0 0 0" for t, x, y in zip(told_s, *places, strict=True)]
+    path.with_name("Hall_GT.txt").write_text("\n".join(told), encoding="utf-8")
+    return path
+
+
+def test_a_robot_of_chemnitz_is_read_with_what_its_laser_measured(
+    drive: Path | None, tmp_path: Path
+) -> None:
+    recording = drive or made_up_drive(tmp_path / "Hall_Input.txt")
+    name = str(recording).removesuffix("_Input.txt")
+    out = tmp_path / "out"
+    convert("chemnitz_table.py", Path(name), out, "--end", "240")
+    found = read_recording(
+        out / "table.csv",
+        robot=load_robot(out / "robot.toml"),
+        signals=out / "map.toml",
+        reference=out / "reference.tum",
+    )
+    assert found.reference is not None
+    told = np.loadtxt(out / "reference.tum")
+    assert len(found.reference.t_s) < 0.2 * len(told)
+    assert any("on straight lines" in note for note in found.notes)
+    off = tmp_path / "off"
+    convert("chemnitz_table.py", Path(name), off, "--begin", "30", "--end", "60", "--left", "1.02")
+    rows, moved = (
+        np.loadtxt(folder / "table.csv", delimiter=",", skiprows=1) for folder in (out, off)
+    )
+    part = rows[(rows[:, 0] >= 30.0) & (rows[:, 0] < 60.0)] - [30.0, 0.0, 0.0]
+    assert moved == pytest.approx(part * [1.0, 1.02, 1.0], rel=1e-6, abs=2e-9)
