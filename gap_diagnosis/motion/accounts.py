@@ -88,6 +88,7 @@ class Accounts:
         self.spans: dict[str, dict[str, float]] = {}
         self._grams: list[Gram] = []
         self._kept: list[dict[str, list[Term]]] = []
+        self._led_astray: set[str] = set()
 
     @property
     def effects(self) -> Effects:
@@ -240,6 +241,22 @@ class Accounts:
         )
         return found, [scored[i].terms[-1] for i in order]
 
+    def _beyond_a_line(self) -> list[Found]:
+        """Return the account at the described levels of wheels that by a straight line would stand
+        closer than on one another: turns go with the inverse of how far apart they stand, and about
+        a robot that turns twice as far the line asks for less than nothing."""
+        (gram, *_) = self._grams
+        offset = gram.log_nothing + self.model.level_prior.log_density(np.log(gram.levels))
+        far = []
+        for effect, terms in self.by_effect.items():
+            whole = terms[:1]
+            if whole[0].variant.widens:
+                sizes = self._sizes(score(gram, whole, self.model.prior))
+                if self._beyond_belief(whole, sizes):
+                    self._led_astray.add(effect)
+                    far.append(self._one(gram, [tuple(whole)], offset)[0])
+        return far
+
     @staticmethod
     def _sizes(scored: Scored) -> Sequence[float]:
         """Return the coefficients of the likeliest component."""
@@ -326,9 +343,12 @@ class Accounts:
         evidence += self.model.level_prior.log_density(np.log(levels))
         return Found(frozenset(), (), evidence, evidence, levels)
 
-    def _refit(self, one: Found) -> None:
+    def _refit(self, one: Found, *, by_itself: bool = False) -> None:
+        """Fit a set as it acts, at its own levels or at those of the best that was fitted before;
+        *by_itself*, at its own: at what noise is left beside others it may end anywhere."""
         fitted = [each for each in self.found.values() if each.refitted is not None]
-        known = max(fitted, key=lambda each: each.log_evidence, default=one).levels
+        best = max(fitted, key=lambda each: each.log_evidence, default=one)
+        known = None if by_itself else best.levels
         again = self.model.refit(one.terms, one.levels, known=known)
         self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.
@@ -336,6 +356,8 @@ class Accounts:
         linear = score(gram, one.terms, self.model.prior).log_evidence
         density = self.model.level_prior.log_density(np.log(one.levels))
         others = one.log_evidence - (gram.log_nothing + density + linear)
+        if is_never(others):
+            others += NEVER  # what the line asks for is beyond belief, and not what was fitted
         evidence = again.log_evidence + others
         self.found[one.effects] = Found(
             one.effects,
@@ -346,6 +368,11 @@ class Accounts:
             again,
             max(one.log_evidence - evidence, 0.0),
         )
+
+
+def is_never(log_evidence: float) -> bool:
+    """Tell whether sizes are beyond belief that a set of this log evidence has."""
+    return log_evidence < -0.5 * NEVER
 
 
 def of_one_quotient(effects: Effects, nodes: Nodes) -> Effects:

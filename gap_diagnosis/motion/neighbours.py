@@ -52,8 +52,9 @@ class Neighbours(OffTheGrid):
         What a straight line about no effect errs by goes with how much there is to explain.
         """
         fit = head.refitted
-        is_clear = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
-        if fit is None or not is_clear or head.effects & DEAD or head.effects in self._surrounded:
+        is_bent = head.log_evidence > self.found[frozenset()].log_evidence + _BENT
+        is_bent |= bool(head.effects & self._led_astray)
+        if fit is None or not is_bent or head.effects & DEAD or head.effects in self._surrounded:
             return False
         self._surrounded.add(head.effects)
         self._fit_parts(head, fit)

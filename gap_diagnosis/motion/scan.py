@@ -113,6 +113,8 @@ class Scan(Neighbours):
         for done, one in enumerate(refitted):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / len(refitted))
+        for one in self._beyond_a_line():
+            self._refit(one, by_itself=True)
         self._moved_windows(max(self._fitted(), key=self._belief))
         self._loosened()
         self._sought_beside(max(self._fitted(), key=self._belief))
