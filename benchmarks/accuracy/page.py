@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from datetime import date
 from typing import Final
@@ -44,25 +45,24 @@ def page(results: Sequence[Result], day: date | None = None, commit: str = "") -
 
 
 def _commands(results: Sequence[Result]) -> str:
-    """Return what was run: as many rounds of all effects, and more of some."""
+    """Return what was run: as many rounds of most effects, and others of some."""
     lines = []
     for study in ("limit", "exact", "prior"):
-        rounds: dict[str, int] = {}
-        numbers = [one["number"] for one in results if one["study"] == study]
-        if not numbers:
-            continue
-        first = min(numbers)
+        numbers: dict[str, list[int]] = defaultdict(list)
         for one in results:
             if one["study"] == study:
-                done = one["number"] + 1 - first
-                rounds[one["effect"]] = max(rounds.get(one["effect"], 0), done)
-        command = f"    python benchmarks/accuracy_motion.py {study} --first {first}"
-        least = min(rounds.values())
-        lines.append(f"{command} --rounds {least} --results DIR")
-        for effect, more in sorted(rounds.items()):
-            # A round that was broken off has got to some of the effects.
-            if more > least + 1:
-                lines.append(f"{command} --rounds {more} --effects {effect} --results DIR")
+                numbers[one["effect"]].append(one["number"])
+        if not numbers:
+            continue
+        rounds = {name: (min(some), max(some) + 1 - min(some)) for name, some in numbers.items()}
+        usual = Counter(rounds.values()).most_common(1)[0][0]
+        for effects, (first, count) in [("", usual), *sorted(rounds.items())]:
+            if not effects or (first, count) != usual:
+                only = f" --effects {effects}" if effects else ""
+                lines.append(
+                    f"    python benchmarks/accuracy_motion.py {study} --first {first} "
+                    f"--rounds {count}{only} --results DIR"
+                )
     return "\n".join(lines)
 
 
