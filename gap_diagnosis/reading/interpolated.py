@@ -19,6 +19,8 @@ _BY_CHANCE: Final = 0.3
 """if so many of those that are off are no farther, those on lines may be there by chance too."""
 _THE_RULE: Final = 0.25
 """If so many of the poses are on lines, that is how the reference was made."""
+_SIZES: Final = 15
+"""Places on a grid lie off lines by fewer sizes than that, told apart to a hundredth."""
 _BENDS: Final = 20
 """A robot on straight lines stops and turns fewer times."""
 _ALONE: Final = 0.95
@@ -61,8 +63,11 @@ def _on_lines(reference: Reference) -> NDArray[np.bool_]:
     if reference.heading_rad is not None:
         off_rad = np.abs(_beside_line(t_s, reference.heading_rad))
         inside &= off_rad <= _ROUNDED * _last_digit(reference.heading_rad) + 1e-6
-    by_chance = (off_m > digits_m) & (off_m <= _CLOSE * digits_m)
-    if np.mean(inside) < _THE_RULE or np.sum(by_chance) > _BY_CHANCE * np.sum(~inside):
+    beside_m = off_m[~inside]
+    by_chance = np.sum(beside_m <= _CLOSE * digits_m)
+    sizes = np.unique(np.rint(100.0 * np.log(beside_m[beside_m > 0.0])))
+    is_rule = np.mean(inside) >= _THE_RULE and by_chance <= _BY_CHANCE * len(beside_m)
+    if not is_rule or len(sizes) < _SIZES:
         return none
     return np.concatenate(([False], inside, [False]))
 

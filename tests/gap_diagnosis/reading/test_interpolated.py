@@ -86,6 +86,17 @@ def test_the_truth_of_a_simulator_stays_although_it_drives_straight_at_times(nam
     assert without_interpolated_poses(true) == (true, ())
 
 
+def test_fixes_on_a_grid_of_degrees_stay() -> None:
+    """On a straight road most lie between their neighbours, and the others a step beside."""
+    t_s = np.arange(0.0, 600.0)
+    east_m, north_m = (
+        np.rint(part * (3.0 * (t_s + 1.0)) / step_m) * step_m * 1.0000003
+        for part, step_m in ((np.cos(0.8), 0.7), (np.sin(0.8), 1.11))
+    )
+    fixes = Reference(t_s, east_m, north_m, None)
+    assert without_interpolated_poses(fixes) == (fixes, ())
+
+
 def test_a_reference_of_a_few_samples_stays() -> None:
     few = Reference(np.arange(2.0), np.zeros(2), np.zeros(2), None)
     assert without_interpolated_poses(few) == (few, ())
