@@ -211,13 +211,13 @@ def _metric_rows(found: Diagnosis) -> list[list[str]]:
         [
             words.metric_name(name),
             *(_value(value, metric) for value in (metric.before, metric.after, metric.floor)),
-            _share(metric.closed),
+            _closed(metric.closed),
         ]
         for name, metric in found.gap.all.items()
     ]
 
 
-def _share(closed: float | None) -> str:
+def _closed(closed: float | None) -> str:
     """Return a share of what is above the floor; where less is left than noise leaves, all."""
     return q.UNKNOWN if closed is None else f"{q.fixed(100 * min(closed, 1.0), 0)} %"
 
