@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from robots import CHEMNITZ, CHEMNITZ_MAP
+from robots import CHEMNITZ, SPEEDS_MAP
 
 WHEELBASE_M = 0.4
 
@@ -56,7 +56,7 @@ def main() -> None:
     rows[:, 7] = 1
     np.savetxt(given.out / "reference.tum", rows, fmt="%.9f")
     (given.out / "robot.toml").write_text(CHEMNITZ, encoding="utf-8")
-    (given.out / "map.toml").write_text(CHEMNITZ_MAP, encoding="utf-8")
+    (given.out / "map.toml").write_text(SPEEDS_MAP, encoding="utf-8")
     print(f"{given.out}: {len(time_s)} rows, {len(laser)} positions")
 
 

@@ -70,12 +70,15 @@ ticks_per_rev = 4096
 max_wheel_rate_rad_s = 150.0
 """
 
-CAR_MAP = """\
+SPEEDS_MAP = """\
 [columns]
 time = { column = "t_s", unit = "s" }
 left_count = { column = "left_m_s", unit = "m/s" }
 right_count = { column = "right_m_s", unit = "m/s" }
-gyro = { column = "yaw_rad_s", unit = "rad/s" }
+"""
+
+CAR_MAP = f"""\
+{SPEEDS_MAP}gyro = {{ column = "yaw_rad_s", unit = "rad/s" }}
 """
 
 OPTITRACK = """\
@@ -113,11 +116,4 @@ ticks_per_rev = 60000
 
 [drive]
 max_wheel_rate_rad_s = 40.0
-"""
-
-CHEMNITZ_MAP = """\
-[columns]
-time = { column = "t_s", unit = "s" }
-left_count = { column = "left_m_s", unit = "m/s" }
-right_count = { column = "right_m_s", unit = "m/s" }
 """

@@ -20,6 +20,7 @@ import pytest
 from scipy.io import savemat
 
 from gap_diagnosis.reading import read_recording
+from gap_diagnosis.recording import Recording
 from hil_harness import load_robot
 
 HERE = Path(__file__).parent
@@ -105,6 +106,15 @@ def convert(script: str, recording: Path, out: Path, *options: str) -> None:
     subprocess.run(command, check=True, timeout=120)
 
 
+def read_folder(folder: Path, reference: str = "reference") -> Recording:
+    return read_recording(
+        folder / "table.csv",
+        robot=load_robot(folder / "robot.toml"),
+        signals=folder / "map.toml",
+        reference=folder / f"{reference}.tum",
+    )
+
+
 def test_a_kobuki_is_read_with_its_clock_its_gaps_and_its_gyro(
     kobuki: Path | None, tmp_path: Path
 ) -> None:
@@ -138,12 +148,7 @@ def test_a_lawnmower_is_read_with_its_gps(plaza: Path | None, tmp_path: Path) ->
     recording = Path(str(plaza).removesuffix("_DR.txt"))
     convert("lawnmower_table.py", recording, tmp_path / "out")
     out = tmp_path / "out"
-    found = read_recording(
-        out / "table.csv",
-        robot=load_robot(out / "robot.toml"),
-        signals=out / "map.toml",
-        reference=out / "reference.tum",
-    )
+    found = read_folder(out)
     assert found.reference is not None
     assert found.reference.heading_rad is None  # positions only
     metres = (found.left_ticks + found.right_ticks)[-1] / 2 / 60_000 * 2 * np.pi * 0.1
@@ -187,12 +192,7 @@ def test_a_car_is_read_with_its_wheels_a_phone_and_a_gps(
 ) -> None:
     convert("car_table.py", car or made_up_car(tmp_path / "recording"), tmp_path / "out")
     out = tmp_path / "out"
-    found = read_recording(
-        out / "table.csv",
-        robot=load_robot(out / "robot.toml"),
-        signals=out / "map.toml",
-        reference=out / f"{name}.tum",
-    )
+    found = read_folder(out, name)
     assert found.reference is not None
     assert found.gyro_rate_rad_s is not None
     assert np.nanmean(found.gyro_rate_rad_s) == pytest.approx(-0.07, abs=0.005)
@@ -256,12 +256,7 @@ def test_a_robot_of_chemnitz_is_read_with_what_its_laser_measured(
     name = str(recording).removesuffix("_Input.txt")
     out = tmp_path / "out"
     convert("chemnitz_table.py", Path(name), out, "--end", "240")
-    found = read_recording(
-        out / "table.csv",
-        robot=load_robot(out / "robot.toml"),
-        signals=out / "map.toml",
-        reference=out / "reference.tum",
-    )
+    found = read_folder(out)
     assert found.reference is not None
     told = np.loadtxt(out / "reference.tum")
     assert len(found.reference.t_s) < 0.2 * len(told)

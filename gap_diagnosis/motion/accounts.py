@@ -247,15 +247,12 @@ class Accounts:
         a robot that turns twice as far the line asks for less than nothing."""
         (gram, *_) = self._grams
         offset = gram.log_nothing + self.model.level_prior.log_density(np.log(gram.levels))
-        far = []
-        for effect, terms in self.by_effect.items():
-            whole = terms[:1]
-            if whole[0].variant.widens:
-                sizes = self._sizes(score(gram, whole, self.model.prior))
-                if self._beyond_belief(whole, sizes):
-                    self._led_astray.add(effect)
-                    far.append(self._one(gram, [tuple(whole)], offset)[0])
-        return far
+        wheels = [terms[:1] for terms in self.by_effect.values() if terms[0].variant.widens]
+        return [
+            self._one(gram, [tuple(whole)], offset)[0]
+            for whole in wheels
+            if self._beyond_belief(whole, self._sizes(score(gram, whole, self.model.prior)))
+        ]
 
     @staticmethod
     def _sizes(scored: Scored) -> Sequence[float]:

@@ -115,7 +115,8 @@ def fit_noise(
         # Of several levels one may be as described; a single one is larger, or there is no effect.
         least = _LARGER * described[place] if len(measured) == 1 else 0.0
         # What a log shows beyond the prior's end is told as it is.
-        most = _LABS * described[place] if levels[place] < _LABS * described[place] else math.inf
+        end = _LABS * described[place]
+        most = end if levels[place] < end else math.inf
         way = model.levels_along(quiet.terms, levels, place, places, course)
         sizes = least, float(levels[place]), float(most)
         samples = _drawn(value, levels, way, place, sizes, model.level_prior)

@@ -114,6 +114,7 @@ class Scan(Neighbours):
             self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / len(refitted))
         for one in self._beyond_a_line():
+            self._led_astray |= one.effects
             self._refit(one, by_itself=True)
         self._moved_windows(max(self._fitted(), key=self._belief))
         self._loosened()
