@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.slopes import Weigh, Weighed, leftover_weights, slopes
+
 Floats = NDArray[np.float64]
 
-_STEP: Final = 1e-3
-"""Of a level's logarithm, for its slope."""
 _ROUNDS: Final = 30
 _LITTLE: Final = 0.05
 """No step is tried that promises less [nat]."""
@@ -26,11 +26,21 @@ _BEYOND: Final = 0.3
 the best itself),"""
 _NEAREST: Final = 0.1
 """which is sought no nearer than at this share of it."""
+_STEEP: Final = 0.75
+"""A step that gains more of what its slope promised is tried twice as long,"""
+_FARTHER: Final = 4.0
+"""and once more."""
 _SETTLED: Final = 0.02
 """Where the best along a step gains less [nat],"""
 _SETTLES: Final = 1.0
 """and it promised no more than this, the search ends there: where it promised more, the information
 misleads, and a damped step follows the slope."""
+_BENT_BELOW: Final = 10.0
+"""Where it promises less, the last steps say how slopes change,"""
+_SEEN: Final = 2
+"""so many of them,"""
+_LEAST_BENT: Final = 0.2
+"""unless one changed by less than this share of what was to be expected."""
 _FIRST_DAMPED: Final = 0.2
 _LEAST_DAMPED: Final = 5e-3
 _MOST_DAMPED: Final = 1e4
@@ -40,20 +50,6 @@ _FAR_TOO_LOW: Final = 4.0
 """A mean square of what is left that no levels near these make right."""
 EVEN_OVER: Final = 50.0
 """The factor over which a level is even that an effect raises."""
-
-
-class Weighed(NamedTuple):
-    """What a log says at one vector of levels.
-
-    Attributes:
-        log_evidence: of what is compared, without the levels' own density.
-        white: whitened data and columns, float64[r, 1 + c].
-        log_variance: of each row before it was whitened, float64[r].
-    """
-
-    log_evidence: float
-    white: Floats
-    log_variance: Floats
 
 
 class _Place(NamedTuple):
@@ -95,7 +91,7 @@ class LevelPrior:
 
 
 def best_levels(
-    weigh: Callable[[Floats], Weighed],
+    weigh: Weigh,
     prior: LevelPrior,
     start: Floats,
     *,
@@ -123,14 +119,15 @@ def best_levels(
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
-    damping = 0.0
+    restraint = np.diag(prior.restraint(free))
+    damping, steps = 0.0, _Steps()
     for _ in range(_ROUNDS):
-        slope, information = _slopes(weigh, here.log_levels, here.seen, prior.silent)
-        restraint = prior.restraint(free)
-        slope -= restraint * (here.log_levels - np.log(prior.median))
-        information += np.diag(restraint)
+        slope, information = slopes(weigh, here.log_levels, here.seen, prior.silent)
+        slope -= restraint @ (here.log_levels - np.log(prior.median))
+        information = information + restraint
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
+        information = steps.bent(here.log_levels, slope, information)
         is_bound = held(here.log_levels, slope)
         while True:
             reach = low - here.log_levels, high - here.log_levels
@@ -143,7 +140,7 @@ def best_levels(
                 # Cut to size, a step may lead downhill by its slope: a damped one does not.
                 damping = max(_EASED * damping, _FIRST_DAMPED)
                 continue
-            best, share = _best_along(at, here, there, promised)
+            best, share = _best_along(at, here, there, promised, (low, high))
             gained = best.height - here.height
             if share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES:
                 return np.asarray(np.exp(best.log_levels))
@@ -153,6 +150,7 @@ def best_levels(
             if is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE:
                 return np.asarray(np.exp(best.log_levels))
             if gained > _ENOUGH * share * promised:
+                steps.add(here.log_levels, slope, promised)
                 here = best
                 damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
                 break
@@ -160,22 +158,67 @@ def best_levels(
     return np.asarray(np.exp(here.log_levels))
 
 
+class _Steps:
+    """What the last steps of a search showed of how slopes change along them."""
+
+    def __init__(self) -> None:
+        self.promised = math.inf
+        self._from: tuple[Floats, Floats] | None = None
+        self._seen: list[tuple[Floats, Floats]] = []
+
+    def add(self, log_levels: Floats, slope: Floats, promised: float) -> None:
+        """Note a step from levels with a slope."""
+        self._from, self.promised = (log_levels, slope), promised
+
+    def bent(self, log_levels: Floats, slope: Floats, information: Floats) -> Floats:
+        """Return the information with what the last steps to these levels showed (Broyden,
+        Fletcher, Goldfarb and Shanno; Nocedal and Wright 2006, equation 6.19).
+
+        It is a mean over all that the levels might have made; of a level that other noise hides
+        this log's slope changes several times as fast, and steps go to and fro across its best.
+        """
+        if self._from is None:
+            return information
+        self._seen = [*self._seen, (log_levels - self._from[0], self._from[1] - slope)][-_SEEN:]
+        if self.promised > _BENT_BELOW:
+            return information
+        for step, change in self._seen:
+            along = information @ step
+            if change @ step > _LEAST_BENT * (step @ along):
+                information = information - np.outer(along, along) / (step @ along)
+                information = information + np.outer(change, change) / (change @ step)
+        return information
+
+
 def _best_along(
-    at: Callable[[Floats], _Place], here: _Place, there: Floats, promised: float
+    at: Callable[[Floats], _Place],
+    here: _Place,
+    there: Floats,
+    promised: float,
+    bounds: tuple[Floats, Floats],
 ) -> tuple[_Place, float]:
-    """Return the better of a step's end and, where that lies beyond the best along it, the top of
-    the parabola through slope and both heights; and at which share of the step it is.
+    """Return the best place seen along a step, and at which share of it that is: one where it is
+    the end or beyond.
 
     A log bends more along a step than the mean of all that its levels might have made: steps as
-    long as that mean has them lead to and fro across the best.
+    long as that mean has them lead to and fro across the best. So where the end lies beyond that,
+    the top of the parabola through slope and both heights is tried; and where the slope has hardly
+    changed, which is so where levels are far too high, as far again.
     """
     end = at(there)
     gained = end.height - here.height
-    if not gained < _BEYOND * promised:
-        return end, 1.0
-    share = max(0.5 * promised / (promised - gained), _NEAREST)
-    nearer = at(here.log_levels + share * (there - here.log_levels))
-    return (nearer, share) if nearer.height > end.height else (end, 1.0)
+    if gained < _BEYOND * promised:
+        share = max(0.5 * promised / (promised - gained), _NEAREST)
+        nearer = at(here.log_levels + share * (there - here.log_levels))
+        return (nearer, share) if nearer.height > end.height else (end, 1.0)
+    share = 1.0
+    while share < _FARTHER and end.height - here.height > _STEEP * share * promised:
+        share *= 2.0
+        farther = at(np.clip(here.log_levels + share * (there - here.log_levels), *bounds))
+        if not farther.height > end.height:
+            break
+        end = farther
+    return end, 1.0
 
 
 def _promises(promised: float, gained: float) -> float:
@@ -214,7 +257,7 @@ def _step(
 
 
 def along(
-    weigh: Callable[[Floats], Weighed],
+    weigh: Weigh,
     prior: LevelPrior,
     levels: Floats,
     place: int,
@@ -227,7 +270,7 @@ def along(
     at a floor.
     """
     here = np.log(np.maximum(levels, prior.low))
-    _, information = _slopes(weigh, here, weigh(np.exp(here)), prior.silent)
+    _, information = slopes(weigh, here, weigh(np.exp(here)), prior.silent)
     information = information + np.diag(prior.restraint(free))
     moving = here > np.log(prior.low)
     moving[place] = False
@@ -238,42 +281,6 @@ def along(
     return way
 
 
-def _slopes(
-    weigh: Callable[[Floats], Weighed], here: Floats, seen: Weighed, silent: Set[int]
-) -> tuple[Floats, Floats]:
-    """Return slope float64[levels] and information float64[levels, levels] of log evidence by the
-    logarithms of levels; nothing of the *silent* ones.
-
-    With whitened innovations w of log variance v, the information of levels i and j is the sum over
-    rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.
-    """
-    weights = _leftover_weights(seen.white)
-    left = seen.white @ weights
-    slope = np.zeros(len(here))
-    rows = np.zeros((2, len(left), len(here)))
-    for place in sorted(set(range(len(here))) - silent):
-        moved = here.copy()
-        moved[place] += _STEP
-        there = weigh(np.exp(moved))
-        slope[place] = (there.log_evidence - seen.log_evidence) / _STEP
-        wider = (there.log_variance - seen.log_variance) / _STEP
-        rows[0, :, place] = wider / math.sqrt(2.0)
-        rows[1, :, place] = (there.white @ weights - left) / _STEP + 0.5 * left * wider
-    flat = rows.reshape(-1, len(here))
-    return slope, np.asarray(flat.T @ flat)
-
-
 def _surprise(seen: Weighed) -> float:
     """Return the mean square of what the columns leave over: one where the levels are right."""
-    return float(np.mean((seen.white @ _leftover_weights(seen.white)) ** 2))
-
-
-def _leftover_weights(white: Floats) -> Floats:
-    """Return what to multiply data and columns by for what the columns leave over, float64[1 + c].
-
-    By least squares; columns that are nearly the others' sums are held at little.
-    """
-    whole = white.T @ white
-    size = np.sqrt(np.maximum(np.diag(whole)[1:], np.finfo(np.float64).tiny))
-    inner = whole[1:, 1:] / np.outer(size, size) + _RIDGE * np.eye(len(size))
-    return np.append(1.0, -np.linalg.solve(inner, whole[1:, 0] / size) / size)
+    return float(np.mean((seen.white @ leftover_weights(seen.white)) ** 2))

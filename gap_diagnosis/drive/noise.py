@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.kernels import gains, innovations, products
-from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
+from gap_diagnosis.scoring import LevelPrior, best_levels
+from gap_diagnosis.slopes import Weighed
 
 Floats = NDArray[np.float64]
 

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.evidence import Gram, gram_of, make_gram, score
+from gap_diagnosis.motion.evidence import Gram, make_gram, score
 from gap_diagnosis.motion.model import MotionModel
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER, whiten
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import LevelPrior, Weighed, best_levels
+from gap_diagnosis.scoring import LevelPrior, best_levels
 
 _CELL_S: Final = 0.5
 _HOT: Final = 12.0
@@ -244,12 +245,10 @@ class _Log:
 
     def evidence(self, course: Course, levels: Floats) -> float:
         """Return the log evidence of no effect on this course."""
-        return self._weigh(course, levels).log_evidence
+        return self._weighing(course)(levels).log_evidence
 
-    def _weigh(self, course: Course, levels: Floats) -> Weighed:
-        white, log_variance = whiten(self._values, course, levels, self._model.nodes.ticks)
-        gram = gram_of(white, log_variance, self._nuisances, levels)
-        return Weighed(gram.log_nothing, white, log_variance)
+    def _weighing(self, course: Course) -> Weighing:
+        return Weighing(self._values, self._nuisances, course, self._model.nodes.ticks)
 
     def best(self, inside: Mask, levels: Floats) -> tuple[str, float]:
         """Return the side and the factor that suit these cells best."""
@@ -277,7 +276,8 @@ class _Log:
     def levels(self, course: Course, start: Floats) -> Floats:
         """Return the noise levels that suit this course."""
         start = np.minimum(start, self._level_prior.high)
-        return best_levels(lambda levels: self._weigh(course, levels), self._level_prior, start)
+        weigh = self._weighing(course)
+        return best_levels(weigh, self._level_prior, start)
 
     def hot_beside(self, best: Found) -> Mask:
         """Return the cells in which what an account leaves over stands out."""

@@ -33,11 +33,12 @@ from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import is_of_a_room, starts, with_stamps_off
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.scoring import LevelPrior, Weighed, along, best_levels
+from gap_diagnosis.scoring import LevelPrior, along, best_levels
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
@@ -212,13 +213,9 @@ class MotionModel:
 
         *course*: with what is left to chance, if these effects leave anything to it.
         """
-        return best_levels(
-            self._of_levels(terms, course),
-            self._prior_on(self.course if course is None else course),
-            start,
-            free=free,
-            elsewhere=self.elsewhere,
-        )
+        weigh = self._of_levels(terms, course)
+        prior = self._prior_on(weigh.course)
+        return best_levels(weigh, prior, start, free=free, elsewhere=self.elsewhere)
 
     def _prior_on(self, course: Course) -> LevelPrior:
         """Return the levels' prior on a course: by how much effects vary shows beside one alone."""
@@ -256,9 +253,7 @@ class MotionModel:
         best = max([best, *others], key=height)
         return best if height(best) > height(found) else None
 
-    def _of_levels(
-        self, terms: Sequence[Term], course: Course | None = None
-    ) -> Callable[[Floats], Weighed]:
+    def _of_levels(self, terms: Sequence[Term], course: Course | None = None) -> Weighing:
         """Return the evidence of terms as a function of the levels, without their density."""
         used = {index for term in terms for weight in term.weights for index, _ in weight}
         used |= {index for index, _ in self.columns.nuisances}
@@ -277,7 +272,7 @@ class MotionModel:
             for term in terms
         ]
         way = self.course if course is None else course
-        return lambda levels: self._weigh(values, nuisances, moved, levels, way)
+        return self._weighing(values, nuisances, moved, way)
 
     def evidence_at(
         self, terms: Sequence[Term], levels: Floats, course: Course | None = None
@@ -285,18 +280,17 @@ class MotionModel:
         """Return the log evidence of terms at these levels, without the levels' density."""
         return self._of_levels(terms, course)(levels).log_evidence
 
-    def _weigh(
+    def _weighing(
         self,
         values: Floats,
         nuisances: Sequence[tuple[int, float]],
         terms: Sequence[Term],
-        levels: Floats,
         course: Course,
-    ) -> Weighed:
-        white, log_variance = whiten(values, course, levels, self.nodes.ticks)
-        gram = gram_of(white, log_variance, nuisances, levels)
-        gained = score(gram, terms, self.prior).log_evidence if terms else 0.0
-        return Weighed(gram.log_nothing + gained, white, log_variance)
+    ) -> Weighing:
+        def gain(gram: Gram) -> float:
+            return score(gram, terms, self.prior).log_evidence if terms else 0.0
+
+        return Weighing(values, nuisances, course, self.nodes.ticks, gain)
 
     def refit(
         self,
@@ -430,7 +424,7 @@ class MotionModel:
         columns += self._free_about(free, terms, coefficients)
         values = np.ascontiguousarray(np.stack(columns, axis=-1))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        return self._weigh(values, nuisances, (), levels, course).log_evidence
+        return self._weighing(values, nuisances, (), course)(levels).log_evidence
 
     def scattered(
         self,
@@ -496,9 +490,7 @@ class MotionModel:
     ) -> tuple[Floats, float]:
         """Return better levels than the first of *starts*, sought from the best of them, and what
         they gain [nat]."""
-
-        def weigh(levels: Floats) -> Weighed:
-            return self._weigh(values, nuisances, terms, levels, course)
+        weigh = self._weighing(values, nuisances, terms, course)
 
         def height(levels: Floats) -> float:
             return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))

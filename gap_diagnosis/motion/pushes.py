@@ -20,9 +20,10 @@ from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import best_levels
 
 _STANDS_OUT: Final = 30.0
 """Energy above noise of three blocks [nat]: of a million such sums, one is so large by chance."""
@@ -120,13 +121,13 @@ class _Log:
 
     def levels(self, ticks: list[int], *starts: Floats) -> Floats:
         """Return the noise levels that suit pushes at these ticks, from the best of *starts*."""
-        values = self._values(ticks)
 
-        def weigh(levels: Floats) -> Weighed:
-            white, log_variance = self._white(values, levels)
-            gram = gram_of(white, log_variance, self._tolerated, levels)
-            return Weighed(gram.log_nothing + self._gain(gram, len(ticks)), white, log_variance)
+        def gain(gram: Gram) -> float:
+            return self._gain(gram, len(ticks))
 
+        values = np.ascontiguousarray(self._values(ticks))
+        course = self._model.course
+        weigh = Weighing(values, self._tolerated, course, self._nodes.ticks, gain)
         start = max(starts, key=lambda levels: weigh(levels).log_evidence)
         return best_levels(weigh, self._model.level_prior, start)
 

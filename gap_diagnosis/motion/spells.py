@@ -37,9 +37,10 @@ from gap_diagnosis.motion.unknown import (
     usual_sizes,
 )
 from gap_diagnosis.motion.ways import WAYS, Way
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import best_levels
 
 _PARTS: Final = 24
 _FINER: Final = 6
@@ -299,11 +300,9 @@ def levels_of_spell(model: MotionModel, found: Mapping[str, Spell], start: Float
     laid = _laid_between(model, [best.way], np.array(window))
     usual = np.array(usual_sizes(best.way.low, best.way.high))
 
-    def weigh(levels: Floats) -> Weighed:
-        white, log_variance = whiten(laid.values, model.course, levels, model.nodes.ticks)
-        gram = gram_of(white, log_variance, laid.nuisances, levels)
+    def gain(gram: Gram) -> float:
         gained = _gain(gram.inner[-1:, -1:], gram.data[-1:], usual)
-        gain = float(np.logaddexp.reduce(gained.ravel())) - math.log(SCALES)
-        return Weighed(gram.log_nothing + gain, white, log_variance)
+        return float(np.logaddexp.reduce(gained.ravel())) - math.log(SCALES)
 
+    weigh = Weighing(laid.values, laid.nuisances, model.course, model.nodes.ticks, gain)
     return best_levels(weigh, model.level_prior, start)

@@ -17,12 +17,11 @@ import numpy as np
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.explanations.standstill import DEAD, Standstill, standstills
 from gap_diagnosis.motion.accounts import Found
-from gap_diagnosis.motion.evidence import gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
-from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import best_levels
 
 _LEANS: Final = 0.15
 """What a block gains for nothing [nat] where a gyro is held against what it said itself: of 24
@@ -75,14 +74,11 @@ def _stood(model: MotionModel, nothing: Found, known: Sequence[Standstill]) -> S
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
     free = [model.columns.values[..., 1 + index] for index, _ in model.columns.nuisances]
 
-    def white(values: Floats, levels: Floats) -> tuple[Floats, Floats]:
+    def weighing(values: Floats) -> Weighing:
         columns = np.ascontiguousarray(np.stack([values, *free], axis=-1))
-        return whiten(columns, model.course, levels, nodes.ticks)
+        return Weighing(columns, nuisances, model.course, nodes.ticks)
 
-    def weigh(levels: Floats) -> Weighed:
-        rows, log_variance = white(put_right, levels)
-        gram = gram_of(rows, log_variance, nuisances, levels)
-        return Weighed(gram.log_nothing, rows, log_variance)
+    weigh = weighing(put_right)
 
     def height(levels: Floats) -> float:
         return weigh(levels).log_evidence + model.level_prior.log_density(np.log(levels))
@@ -90,10 +86,7 @@ def _stood(model: MotionModel, nothing: Found, known: Sequence[Standstill]) -> S
     start = max((model.level_prior.median, nothing.levels), key=height)
     levels = best_levels(weigh, model.level_prior, start)
     gained = height(levels) - nothing.log_evidence - _LEANS * _guessed(nodes, known)
-    left, whole = (
-        gram_of(*white(values, levels), nuisances, levels).left_over
-        for values in (put_right, described)
-    )
+    left, whole = (weighing(values).gram(levels).left_over for values in (put_right, described))
     above_noise = max(whole - np.count_nonzero(np.isfinite(described)), 1.0)
     return Standstills(
         sides=tuple(one.side for one in known),

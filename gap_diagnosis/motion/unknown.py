@@ -24,10 +24,11 @@ from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, residuals
 from gap_diagnosis.motion.ways import OWN_WAYS, WAYS, Way
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import best_levels
 
 SCALES: Final = 4
 """Orders of magnitude of a usual size, weighed with equal odds."""
@@ -217,12 +218,12 @@ def levels_beside(
     # Along the shape that explains most: all columns of all ways would only cost more.
     shaped = _shaped(own, model, start)
 
-    def weigh(levels: Floats) -> Weighed:
-        white, log_variance = whiten(shaped.values, model.course, levels, model.nodes.ticks)
-        gram = gram_of(white, log_variance, shaped.nuisances, levels)
-        return Weighed(gram.log_nothing + _gain(gram, shaped.plans[0])[0], white, log_variance)
+    def gain(gram: Gram) -> float:
+        return _gain(gram, shaped.plans[0])[0]
 
-    return best_levels(weigh, model.level_prior, start, elsewhere=model.elsewhere)
+    weigh = Weighing(shaped.values, shaped.nuisances, model.course, model.nodes.ticks, gain)
+    prior, elsewhere = model.level_prior, model.elsewhere
+    return best_levels(weigh, prior, start, elsewhere=elsewhere)
 
 
 def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gap_diagnosis.scoring import LevelPrior, Weighed, _step, best_levels
+from gap_diagnosis.scoring import LevelPrior, _step, best_levels
+from gap_diagnosis.slopes import Weighed
 
 Weigh = Callable[[np.ndarray], Weighed]
 

@@ -10,7 +10,8 @@ from gap_diagnosis.motion.levels import FLOORS
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats
-from gap_diagnosis.scoring import Weighed, best_levels
+from gap_diagnosis.scoring import best_levels
+from gap_diagnosis.slopes import Weighed
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
