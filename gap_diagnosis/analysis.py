@@ -339,7 +339,9 @@ def _smooth(motion: MotionBlock, *, gross: bool) -> list[Alternative]:
     and gets no levels.
     """
     laid = lay_out(motion.model)
-    found = _sought_from(motion, motion.levels, laid, gross=gross)
+    # Where a listed effect explains nearly all, its levels are far too low beside another cause.
+    nothing = [motion.levels_of_nothing]
+    found = _sought_from(motion, motion.levels, laid, elsewhere=nothing, gross=gross)
     described = motion.model.level_prior.median
     best = max((one.log_evidence for one in found), default=0.0)
     if not gross and best < max(motion.explained, _LITTLE) and is_louder(motion.levels, described):
@@ -358,7 +360,8 @@ def _for_a_while(motion: MotionBlock) -> list[Alternative]:
     if not at_first:
         return []
     found = _at(motion, motion.levels, [one.cause for one in at_first.values()])
-    levels = levels_of_spell(motion.model, at_first, motion.levels)
+    nothing = motion.levels_of_nothing
+    levels = levels_of_spell(motion.model, at_first, motion.levels, elsewhere=[nothing])
     if levels is not None:
         again = [one.cause for one in spells(motion.model, levels, laid).values()]
         found += _at(motion, levels, again)
@@ -385,11 +388,18 @@ def _subject(one: Alternative) -> tuple[str, str]:
 
 
 def _sought_from(
-    motion: MotionBlock, start: Floats, laid: Laid, *, gross: bool = False
+    motion: MotionBlock,
+    start: Floats,
+    laid: Laid,
+    *,
+    elsewhere: Sequence[Floats] = (),
+    gross: bool = False,
 ) -> list[Alternative]:
     """Return unlisted causes at these noise levels, or at those that suit the best of them."""
     found = alternatives(motion.model, start, laid)
-    levels = None if gross or not found else levels_beside(motion.model, found[0], start, laid)
+    levels = None
+    if not gross and found:
+        levels = levels_beside(motion.model, found[0], start, laid, elsewhere=elsewhere)
     here = _at(motion, start, found)
     if levels is None:
         return here

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -41,6 +41,8 @@ _SEEN: Final = 2
 """so many of them,"""
 _LEAST_BENT: Final = 0.2
 """unless one changed by less than this share of what was to be expected."""
+_AT_REST: Final = 30.0
+"""A bound holds a level for certain whose slope is so many times its information, squared."""
 _FIRST_DAMPED: Final = 0.2
 _LEAST_DAMPED: Final = 5e-3
 _MOST_DAMPED: Final = 1e4
@@ -107,54 +109,75 @@ def best_levels(
     thousandfold in how sharply a log tells them, so that slopes alone lead nowhere in ten rounds.
     """
     low, high = np.log(prior.low), np.log(prior.high)
+    restraint = np.diag(prior.restraint(free))
 
     def at(log_levels: Floats) -> _Place:
         seen = weigh(np.exp(log_levels))
         return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
 
+    def slopes_at(place: _Place, besides: Set[int]) -> tuple[Floats, Floats]:
+        slope, information = slopes(weigh, place.log_levels, place.seen, prior.silent | besides)
+        slope -= restraint @ (place.log_levels - np.log(prior.median))
+        return slope, information + restraint
+
     def held(log_levels: Floats, slope: Floats) -> NDArray[np.bool_]:
         return ((log_levels <= low) & (slope < 0)) | ((log_levels >= high) & (slope > 0))
+
+    def still_held(place: _Place, levels: frozenset[int]) -> frozenset[int]:
+        if not levels:
+            return levels
+        slope, _ = slopes_at(place, set(range(len(start))) - levels)
+        return levels & set(np.flatnonzero(held(place.log_levels, slope)).tolist())
 
     here = at(np.log(np.maximum(start, prior.low)))
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
-    restraint = np.diag(prior.restraint(free))
     damping, steps = 0.0, _Steps()
+    # Levels that their bounds hold for certain are asked again only where the search would end.
+    resting: frozenset[int] = frozenset()
     for _ in range(_ROUNDS):
-        slope, information = slopes(weigh, here.log_levels, here.seen, prior.silent)
-        slope -= restraint @ (here.log_levels - np.log(prior.median))
-        information = information + restraint
+        slope, information = slopes_at(here, resting)
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
         information = steps.bent(here.log_levels, slope, information)
         is_bound = held(here.log_levels, slope)
-        while True:
+        is_bound[list(resting)] = True
+        ends = False
+        while not ends:
             reach = low - here.log_levels, high - here.log_levels
             step = _step(slope, information, damping, ~is_bound, reach)
             there = np.clip(here.log_levels + step, low, high)
             promised = float(slope @ (there - here.log_levels))
             if damping > _MOST_DAMPED:
-                return np.asarray(np.exp(here.log_levels))
+                best, ends = here, True
+                break
             if promised < _LITTLE:
                 # Cut to size, a step may lead downhill by its slope: a damped one does not.
                 damping = max(_EASED * damping, _FIRST_DAMPED)
                 continue
             best, share = _best_along(at, here, there, promised, (low, high))
             gained = best.height - here.height
-            if share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES:
-                return np.asarray(np.exp(best.log_levels))
+            settles = share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES
             left = slope - information @ (there - here.log_levels)
             is_newtons = damping == 0.0 and share == 1.0 and promised < _SETTLES
             leaves_bound = held(there, -left).any()
-            if is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE:
-                return np.asarray(np.exp(best.log_levels))
-            if gained > _ENOUGH * share * promised:
-                steps.add(here.log_levels, slope, promised)
-                here = best
-                damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
+            arrives = is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE
+            ends = settles or arrives
+            if ends or gained > _ENOUGH * share * promised:
                 break
             damping = max(_EASED * damping, _FIRST_DAMPED)
+        if ends:
+            stays = still_held(best, resting)
+            if stays == resting:
+                return np.asarray(np.exp(best.log_levels))
+            resting, damping, steps = stays, 0.0, _Steps()
+        else:
+            steps.add(here.log_levels, np.where(is_bound, 0.0, slope), promised)
+            is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
+            resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
+            damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
+        here = best
     return np.asarray(np.exp(here.log_levels))
 
 

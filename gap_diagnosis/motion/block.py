@@ -122,6 +122,11 @@ class MotionBlock:
         return max(self.scan.found.values(), key=lambda one: one.log_evidence).levels
 
     @property
+    def levels_of_nothing(self) -> Floats:
+        """Noise levels of no effect."""
+        return self._nothing.levels
+
+    @property
     def explained(self) -> float:
         """Log evidence of the best account of all, less that of no effect."""
         return max(self.scan.gained(one)[0] for one in self.scan.found.values())

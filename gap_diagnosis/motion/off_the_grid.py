@@ -87,7 +87,7 @@ class OffTheGrid(Accounts):
         if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
             return None
         _, term, whole = best
-        at_ends = self.model.refit((term,), gram.levels)
+        at_ends = self.model.refit((term,), gram.levels, known=self._ranked()[0].levels)
         if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
             return None
         # Of a large effect on the whole log a straight line may explain no more than a part.

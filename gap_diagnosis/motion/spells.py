@@ -290,9 +290,11 @@ def _log_mean(logs: Floats | Sequence[float]) -> float:
     return float(np.logaddexp.reduce(known)) - math.log(len(known))
 
 
-def levels_of_spell(model: MotionModel, found: Mapping[str, Spell], start: Floats) -> Floats | None:
-    """Return the noise levels that suit the likeliest of all best, sought from *start*; None where
-    none is clearly likelier than no effect."""
+def levels_of_spell(
+    model: MotionModel, found: Mapping[str, Spell], start: Floats, elsewhere: Sequence[Floats] = ()
+) -> Floats | None:
+    """Return the noise levels that suit the likeliest of all best, sought from *start*, or where
+    these are far too low from *elsewhere*; None where none is clearly likelier than no effect."""
     best = max(found.values(), key=lambda one: one.cause.log_evidence)
     if best.cause.log_evidence < _STRONG:
         return None
@@ -305,4 +307,4 @@ def levels_of_spell(model: MotionModel, found: Mapping[str, Spell], start: Float
         return float(np.logaddexp.reduce(gained.ravel())) - math.log(SCALES)
 
     weigh = Weighing(laid.values, laid.nuisances, model.course, model.nodes.ticks, gain)
-    return best_levels(weigh, model.level_prior, start)
+    return best_levels(weigh, model.level_prior, start, elsewhere=elsewhere)

@@ -63,14 +63,15 @@ def starts(nodes: Nodes, prior: LevelPrior) -> list[Floats]:
 def with_slip(levels: Floats, prior: LevelPrior) -> Floats | None:
     """Return the same levels with wheels that slip along and across beside a reference that does
     not wander, float64[levels]; None unless they tell of wheels that are rough or of a wander that
-    lasts for long."""
-    if levels[CONTACT] < _ROUGH_M_PER_SQRT_M and levels[SLOW] < _LONG_S:
+    lasts for long and is more than described."""
+    wanders = [LEVELS.index(f"reference_slow_{name}") for name in ("position_m", "heading_rad")]
+    is_more = bool(np.any(levels[wanders] > prior.median[wanders]))
+    if levels[CONTACT] < _ROUGH_M_PER_SQRT_M and not (is_more and levels[SLOW] > _LONG_S):
         return None
     slips = levels.copy()
     slips[SLIP_WANDER] = max(levels[SLIP_WANDER], _SLIPS)
     slips[LATERAL] = max(levels[LATERAL], _SKIDS_M_PER_SQRT_M)
-    for name in ("reference_slow_position_m", "reference_slow_heading_rad"):
-        slips[LEVELS.index(name)] = prior.low[LEVELS.index(name)]
+    slips[wanders] = prior.low[wanders]
     slips[SLOW] = prior.median[SLOW]
     return slips
 

@@ -200,10 +200,16 @@ def within_tolerance(found: Sequence[Alternative]) -> float:
 
 
 def levels_beside(
-    model: MotionModel, one: Alternative, start: Floats, laid: Laid | None = None
+    model: MotionModel,
+    one: Alternative,
+    start: Floats,
+    laid: Laid | None = None,
+    *,
+    elsewhere: Sequence[Floats] = (),
 ) -> Floats | None:
-    """Return the noise levels that suit an alternative best, sought from *start*; None where it
-    gains no more than columns gain from noise.
+    """Return the noise levels that suit an alternative best, sought from *start*, or where these
+    are far too low from the model's other starts and *elsewhere*; None where it gains no more than
+    columns gain from noise.
 
     At the levels of no effect, noise has taken what the alternative explains.
     """
@@ -222,8 +228,8 @@ def levels_beside(
         return _gain(gram, shaped.plans[0])[0]
 
     weigh = Weighing(shaped.values, shaped.nuisances, model.course, model.nodes.ticks, gain)
-    prior, elsewhere = model.level_prior, model.elsewhere
-    return best_levels(weigh, prior, start, elsewhere=elsewhere)
+    others = [*model.elsewhere, *elsewhere]
+    return best_levels(weigh, model.level_prior, start, elsewhere=others)
 
 
 def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:
