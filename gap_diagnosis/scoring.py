@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.slopes import Weigh, Weighed, leftover_weights, slopes
+from gap_diagnosis.slopes import Leave, Slopes, Weigh, Weighed, leftover_weights, slopes
 
 Floats = NDArray[np.float64]
 
@@ -99,10 +99,12 @@ def best_levels(
     *,
     free: Sequence[int] = (),
     elsewhere: Sequence[Floats] = (),
+    leave: Leave | None = None,
 ) -> Floats:
     """Return the levels that maximise evidence times prior, from *start* (float64[levels]), or
     where these are far too low from the best of *elsewhere*: a search that climbs for long drags
-    along what has no part in it, and takes as long to bring that back.
+    along what has no part in it, and takes as long to bring that back. *leave* says what is left at
+    levels in the place of *weigh*, where that will do.
 
     Scoring with the information of the innovations (Engle and Watson 1981, JASA 76:774, section 3;
     Harvey 1989, section 3.4), damped as by Levenberg and Marquardt, within bounds: levels differ a
@@ -115,10 +117,8 @@ def best_levels(
         seen = weigh(np.exp(log_levels))
         return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
 
-    def slopes_at(place: _Place, besides: Set[int]) -> tuple[Floats, Floats]:
-        slope, information = slopes(weigh, place.log_levels, place.seen, prior.silent | besides)
-        slope -= restraint @ (place.log_levels - np.log(prior.median))
-        return slope, information + restraint
+    def pull(log_levels: Floats) -> Floats:
+        return np.asarray(restraint @ (np.log(prior.median) - log_levels))
 
     def held(log_levels: Floats, slope: Floats) -> NDArray[np.bool_]:
         return ((log_levels <= low) & (slope < 0)) | ((log_levels >= high) & (slope > 0))
@@ -126,18 +126,20 @@ def best_levels(
     def still_held(place: _Place, levels: frozenset[int]) -> frozenset[int]:
         if not levels:
             return levels
-        slope, _ = slopes_at(place, set(range(len(start))) - levels)
+        others = set(range(len(start))) - levels
+        slope = slopes(weigh, place.log_levels, place.seen, others)[0] + pull(place.log_levels)
         return levels & set(np.flatnonzero(held(place.log_levels, slope)).tolist())
 
     here = at(np.log(np.maximum(start, prior.low)))
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
-    damping, steps = 0.0, _Steps()
+    damping, steps, slopes_of = 0.0, _Steps(), Slopes(weigh, leave, prior.silent)
     # Levels that their bounds hold for certain are asked again only where the search would end.
     resting: frozenset[int] = frozenset()
     for _ in range(_ROUNDS):
-        slope, information = slopes_at(here, resting)
+        slope, information = slopes_of.at(here.log_levels, here.seen, resting, steps.promised)
+        slope, information = slope + pull(here.log_levels), information + restraint
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
         information = steps.bent(here.log_levels, slope, information)
@@ -169,7 +171,7 @@ def best_levels(
             damping = max(_EASED * damping, _FIRST_DAMPED)
         if ends:
             stays = still_held(best, resting)
-            if stays == resting:
+            if stays == resting and slopes_of.stand_for(best.log_levels, information):
                 return np.asarray(np.exp(best.log_levels))
             resting, damping, steps = stays, 0.0, _Steps()
         else:
@@ -177,6 +179,7 @@ def best_levels(
             is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
             resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
             damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
+            slopes_of.stand_for(best.log_levels, information)
         here = best
     return np.asarray(np.exp(here.log_levels))
 
@@ -293,7 +296,7 @@ def along(
     at a floor.
     """
     here = np.log(np.maximum(levels, prior.low))
-    _, information = slopes(weigh, here, weigh(np.exp(here)), prior.silent)
+    _, information, _ = slopes(weigh, here, weigh(np.exp(here)), prior.silent)
     information = information + np.diag(prior.restraint(free))
     moving = here > np.log(prior.low)
     moving[place] = False

@@ -13,6 +13,10 @@ Floats = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
+_NEAR: Final = 30.0
+"""A step that promises less [nat] ends near the best levels: from there on"""
+_STAND_FOR: Final = 4.0
+"""what columns have of a slope stands for all levels within two standard deviations."""
 _RIDGE: Final = 1e-9
 
 
@@ -32,29 +36,83 @@ class Weighed(NamedTuple):
 
 Weigh = Callable[[Floats], Weighed]
 """What a log says at levels, float64[levels]."""
+Leave = Callable[[Floats, Floats], tuple[Floats, Floats]]
+"""What `Weighed.white` times weights, float64[1 + c], is at levels, float64[r], and the log
+variances there: for a third of the work."""
 
 
-def slopes(weigh: Weigh, here: Floats, seen: Weighed, silent: Set[int]) -> tuple[Floats, Floats]:
+class Slopes:
+    """Slopes of log evidence by the logarithms of levels, and their information.
+
+    At the columns' best coefficients a slope is that of what they leave (the envelope theorem), and
+    what their own uncertainty has of it: near the best levels that hardly changes.
+    """
+
+    def __init__(self, weigh: Weigh, leave: Leave | None, silent: Set[int]) -> None:
+        """Prepare; on the *silent* levels nothing depends: their slope is not asked for."""
+        self._weigh, self._leave, self._silent = weigh, leave, silent
+        self._beside: tuple[Floats, Floats] | None = None
+
+    def at(
+        self, log_levels: Floats, seen: Weighed, besides: Set[int], promised: float
+    ) -> tuple[Floats, Floats]:
+        """Return slope float64[levels] and information float64[levels, levels], nothing of the
+        levels *besides*, where the step to here *promised* so much [nat]."""
+        silent = self._silent | besides
+        if self._leave is None or promised > _NEAR:
+            slope, information, _ = slopes(self._weigh, log_levels, seen, silent)
+            return slope, information
+        if self._beside is None:
+            slope, information, left = slopes(self._weigh, log_levels, seen, silent)
+            self._beside = log_levels, slope - left
+            return slope, information
+        leave, weights = self._leave, leftover_weights(seen.white)
+
+        def look(levels: Floats) -> Weighed:
+            white, log_variance = leave(levels, weights)
+            return Weighed(0.0, white[:, np.newaxis], log_variance)
+
+        here = seen._replace(white=(seen.white @ weights)[:, np.newaxis])
+        _, information, left = slopes(look, log_levels, here, silent)
+        return left + self._beside[1], information
+
+    def stand_for(self, log_levels: Floats, information: Floats) -> bool:
+        """Tell whether what was last seen of the columns' uncertainty is good enough here; if not,
+        it is looked at anew."""
+        if self._beside is None:
+            return True
+        way = log_levels - self._beside[0]
+        if way @ information @ way <= _STAND_FOR:
+            return True
+        self._beside = None
+        return False
+
+
+def slopes(
+    weigh: Weigh, here: Floats, seen: Weighed, silent: Set[int]
+) -> tuple[Floats, Floats, Floats]:
     """Return slope float64[levels] and information float64[levels, levels] of log evidence by the
-    logarithms of levels; nothing of the *silent* ones.
+    logarithms of levels, and what of the slope is of the leftover alone; nothing of the *silent*.
 
     With whitened innovations w of log variance v, the information of levels i and j is the sum over
     rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.
     """
     weights = leftover_weights(seen.white)
     left = seen.white @ weights
-    slope = np.zeros(len(here))
-    rows = np.zeros((2, len(left), len(here)))
+    slope, of_left = np.zeros(len(here)), np.zeros(len(here))
+    rows = np.zeros((len(here), 2, len(left)))
     for place in sorted(set(range(len(here))) - silent):
         moved = here.copy()
         moved[place] += _STEP
         there = weigh(np.exp(moved))
         slope[place] = (there.log_evidence - seen.log_evidence) / _STEP
         wider = (there.log_variance - seen.log_variance) / _STEP
-        rows[0, :, place] = wider / math.sqrt(2.0)
-        rows[1, :, place] = (there.white @ weights - left) / _STEP + 0.5 * left * wider
-    flat = rows.reshape(-1, len(here))
-    return slope, np.asarray(flat.T @ flat)
+        more = (there.white @ weights - left) / _STEP
+        of_left[place] = -float(left @ more + 0.5 * _STEP * more @ more + 0.5 * wider.sum())
+        rows[place, 0] = wider / math.sqrt(2.0)
+        rows[place, 1] = more + 0.5 * left * wider
+    flat = rows.reshape(len(here), -1)
+    return slope, np.asarray(flat @ flat.T), of_left
 
 
 def leftover_weights(white: Floats) -> Floats:

@@ -237,7 +237,7 @@ class _Log:
 
     def _chosen(self, indices: Sequence[int]) -> Floats:
         values = self._model.columns.values
-        return np.ascontiguousarray(values[..., [0, *(index + 1 for index in indices)]])
+        return np.take(values, [0, *(index + 1 for index in indices)], axis=-1)
 
     def rough(self, inside: Mask, side: str, factor: float) -> Course:
         """Return the course with contact *factor* times as rough in the cells *inside*."""
@@ -277,7 +277,7 @@ class _Log:
         """Return the noise levels that suit this course."""
         start = np.minimum(start, self._level_prior.high)
         weigh = self._weighing(course)
-        return best_levels(weigh, self._level_prior, start)
+        return best_levels(weigh, self._level_prior, start, leave=weigh.leave)
 
     def hot_beside(self, best: Found) -> Mask:
         """Return the cells in which what an account leaves over stands out."""

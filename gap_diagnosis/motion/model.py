@@ -215,7 +215,9 @@ class MotionModel:
         """
         weigh = self._of_levels(terms, course)
         prior = self._prior_on(weigh.course)
-        return best_levels(weigh, prior, start, free=free, elsewhere=self.elsewhere)
+        return best_levels(
+            weigh, prior, start, free=free, elsewhere=self.elsewhere, leave=weigh.leave
+        )
 
     def _prior_on(self, course: Course) -> LevelPrior:
         """Return the levels' prior on a course: by how much effects vary shows beside one alone."""
@@ -259,7 +261,7 @@ class MotionModel:
         used |= {index for index, _ in self.columns.nuisances}
         order = sorted(used)
         place = {index: row for row, index in enumerate(order)}
-        values = np.ascontiguousarray(self.columns.values[..., [0, *(i + 1 for i in order)]])
+        values = np.take(self.columns.values, [0, *(i + 1 for i in order)], axis=-1)
         nuisances = [(place[index], sd) for index, sd in self.columns.nuisances]
         moved = [
             replace(
@@ -420,9 +422,7 @@ class MotionModel:
         change = self._details.change(terms, coefficients, levels, is_sharp=is_sharp)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        columns = [self.columns.values[..., 0] + change]
-        columns += self._free_about(free, terms, coefficients)
-        values = np.ascontiguousarray(np.stack(columns, axis=-1))
+        values = self._free_about(change, free, terms, coefficients)
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
         return self._weighing(values, nuisances, (), course)(levels).log_evidence
 
@@ -456,18 +456,21 @@ class MotionModel:
 
     def _free_about(
         self,
+        change: Floats,
         free: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
-    ) -> list[Floats]:
-        """Return what units of constants within their tolerances change beside these effects.
+    ) -> Floats:
+        """Return the data with a *change*, float64[4, m], and what units of constants within their
+        tolerances change beside these effects: float64[4, m, 1 + c].
 
         What acts otherwise beside one of them is told about them.
         """
-        columns = [np.asarray(self.columns.values[..., index + 1]) for index, _ in free]
+        values = np.take(self.columns.values, [0, *(index + 1 for index, _ in free)], axis=-1)
+        values[..., 0] += change
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
-            return columns
+            return values
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
@@ -477,8 +480,8 @@ class MotionModel:
                 sizes = [0.0] * len(variant.coefficients)
                 sizes[own] = sd
                 beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))
-                columns[place] = (there - beside) / sd
-        return columns
+                values[..., 1 + place] = (there - beside) / sd
+        return values
 
     def _better_levels(
         self,
@@ -498,7 +501,7 @@ class MotionModel:
         heights = [height(start) for start in starts]
         start = starts[int(np.argmax(heights))]
         prior = self._prior_on(course)
-        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
+        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere, leave=weigh.leave)
         return found, height(found) - heights[0]
 
     def linearised(
@@ -514,11 +517,11 @@ class MotionModel:
         smooth = self.nodes.smooth
         settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
         there = residuals(self.nodes, predict(smooth, settings))
-        here = self.columns.values[..., 0] + self._details.change(terms, coefficients, levels)
+        change = self._details.change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        columns = [here, *self._free_about(free, terms, coefficients)]
-        data = here.copy()
+        values = self._free_about(change, free, terms, coefficients)
+        columns: list[Floats] = []
         tangent: list[Term] = []
         for place, term in enumerate(terms):
             weights = []
@@ -530,14 +533,15 @@ class MotionModel:
                 near[index] = value + step
                 moved[place] = (term.variant.smooth_about(coefficients[place]), tuple(near))
                 column = (there - residuals(self.nodes, predict(smooth, moved))) / step
-                data = data + value * column
+                values[..., 0] += value * column
                 columns.append(column)
-                weights.append(((len(columns) - 2, 1.0),))
+                weights.append(((len(free) + len(columns) - 1, 1.0),))
             if not term.is_fixed:
                 tangent.append(replace(term, weights=tuple(weights)))
-        columns[0] = data
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        return np.ascontiguousarray(np.stack(columns, axis=-1)), nuisances, tangent
+        if columns:
+            values = np.concatenate([values, np.stack(columns, axis=-1)], axis=-1)
+        return values, nuisances, tangent
 
     @cached_property
     def no_effect_levels(self) -> Floats:

@@ -197,7 +197,7 @@ def _is_bursty(
     values = model.columns.values
     used = {index + 1 for term in terms for weight in term.weights for index, _ in weight}
     used |= {index + 1 for index, _ in model.columns.nuisances}
-    chosen = np.ascontiguousarray(values[..., [0, *sorted(used)]])
+    chosen = np.take(values, [0, *sorted(used)], axis=-1)
     white, _ = whiten(chosen, course, levels, model.nodes.ticks)
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0])[0]
     _, channel = np.nonzero(~np.isnan(values[..., 0]).T)

@@ -101,7 +101,7 @@ class _Log:
     def __init__(self, model: MotionModel) -> None:
         self._model, self._nodes = model, model.nodes
         free = [index for index, _ in model.columns.nuisances]
-        self._base = model.columns.values[..., [0, *(index + 1 for index in free)]]
+        self._base = np.take(model.columns.values, [0, *(index + 1 for index in free)], axis=-1)
         self._tolerated = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
         self._row_node = np.nonzero(~np.isnan(self._base[..., 0]).T)[0]
         self._nominal = residuals(self._nodes, predict(self._nodes.smooth))
@@ -112,7 +112,7 @@ class _Log:
         if best.refitted is not None:
             return self._loudest(self._model.left_by(best.terms, best.refitted)) is not None
         own = sorted({at for term in best.terms for weight in term.weights for at, _ in weight})
-        columns = self._model.columns.values[..., [index + 1 for index in own]]
+        columns = np.take(self._model.columns.values, [index + 1 for index in own], axis=-1)
         values = np.concatenate([self._base, columns], axis=-1)
         first = len(self._tolerated)
         free = [(first + place, _ANY) for place in range(len(own))]
@@ -129,7 +129,7 @@ class _Log:
         course = self._model.course
         weigh = Weighing(values, self._tolerated, course, self._nodes.ticks, gain)
         start = max(starts, key=lambda levels: weigh(levels).log_evidence)
-        return best_levels(weigh, self._model.level_prior, start)
+        return best_levels(weigh, self._model.level_prior, start, leave=weigh.leave)
 
     def evidence(self, ticks: list[int], levels: Floats) -> float:
         """Return the log evidence of pushes at these ticks, sought anywhere."""

@@ -42,6 +42,8 @@ _LOOSE: Final = 0.25
 """Single effects so near are fitted, and those that lack at most this share of the best's gain."""
 _CLEAR: Final = 20.0
 """An effect that gains this much [nat] after what stretches contradict is beyond doubt."""
+_HARDLY: Final = 0.1
+"""A slip that is now more and now less does not explain ten times what a steady one does."""
 _AS_WELL: Final = 3.0
 """Sets whose likelihoods differ by no more [nat] explain a log as well as each other."""
 _CONTRADICTED: Final = 2
@@ -245,7 +247,7 @@ class Scan(Neighbours):
             if SLIP not in effects or effects not in self.found:
                 continue
             one = self.found[effects]
-            if one.log_evidence < nothing + _CLEAR:
+            if one.log_evidence < nothing + max(_CLEAR, _HARDLY * (best - nothing)):
                 continue
             fit = one.refitted or self.model.refit(one.terms, one.levels)
             others = one.log_evidence - fit.log_evidence - math.log(1 + len(LOOSE))

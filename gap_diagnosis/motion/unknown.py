@@ -144,12 +144,12 @@ class Laid:
         plans = [one for one in self.plans if (one.stage, one.variable) == (stage, variable)]
         first = 1 + len(self.nuisances)
         columns = [1 + place for one in plans for place in one.columns]
-        kept = self.values[..., [*range(first), *columns]]
+        kept = np.take(self.values, [*range(first), *columns], axis=-1)
         moved = [
             replace(one, columns=np.arange(first - 1, first - 1 + len(one.columns)))
             for one in plans
         ]
-        return Laid(np.ascontiguousarray(kept), self.nuisances, moved)
+        return Laid(kept, self.nuisances, moved)
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ def levels_beside(
 
     weigh = Weighing(shaped.values, shaped.nuisances, model.course, model.nodes.ticks, gain)
     others = [*model.elsewhere, *elsewhere]
-    return best_levels(weigh, model.level_prior, start, elsewhere=others)
+    return best_levels(weigh, model.level_prior, start, elsewhere=others, leave=weigh.leave)
 
 
 def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.whitening import whiten
@@ -39,3 +41,10 @@ class Weighing:
         """Return the columns' products at levels, those within tolerance marginalised."""
         white, log_variance = whiten(self.values, self.course, levels, self.ticks)
         return gram_of(white, log_variance, self.nuisances, levels)
+
+    def leave(self, levels: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """Return the whitened sum, float64[r], of data and columns times weights, float64[1 + c],
+        and its log variances: the filter is linear."""
+        summed = (self.values @ weights)[..., np.newaxis]
+        white, log_variance = whiten(summed, self.course, levels, self.ticks)
+        return white[:, 0], log_variance
