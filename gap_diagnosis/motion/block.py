@@ -33,6 +33,10 @@ _SEVERAL: Final = 12
 _IMPOSSIBLE: Final = -1e9
 _GAINS: Final = 1.0
 """Where a noise and an effect each gain more than this alone [nat], they may gain the same."""
+_GAINS_FAR: Final = 3.0
+"""Or more than this, where both together lack"""
+_OUT_OF_REACH: Final = 20.0
+"""so much of what the best account explains."""
 _LEFT: Final = 0.04
 """Share of what an effect gains that a level of noise may take up of what it leaves: a fifth of its
 amplitude."""
@@ -344,6 +348,12 @@ class MotionBlock:
                     return True
         return False
 
+    def _is_worth(self, noise: float, effect: float) -> bool:
+        """Tell whether a noise is to be fitted beside an effect, each of which gains so much alone
+        [nat]: together they hardly gain more than both."""
+        lacks = self.explained - (noise + effect)
+        return min(noise, effect) > (_GAINS if lacks < _OUT_OF_REACH else _GAINS_FAR)
+
     def _noise_beside(self, name: str, effect: str | None) -> Fit:
         """Fit a noise beside one effect; beside one that gains little it gains what it does alone,
         and where that is little it matters not how much."""
@@ -352,7 +362,7 @@ class MotionBlock:
             quiet = frozenset() if effect is None else frozenset({effect})
             beside = self._fit(quiet)
             alone = None if effect is None else self._noise_beside(name, None)
-            if alone is None or min(alone.log_evidence, beside.log_evidence) > _GAINS:
+            if alone is None or self._is_worth(alone.log_evidence, beside.log_evidence):
                 found = self.scan.account(aliased(quiet))
                 names = sorted(quiet | {name})
                 noisy = fit_noise(self.model, found, self._nothing, name, names)

@@ -169,6 +169,7 @@ def test_what_is_tolerated_wins_over_an_effect_that_explains_less() -> None:
     motion = SimpleNamespace(
         model=model,
         levels=levels_of_wheels_that_hold(model),
+        levels_of_nothing=model.level_prior.median,
         explained=5.0,
         tolerated=0.0,
         log_evidence_of_levels=lambda _: 0.0,
@@ -200,6 +201,7 @@ def test_an_unlisted_cause_is_sought_from_the_described_levels_too() -> None:
         motion = SimpleNamespace(
             model=model,
             levels=levels,
+            levels_of_nothing=suiting,
             explained=0.0,
             tolerated=0.0,
             log_evidence_of_levels=lambda one: height(one) - height(suiting),
@@ -230,6 +232,7 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
     motion = SimpleNamespace(
         model=model,
         levels=2.0 * model.level_prior.median,
+        levels_of_nothing=model.level_prior.median,
         explained=1e6,
         tolerated=0.0,
         log_evidence_of_levels=lambda _: 0.0,
@@ -255,11 +258,12 @@ def test_levels_are_sought_anew_only_where_some_noise_is_louder_than_described(
     levels[list(changed)] *= 5.0
     sought: list[np.ndarray] = []
     monkeypatch.setattr(
-        analysis, "levels_beside", lambda _model, _one, start, _laid: sought.append(start)
+        analysis, "levels_beside", lambda _model, _one, start, _laid, **_: sought.append(start)
     )
     motion = SimpleNamespace(
         model=model,
         levels=levels,
+        levels_of_nothing=model.level_prior.median,
         explained=1e6,
         tolerated=0.0,
         log_evidence_of_levels=lambda _: 0.0,

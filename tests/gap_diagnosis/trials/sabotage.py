@@ -14,6 +14,7 @@ import pytest
 
 import gap_diagnosis.motion.evidence
 import gap_diagnosis.motion.model
+import gap_diagnosis.motion.weighing
 from gap_diagnosis.analysis import Analysis, analyse
 from gap_diagnosis.answer import candidates, stage_probabilities
 from gap_diagnosis.effect_stages import stages_of
@@ -109,7 +110,8 @@ def without_twins(found: Told) -> Told:
 def white_noise() -> Iterator[None]:
     """Take every sample's error to be its own: nothing accumulates, nothing wanders."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (gap_diagnosis.motion.evidence, gap_diagnosis.motion.model):
+        motion = gap_diagnosis.motion
+        for module in (motion.evidence, motion.model, motion.weighing):
             patch.setattr(module, "whiten", _white)
         yield
 
