@@ -330,8 +330,7 @@ class DriveBlock:
             *self._undisturbed_levels,
             *(STARTS if setting.variant.log_constant or setting.variant.values else ()),
         ]
-        found = [fitted_levels(setting, values, start) for start in starts]
-        levels, free = max(found, key=lambda one: one[1])
+        levels, free = fitted_levels(setting, values, *starts)
         return levels, free + setting.variant.log_constant
 
 

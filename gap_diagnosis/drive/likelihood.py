@@ -149,15 +149,15 @@ def _nuisances(
 
 
 def fitted_levels(
-    setting: Setting, values: Mapping[str, float], start: Floats
+    setting: Setting, values: Mapping[str, float], *starts: Floats
 ) -> tuple[Floats, float]:
-    """Return logarithms of noise levels, and of the best likelihood at them."""
+    """Return logarithms of noise levels, sought from *starts*, and of the best likelihood there."""
     made = setting.columns(values)
     linear = np.concatenate((made[1:], setting.fixed))
     free = np.array([_FREE_SD * max(1.0, one.high) for one in setting.linear_sizes])
     sd = np.concatenate((free, setting.nuisance_sd))
     data = setting.variant.data
-    levels, value = fit_levels(data, made[0], linear, sd, start)
+    levels, value = fit_levels(data, made[0], linear, sd, starts)
     # the width of the free coefficients' prior is no part of the best likelihood
     if len(free):
         white, _ = whitened(data, linear[: len(free)], Levels.of(levels, data.tick_rad))
