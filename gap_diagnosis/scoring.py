@@ -309,4 +309,4 @@ def along(
 
 def _surprise(seen: Weighed) -> float:
     """Return the mean square of what the columns leave over: one where the levels are right."""
-    return float(np.mean((seen.white @ leftover_weights(seen.white)) ** 2))
+    return float(np.mean((seen.white @ leftover_weights(seen)) ** 2))

@@ -27,11 +27,14 @@ class Weighed(NamedTuple):
         log_evidence: of what is compared, without the levels' own density.
         white: whitened data and columns, float64[r, 1 + c].
         log_variance: of each row before it was whitened, float64[r].
+        products: of the whitened columns with each other, float64[c, c], and with the data,
+            float64[c], where they are known.
     """
 
     log_evidence: float
     white: Floats
     log_variance: Floats
+    products: tuple[Floats, Floats] | None = None
 
 
 Weigh = Callable[[Floats], Weighed]
@@ -66,13 +69,13 @@ class Slopes:
             slope, information, left = slopes(self._weigh, log_levels, seen, silent)
             self._beside = log_levels, slope - left
             return slope, information
-        leave, weights = self._leave, leftover_weights(seen.white)
+        leave, weights = self._leave, leftover_weights(seen)
 
         def look(levels: Floats) -> Weighed:
             white, log_variance = leave(levels, weights)
             return Weighed(0.0, white[:, np.newaxis], log_variance)
 
-        here = seen._replace(white=(seen.white @ weights)[:, np.newaxis])
+        here = Weighed(0.0, (seen.white @ weights)[:, np.newaxis], seen.log_variance)
         _, information, left = slopes(look, log_levels, here, silent)
         return left + self._beside[1], information
 
@@ -97,7 +100,7 @@ def slopes(
     With whitened innovations w of log variance v, the information of levels i and j is the sum over
     rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.
     """
-    weights = leftover_weights(seen.white)
+    weights = leftover_weights(seen)
     left = seen.white @ weights
     slope, of_left = np.zeros(len(here)), np.zeros(len(here))
     rows = np.zeros((len(here), 2, len(left)))
@@ -115,12 +118,16 @@ def slopes(
     return slope, np.asarray(flat @ flat.T), of_left
 
 
-def leftover_weights(white: Floats) -> Floats:
+def leftover_weights(seen: Weighed) -> Floats:
     """Return what to multiply data and columns by for what the columns leave over, float64[1 + c].
 
     By least squares; columns that are nearly the others' sums are held at little.
     """
-    whole = white.T @ white
-    size = np.sqrt(np.maximum(np.diag(whole)[1:], np.finfo(np.float64).tiny))
-    inner = whole[1:, 1:] / np.outer(size, size) + _RIDGE * np.eye(len(size))
-    return np.append(1.0, -np.linalg.solve(inner, whole[1:, 0] / size) / size)
+    if seen.products is None:
+        whole = seen.white.T @ seen.white
+        inner, data = whole[1:, 1:], whole[1:, 0]
+    else:
+        inner, data = seen.products
+    size = np.sqrt(np.maximum(np.diag(inner), np.finfo(np.float64).tiny))
+    inner = inner / np.outer(size, size) + _RIDGE * np.eye(len(size))
+    return np.append(1.0, -np.linalg.solve(inner, data / size) / size)

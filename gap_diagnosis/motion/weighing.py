@@ -35,7 +35,8 @@ class Weighing:
         """Return what the log says at levels, float64[levels]."""
         white, log_variance = whiten(self.values, self.course, levels, self.ticks)
         gram = gram_of(white, log_variance, self.nuisances, levels)
-        return Weighed(gram.log_nothing + self.gain(gram), white, log_variance)
+        products = gram.full_inner, gram.full_data
+        return Weighed(gram.log_nothing + self.gain(gram), white, log_variance, products)
 
     def gram(self, levels: Floats) -> Gram:
         """Return the columns' products at levels, those within tolerance marginalised."""
