@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -110,78 +110,128 @@ def best_levels(
     Harvey 1989, section 3.4), damped as by Levenberg and Marquardt, within bounds: levels differ a
     thousandfold in how sharply a log tells them, so that slopes alone lead nowhere in ten rounds.
     """
-    low, high = np.log(prior.low), np.log(prior.high)
-    restraint = np.diag(prior.restraint(free))
-
-    def at(log_levels: Floats) -> _Place:
-        seen = weigh(np.exp(log_levels))
-        return _Place(log_levels, seen, seen.log_evidence + prior.log_density(log_levels, free))
-
-    def pull(log_levels: Floats) -> Floats:
-        return np.asarray(restraint @ (np.log(prior.median) - log_levels))
-
-    def held(log_levels: Floats, slope: Floats) -> NDArray[np.bool_]:
-        return ((log_levels <= low) & (slope < 0)) | ((log_levels >= high) & (slope > 0))
-
-    def still_held(place: _Place, levels: frozenset[int]) -> frozenset[int]:
-        if not levels:
-            return levels
-        others = set(range(len(start))) - levels
-        slope = slopes(weigh, place.log_levels, place.seen, others)[0] + pull(place.log_levels)
-        return levels & set(np.flatnonzero(held(place.log_levels, slope)).tolist())
-
-    here = at(np.log(np.maximum(start, prior.low)))
+    search = _Search(weigh, prior, free)
+    here = search.at(np.log(np.maximum(start, prior.low)))
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
-        others = [at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
+        others = [search.at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
     damping, steps, slopes_of = 0.0, _Steps(), Slopes(weigh, leave, prior.silent)
     # Levels that their bounds hold for certain are asked again only where the search would end.
     resting: frozenset[int] = frozenset()
     for _ in range(_ROUNDS):
         slope, information = slopes_of.at(here.log_levels, here.seen, resting, steps.promised)
-        slope, information = slope + pull(here.log_levels), information + restraint
+        slope = slope + search.pull(here.log_levels)
+        information = information + search.restraint
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
         information = steps.bent(here.log_levels, slope, information)
-        is_bound = held(here.log_levels, slope)
+        is_bound = search.held(here.log_levels, slope)
         is_bound[list(resting)] = True
-        ends = False
-        while not ends:
-            reach = low - here.log_levels, high - here.log_levels
-            step = _step(slope, information, damping, ~is_bound, reach)
-            there = np.clip(here.log_levels + step, low, high)
-            promised = float(slope @ (there - here.log_levels))
-            if damping > _MOST_DAMPED:
-                best, ends = here, True
-                break
-            if promised < _LITTLE:
-                # Cut to size, a step may lead downhill by its slope: a damped one does not.
-                damping = max(_EASED * damping, _FIRST_DAMPED)
-                continue
-            best, share = _best_along(at, here, there, promised, (low, high))
-            gained = best.height - here.height
-            settles = share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES
-            left = slope - information @ (there - here.log_levels)
-            is_newtons = damping == 0.0 and share == 1.0 and promised < _SETTLES
-            leaves_bound = held(there, -left).any()
-            arrives = is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE
-            ends = settles or arrives
-            if ends or gained > _ENOUGH * share * promised:
-                break
-            damping = max(_EASED * damping, _FIRST_DAMPED)
+        best, damping, promised, ends = search.step(here, slope, information, is_bound, damping)
+        is_near = slopes_of.stand_for(best.log_levels, information)
         if ends:
-            stays = still_held(best, resting)
-            if stays == resting and slopes_of.stand_for(best.log_levels, information):
+            stays = search.still_held(best, resting)
+            if stays == resting and is_near:
                 return np.asarray(np.exp(best.log_levels))
             resting, damping, steps = stays, 0.0, _Steps()
         else:
             steps.add(here.log_levels, np.where(is_bound, 0.0, slope), promised)
             is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
             resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
-            damping = damping / _EASED if damping > _LEAST_DAMPED else 0.0
-            slopes_of.stand_for(best.log_levels, information)
         here = best
     return np.asarray(np.exp(here.log_levels))
+
+
+class _Search:
+    """What every round of a search for levels asks."""
+
+    def __init__(self, weigh: Weigh, prior: LevelPrior, free: Sequence[int]) -> None:
+        self._weigh, self._prior, self._free = weigh, prior, free
+        self._bounds = np.log(prior.low), np.log(prior.high)
+        self.restraint = np.diag(prior.restraint(free))
+
+    def at(self, log_levels: Floats) -> _Place:
+        """Return what is known at these levels."""
+        seen = self._weigh(np.exp(log_levels))
+        height = seen.log_evidence + self._prior.log_density(log_levels, self._free)
+        return _Place(log_levels, seen, height)
+
+    def pull(self, log_levels: Floats) -> Floats:
+        """Return the slope of the prior."""
+        return np.asarray(self.restraint @ (np.log(self._prior.median) - log_levels))
+
+    def held(self, log_levels: Floats, slope: Floats) -> NDArray[np.bool_]:
+        """Tell which levels a bound holds."""
+        low, high = self._bounds
+        return ((log_levels <= low) & (slope < 0)) | ((log_levels >= high) & (slope > 0))
+
+    def still_held(self, place: _Place, levels: frozenset[int]) -> frozenset[int]:
+        """Return which of some *levels* at their bounds these hold here."""
+        if not levels:
+            return levels
+        others = set(range(len(place.log_levels))) - levels
+        slope, _, _ = slopes(self._weigh, place.log_levels, place.seen, others)
+        is_held = self.held(place.log_levels, slope + self.pull(place.log_levels))
+        return levels & set(np.flatnonzero(is_held).tolist())
+
+    def step(
+        self,
+        here: _Place,
+        slope: Floats,
+        information: Floats,
+        is_bound: NDArray[np.bool_],
+        damping: float,
+    ) -> tuple[_Place, float, float, bool]:
+        """Return where a step leads that is worth it, more damped until one is; the next one's
+        damping, what its slope promised [nat], and whether the search ends there."""
+        low, high = self._bounds
+        while damping <= _MOST_DAMPED:
+            reach = low - here.log_levels, high - here.log_levels
+            step = _step(slope, information, damping, ~is_bound, reach)
+            there = np.clip(here.log_levels + step, low, high)
+            promised = float(slope @ (there - here.log_levels))
+            if promised < _LITTLE:
+                # Cut to size, a step may lead downhill by its slope: a damped one does not.
+                damping = max(_EASED * damping, _FIRST_DAMPED)
+                continue
+            best, share = self._best_along(here, there, promised)
+            gained = best.height - here.height
+            settles = share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES
+            left = slope - information @ (there - here.log_levels)
+            is_newtons = damping == 0.0 and share == 1.0 and promised < _SETTLES
+            leaves_bound = self.held(there, -left).any()
+            arrives = is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE
+            if settles or arrives or gained > _ENOUGH * share * promised:
+                eased = damping / _EASED if damping > _LEAST_DAMPED else 0.0
+                return best, eased, promised, settles or arrives
+            damping = max(_EASED * damping, _FIRST_DAMPED)
+        return here, 0.0, 0.0, True
+
+    def _best_along(self, here: _Place, there: Floats, promised: float) -> tuple[_Place, float]:
+        """Return the best place seen along a step, and at which share of it that is: one where it
+        is the end or beyond.
+
+        A log bends more along a step than the mean of all that its levels might have made: steps
+        as long as that mean has them lead to and fro across the best. So where the end lies beyond
+        that, the top of the parabola through slope and both heights is tried; and where the slope
+        has hardly changed, which is so where levels are far too high, as far again.
+        """
+        end = self.at(there)
+        gained = end.height - here.height
+        if gained < _BEYOND * promised:
+            share = max(0.5 * promised / (promised - gained), _NEAREST)
+            nearer = self.at(here.log_levels + share * (there - here.log_levels))
+            return (nearer, share) if nearer.height > end.height else (end, 1.0)
+        share = 1.0
+        while share < _FARTHER and end.height - here.height > _STEEP * share * promised:
+            share *= 2.0
+            farther = self.at(
+                np.clip(here.log_levels + share * (there - here.log_levels), *self._bounds)
+            )
+            if not farther.height > end.height:
+                break
+            end = farther
+        return end, 1.0
 
 
 class _Steps:
@@ -214,37 +264,6 @@ class _Steps:
                 information = information - np.outer(along, along) / (step @ along)
                 information = information + np.outer(change, change) / (change @ step)
         return information
-
-
-def _best_along(
-    at: Callable[[Floats], _Place],
-    here: _Place,
-    there: Floats,
-    promised: float,
-    bounds: tuple[Floats, Floats],
-) -> tuple[_Place, float]:
-    """Return the best place seen along a step, and at which share of it that is: one where it is
-    the end or beyond.
-
-    A log bends more along a step than the mean of all that its levels might have made: steps as
-    long as that mean has them lead to and fro across the best. So where the end lies beyond that,
-    the top of the parabola through slope and both heights is tried; and where the slope has hardly
-    changed, which is so where levels are far too high, as far again.
-    """
-    end = at(there)
-    gained = end.height - here.height
-    if gained < _BEYOND * promised:
-        share = max(0.5 * promised / (promised - gained), _NEAREST)
-        nearer = at(here.log_levels + share * (there - here.log_levels))
-        return (nearer, share) if nearer.height > end.height else (end, 1.0)
-    share = 1.0
-    while share < _FARTHER and end.height - here.height > _STEEP * share * promised:
-        share *= 2.0
-        farther = at(np.clip(here.log_levels + share * (there - here.log_levels), *bounds))
-        if not farther.height > end.height:
-            break
-        end = farther
-    return end, 1.0
 
 
 def _promises(promised: float, gained: float) -> float:
