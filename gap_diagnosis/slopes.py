@@ -15,8 +15,8 @@ _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
 _NEAR: Final = 30.0
 """A step that promises less [nat] ends near the best levels: from there on"""
-_STAND_FOR: Final = 4.0
-"""what columns have of a slope stands for all levels within two standard deviations."""
+_STAND_FOR: Final = 1.0
+"""what columns have of a slope stands for all levels within a standard deviation."""
 _RIDGE: Final = 1e-9
 
 

@@ -6,8 +6,12 @@ import pytest
 from drive_recordings import ROBOT, block_of, simulated
 from foreign_drives import disturbed
 
+from gap_diagnosis.drive import noise
 from gap_diagnosis.drive.likelihood import fitted_levels, setting_of
 from gap_diagnosis.drive.noise import IDEAL, STARTS
+from gap_diagnosis.recording import Floats
+from gap_diagnosis.scoring import LevelPrior
+from gap_diagnosis.slopes import Weigh
 
 
 @pytest.mark.parametrize("start", STARTS[1:], ids=["quiet", "rough"])
@@ -33,3 +37,22 @@ def test_from_wherever_a_search_begins_a_loaded_drive_is_as_noisy(seed: int) -> 
     setting = block_of(disturbed(seed)).undisturbed
     heights = [fitted_levels(setting, {}, start)[1] for start in (*STARTS, IDEAL)]
     assert max(heights) - min(heights) < 0.1
+
+
+def test_of_several_starts_the_likelier_two_are_sought_from(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setting = block_of(disturbed(1)).undisturbed
+    starts = (*STARTS, IDEAL)
+    each = [fitted_levels(setting, {}, start)[1] for start in starts]
+    searches: list[Floats] = []
+    search = noise.best_levels
+
+    def counted(weigh: Weigh, prior: LevelPrior, start: Floats) -> Floats:
+        searches.append(start)
+        return search(weigh, prior, start)
+
+    monkeypatch.setattr(noise, "best_levels", counted)
+    _, reached = fitted_levels(setting, {}, *starts)
+    assert reached == pytest.approx(max(each), abs=0.1)
+    assert len(searches) == 2

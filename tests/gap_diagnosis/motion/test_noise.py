@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -182,3 +183,19 @@ def test_a_gps_is_no_noisy_reference_of_a_lab(position_m: float, is_noise: bool)
     fit = fit_noise(model, nothing, nothing, "reference_noise", ("reference_noise",))
     assert (fit.log_evidence > 0) == is_noise
     assert fit.parameters.keys() == ({"reference_noise.position"} if is_noise else set())
+
+
+@pytest.mark.parametrize(
+    ("noise", "effect", "is_worth"),
+    [(1.6, 2990.0, True), (1.6, 100.0, False), (0.9, 2990.0, False), (4.0, 100.0, True)],
+)
+def test_a_noise_that_gains_little_is_fitted_beside_what_may_be_the_best_with_it(
+    noise: float, effect: float, is_worth: bool
+) -> None:
+    """A walk worth 1.6 nats beside no effect was fitted beside ten, of which one explains 3,000:
+    a quarter of a diagnosis."""
+    block = MotionBlock.__new__(MotionBlock)
+    block.scan = SimpleNamespace(  # type: ignore[assignment]
+        found={frozenset(): 3000.0}, gained=lambda nats: (nats, nats)
+    )
+    assert block._is_worth(noise, effect) == is_worth

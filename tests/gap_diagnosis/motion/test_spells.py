@@ -20,11 +20,13 @@ from gap_diagnosis.motion import spells as module
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import gram_of
-from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.spells import Spell, lay_out_ways, spells
+from gap_diagnosis.motion.model import MotionModel, is_far
+from gap_diagnosis.motion.spells import Spell, lay_out_ways, levels_of_spell, spells
+from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
+from gap_diagnosis.slopes import Weighed
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
@@ -249,3 +251,29 @@ def test_what_is_over_in_a_moment_is_no_effect_that_acts_all_the_time() -> None:
     )
     assert slips > 20
     assert loses < 0.02 * slips
+
+
+def test_levels_far_too_low_beside_a_spell_are_left_for_those_of_no_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A listed effect that explains nearly all leaves hardly any noise, and another cause is far
+    from that: from there the way up took 200 looks."""
+    model = model_of(drive(slip(40.0, 50.0)), *SLIP)
+    nothing = model.no_effect_levels
+    found = spells(model, nothing, lay_out_ways(model))
+    looks: list[Floats] = []
+    look = Weighing.__call__
+
+    def counted(self: Weighing, levels: Floats) -> Weighed:
+        looks.append(levels)
+        return look(self, levels)
+
+    monkeypatch.setattr(Weighing, "__call__", counted)
+    low = np.maximum(0.05 * nothing, model.level_prior.low)
+    slowly = levels_of_spell(model, found, low)
+    alone = len(looks)
+    quickly = levels_of_spell(model, found, low, elsewhere=[nothing])
+    assert slowly is not None
+    assert quickly is not None
+    assert len(looks) - alone < 0.8 * alone
+    assert not is_far(slowly, quickly)

@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.scan import search
-from gap_diagnosis.motion.whitening import CONTACT, LEVELS, SLIP_S, SLIP_WANDER
+from gap_diagnosis.motion.starts import with_slip
+from gap_diagnosis.motion.whitening import CONTACT, LEVELS, SLIP_S, SLIP_WANDER, SLOW
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -100,3 +101,19 @@ def test_wheels_that_slip_are_not_taken_for_rough_ones(
     # Slip that lasts for 2 s is known by the 60 such times of two minutes to 1 / sqrt(2 * 60).
     assert found[SLIP_WANDER] == pytest.approx(share, rel=4 / math.sqrt(2 * 60))
     assert found[CONTACT] < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("louder", "contact", "is_tried"), [(0.5, 1e-4, False), (2.0, 1e-4, True), (0.5, 0.01, True)]
+)
+def test_slip_is_tried_where_wheels_are_rough_or_a_wander_is_more_than_described(
+    louder: float, contact: float, is_tried: bool
+) -> None:
+    """How long a wander lasts that is hardly there nothing tells; a search from wheels that slip
+    took a seventh of a diagnosis and ended where it was before."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("square"), (), 1, reference=GPS)
+    prior = MotionModel(log, ROBOT, default_prior()).level_prior
+    levels = prior.median.copy()
+    levels[CONTACT], levels[SLOW] = contact, 20.0
+    levels[LEVELS.index("reference_slow_position_m")] *= louder
+    assert (with_slip(levels, prior) is not None) == is_tried
