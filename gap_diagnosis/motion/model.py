@@ -456,13 +456,13 @@ class MotionModel:
 
     def _free_about(
         self,
-        change: Floats,
+        change: Floats | float,
         free: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
     ) -> Floats:
-        """Return the data with a *change*, float64[4, m], and what units of constants within their
-        tolerances change beside these effects: float64[4, m, 1 + c].
+        """Return the data with a *change*, float64[4, m] or 0, and what units of constants within
+        their tolerances change beside these effects: float64[4, m, 1 + c].
 
         What acts otherwise beside one of them is told about them.
         """
