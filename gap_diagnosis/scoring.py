@@ -18,7 +18,8 @@ _ROUNDS: Final = 30
 _LITTLE: Final = 0.05
 """No step is tried that promises less [nat]."""
 _FARTHEST: Final = 2.0
-"""A step changes no level by more than a factor of e^2: the slopes are of here."""
+"""A step changes no level by more than a factor of e^2: the slopes are of here. Where they hold on
+it is tried longer."""
 _ENOUGH: Final = 0.05
 """A step is kept that gains this share of what its slope promised."""
 _BEYOND: Final = 0.3
@@ -42,7 +43,12 @@ _SEEN: Final = 2
 _LEAST_BENT: Final = 0.2
 """unless one changed by less than this share of what was to be expected."""
 _AT_REST: Final = 30.0
-"""A bound holds a level for certain whose slope is so many times its information, squared."""
+"""A bound holds a level for certain whose slope, squared, is so many times its information."""
+_NEWTONS: Final = 0.5
+"""A step of Newton's that promised no more, and gained half of that, ends a search too: along a
+ridge that hardly rises and then by 200 nats, one that promised 0.9 did so."""
+_NOTHING: Final = 0.02
+"""At its end no slope promises more, as a parabola through both heights has it [nat]."""
 _FIRST_DAMPED: Final = 0.2
 _LEAST_DAMPED: Final = 5e-3
 _MOST_DAMPED: Final = 1e4
@@ -119,14 +125,16 @@ def best_levels(
     # Levels that their bounds hold for certain are asked again only where the search would end.
     resting: frozenset[int] = frozenset()
     for _ in range(_ROUNDS):
-        slope, information = slopes_of.at(here.log_levels, here.seen, resting, steps.promised)
+        slope, information = slopes_of.at(here.log_levels, here.seen, resting)
         slope = slope + search.pull(here.log_levels)
+        slope[list(resting)] = 0.0
         information = information + search.restraint
         if not np.isfinite(information).all():
             break  # Levels at which the filter runs out of digits: no slope leads from here.
-        information = steps.bent(here.log_levels, slope, information)
         is_bound = search.held(here.log_levels, slope)
         is_bound[list(resting)] = True
+        is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
+        information = steps.bent(here.log_levels, slope, information)
         best, damping, promised, ends = search.step(here, slope, information, is_bound, damping)
         is_near = slopes_of.stand_for(best.log_levels, information)
         if ends:
@@ -134,9 +142,9 @@ def best_levels(
             if stays == resting and is_near:
                 return np.asarray(np.exp(best.log_levels))
             resting, damping, steps = stays, 0.0, _Steps()
+            slopes_of.forget()
         else:
-            steps.add(here.log_levels, np.where(is_bound, 0.0, slope), promised)
-            is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
+            steps.add(here.log_levels, slope, promised)
             resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
         here = best
     return np.asarray(np.exp(here.log_levels))
@@ -198,9 +206,9 @@ class _Search:
             gained = best.height - here.height
             settles = share < 1.0 and 0.0 <= gained < _SETTLED and promised < _SETTLES
             left = slope - information @ (there - here.log_levels)
-            is_newtons = damping == 0.0 and share == 1.0 and promised < _SETTLES
+            is_newtons = damping == 0.0 and share == 1.0 and promised < _NEWTONS
             leaves_bound = self.held(there, -left).any()
-            arrives = is_newtons and not leaves_bound and _promises(promised, gained) < _LITTLE
+            arrives = is_newtons and not leaves_bound and _promises(promised, gained) < _NOTHING
             if settles or arrives or gained > _ENOUGH * share * promised:
                 eased = damping / _EASED if damping > _LEAST_DAMPED else 0.0
                 return best, eased, promised, settles or arrives
@@ -255,7 +263,10 @@ class _Steps:
         """
         if self._from is None:
             return information
-        self._seen = [*self._seen, (log_levels - self._from[0], self._from[1] - slope)][-_SEEN:]
+        step = log_levels - self._from[0]
+        # Slopes of levels at their bounds, or at rest there, are not these steps' doing.
+        change = np.where(step == 0.0, 0.0, self._from[1] - slope)
+        self._seen = [*self._seen, (step, change)][-_SEEN:]
         if self.promised > _BENT_BELOW:
             return information
         for step, change in self._seen:

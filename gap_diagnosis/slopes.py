@@ -13,10 +13,8 @@ Floats = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
-_NEAR: Final = 30.0
-"""A step that promises less [nat] ends near the best levels: from there on"""
 _STAND_FOR: Final = 1.0
-"""what columns have of a slope stands for all levels within a standard deviation."""
+"""What columns have of a slope stands for all levels within a standard deviation."""
 _RIDGE: Final = 1e-9
 
 
@@ -48,7 +46,7 @@ class Slopes:
     """Slopes of log evidence by the logarithms of levels, and their information.
 
     At the columns' best coefficients a slope is that of what they leave (the envelope theorem), and
-    what their own uncertainty has of it: near the best levels that hardly changes.
+    what their own uncertainty has of it: about where that was seen it hardly changes.
     """
 
     def __init__(self, weigh: Weigh, leave: Leave | None, silent: Set[int]) -> None:
@@ -56,16 +54,11 @@ class Slopes:
         self._weigh, self._leave, self._silent = weigh, leave, silent
         self._beside: tuple[Floats, Floats] | None = None
 
-    def at(
-        self, log_levels: Floats, seen: Weighed, besides: Set[int], promised: float
-    ) -> tuple[Floats, Floats]:
+    def at(self, log_levels: Floats, seen: Weighed, besides: Set[int]) -> tuple[Floats, Floats]:
         """Return slope float64[levels] and information float64[levels, levels], nothing of the
-        levels *besides*, where the step to here *promised* so much [nat]."""
+        levels *besides*: of those once left out nothing is known until all are forgotten."""
         silent = self._silent | besides
-        if self._leave is None or promised > _NEAR:
-            slope, information, _ = slopes(self._weigh, log_levels, seen, silent)
-            return slope, information
-        if self._beside is None:
+        if self._leave is None or self._beside is None:
             slope, information, left = slopes(self._weigh, log_levels, seen, silent)
             self._beside = log_levels, slope - left
             return slope, information
@@ -77,17 +70,23 @@ class Slopes:
 
         here = Weighed(0.0, (seen.white @ weights)[:, np.newaxis], seen.log_variance)
         _, information, left = slopes(look, log_levels, here, silent)
-        return left + self._beside[1], information
+        slope = left + self._beside[1]
+        slope[list(besides)] = 0.0
+        return slope, information
+
+    def forget(self) -> None:
+        """Look at all columns next time."""
+        self._beside = None
 
     def stand_for(self, log_levels: Floats, information: Floats) -> bool:
         """Tell whether what was last seen of the columns' uncertainty is good enough here; if not,
-        it is looked at anew."""
-        if self._beside is None:
+        it is forgotten."""
+        if self._leave is None or self._beside is None:
             return True
         way = log_levels - self._beside[0]
         if way @ information @ way <= _STAND_FOR:
             return True
-        self._beside = None
+        self.forget()
         return False
 
 

@@ -157,13 +157,16 @@ def fitted_levels(
     free = np.array([_FREE_SD * max(1.0, one.high) for one in setting.linear_sizes])
     sd = np.concatenate((free, setting.nuisance_sd))
     data = setting.variant.data
-    levels, value = fit_levels(data, made[0], linear, sd, starts)
-    # the width of the free coefficients' prior is no part of the best likelihood
-    if len(free):
-        white, _ = whitened(data, linear[: len(free)], Levels.of(levels, data.tick_rad))
-        scaled = (white @ white.T) * np.outer(free, free) + np.eye(len(free))
-        value += 0.5 * float(np.linalg.slogdet(scaled)[1])
-    return levels, value
+    found = []
+    for levels, height in fit_levels(data, made[0], linear, sd, starts):
+        # the width of the free coefficients' prior is no part of the best likelihood
+        width = 0.0
+        if len(free):
+            white, _ = whitened(data, linear[: len(free)], Levels.of(levels, data.tick_rad))
+            scaled = (white @ white.T) * np.outer(free, free) + np.eye(len(free))
+            width = 0.5 * float(np.linalg.slogdet(scaled)[1])
+        found.append((levels, height + width))
+    return max(found, key=lambda one: one[1])
 
 
 def evidence(

@@ -139,9 +139,9 @@ def marginal(gram: Floats, pull: Floats, power: Floats, sd: Floats) -> Floats:
 
 def fit_levels(
     data: DriveData, residual: Floats, columns: Floats, sd: Floats, starts: Sequence[Floats]
-) -> tuple[Floats, float]:
+) -> list[tuple[Floats, float]]:
     """Return the most probable log levels and the log likelihood there, with their prior, sought
-    from the likeliest few of *starts*.
+    from each of the likeliest few of *starts*.
 
     *residual* is float64[2, m]; *columns* float64[c, 2, m] are nuisances with prior *sd*.
     """
@@ -164,6 +164,4 @@ def fit_levels(
 
     likely = sorted(starts, key=height, reverse=True)[:_SOUGHT_FROM] if len(starts) > 1 else starts
     found = [np.log(best_levels(weigh, _PRIOR, np.exp(start))) for start in likely]
-    heights = [height(logs) for logs in found]
-    best = int(np.argmax(heights))
-    return found[best], heights[best]
+    return [(logs, height(logs)) for logs in found]

@@ -87,11 +87,13 @@ class OffTheGrid(Accounts):
         if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
             return None
         _, term, whole = best
-        at_ends = self.model.refit((term,), gram.levels, known=self._ranked()[0].levels)
+        known = self._ranked()[0].levels
+        at_ends = self.model.refit((term,), gram.levels, known=known)
         if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
             return None
         # Of a large effect on the whole log a straight line may explain no more than a part.
-        best_so_far = max(best_so_far, self.model.refit((whole,), gram.levels).log_evidence)
+        all_along = self.model.refit((whole,), gram.levels, known=known)
+        best_so_far = max(best_so_far, all_along.log_evidence)
         about = at_ends.coefficients, at_ends.levels
         windows = windows_of(self.model, (term,), 0, *about)
         edged = edged_by(term, windows)

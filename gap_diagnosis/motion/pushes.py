@@ -125,7 +125,7 @@ class _Log:
         def gain(gram: Gram) -> float:
             return self._gain(gram, len(ticks))
 
-        values = np.ascontiguousarray(self._values(ticks))
+        values = self._values(ticks)
         course = self._model.course
         weigh = Weighing(values, self._tolerated, course, self._nodes.ticks, gain)
         start = max(starts, key=lambda levels: weigh(levels).log_evidence)

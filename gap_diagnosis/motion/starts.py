@@ -28,7 +28,8 @@ _STAMPS_S: Final = (5e-3, 5e-2)
 """By how much stamps that came over a network may be off."""
 _ROUGH_M_PER_SQRT_M: Final = 3e-3
 _LONG_S: Final = 5.0
-"""Wheels rougher than these, or a reference whose wander lasts longer, may be wheels that slip:"""
+"""Wheels rougher than these, or a reference that wanders more than described and for longer, may be
+wheels that slip:"""
 _SLIPS: Final = 0.1
 _SKIDS_M_PER_SQRT_M: Final = 0.03
 """on grass by as much, along and across. A search comes down from too much of every noise: from too
@@ -65,7 +66,8 @@ def with_slip(levels: Floats, prior: LevelPrior) -> Floats | None:
     not wander, float64[levels]; None unless they tell of wheels that are rough or of a wander that
     lasts for long and is more than described."""
     wanders = [LEVELS.index(f"reference_slow_{name}") for name in ("position_m", "heading_rad")]
-    is_more = bool(np.any(levels[wanders] > prior.median[wanders]))
+    told = [one for one in wanders if one not in prior.silent]
+    is_more = bool(np.any(levels[told] > prior.median[told]))
     if levels[CONTACT] < _ROUGH_M_PER_SQRT_M and not (is_more and levels[SLOW] > _LONG_S):
         return None
     slips = levels.copy()

@@ -33,15 +33,17 @@ class Weighing:
 
     def __call__(self, levels: Floats) -> Weighed:
         """Return what the log says at levels, float64[levels]."""
-        white, log_variance = whiten(self.values, self.course, levels, self.ticks)
-        gram = gram_of(white, log_variance, self.nuisances, levels)
+        white, log_variance, gram = self._seen(levels)
         products = gram.full_inner, gram.full_data
         return Weighed(gram.log_nothing + self.gain(gram), white, log_variance, products)
 
     def gram(self, levels: Floats) -> Gram:
         """Return the columns' products at levels, those within tolerance marginalised."""
+        return self._seen(levels)[2]
+
+    def _seen(self, levels: Floats) -> tuple[Floats, Floats, Gram]:
         white, log_variance = whiten(self.values, self.course, levels, self.ticks)
-        return gram_of(white, log_variance, self.nuisances, levels)
+        return white, log_variance, gram_of(white, log_variance, self.nuisances, levels)
 
     def leave(self, levels: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """Return the whitened sum, float64[r], of data and columns times weights, float64[1 + c],

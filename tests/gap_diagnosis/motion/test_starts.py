@@ -117,3 +117,15 @@ def test_slip_is_tried_where_wheels_are_rough_or_a_wander_is_more_than_described
     levels[CONTACT], levels[SLOW] = contact, 20.0
     levels[LEVELS.index("reference_slow_position_m")] *= louder
     assert (with_slip(levels, prior) is not None) == is_tried
+
+
+def test_of_a_heading_that_no_reference_has_no_wander_is_more_than_described() -> None:
+    """A search hands such a level on through its logarithm: more than it was by a last digit."""
+    log = synthetic_recording(ROBOT, WIRE, scenario("square"), (), 1, reference=GPS)
+    assert log.reference is not None
+    blind = replace(log, reference=replace(log.reference, heading_rad=None))
+    prior = MotionModel(blind, ROBOT, default_prior()).level_prior
+    levels = np.nextafter(prior.median, np.inf)
+    levels[LEVELS.index("reference_slow_position_m")] *= 0.5
+    levels[CONTACT], levels[SLOW] = 1e-4, 20.0
+    assert with_slip(levels, prior) is None
