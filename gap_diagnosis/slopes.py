@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
-_STAND_FOR: Final = 1.0
-"""What columns have of a slope stands for all levels within a standard deviation."""
+_STAND_FOR: Final = 0.3
+"""What columns have of a slope stands for all levels within half a standard deviation."""
 _RIDGE: Final = 1e-9
 
 
