@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gap_diagnosis.slopes import Leave, Slopes, Weigh, Weighed, leftover_weights, slopes
+from gap_diagnosis.slopes import Weigh, Weighed, leftover_weights, slopes
 
 Floats = NDArray[np.float64]
 
@@ -105,12 +105,10 @@ def best_levels(
     *,
     free: Sequence[int] = (),
     elsewhere: Sequence[Floats] = (),
-    leave: Leave | None = None,
 ) -> Floats:
     """Return the levels that maximise evidence times prior, from *start* (float64[levels]), or
     where these are far too low from the best of *elsewhere*: a search that climbs for long drags
-    along what has no part in it, and takes as long to bring that back. *leave* says what is left at
-    levels in the place of *weigh*, where that will do.
+    along what has no part in it, and takes as long to bring that back.
 
     Scoring with the information of the innovations (Engle and Watson 1981, JASA 76:774, section 3;
     Harvey 1989, section 3.4), damped as by Levenberg and Marquardt, within bounds: levels differ a
@@ -121,11 +119,11 @@ def best_levels(
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [search.at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
-    damping, steps, slopes_of = 0.0, _Steps(), Slopes(weigh, leave, prior.silent)
+    damping, steps = 0.0, _Steps()
     # Levels that their bounds hold for certain are asked again only where the search would end.
     resting: frozenset[int] = frozenset()
     for _ in range(_ROUNDS):
-        slope, information = slopes_of.at(here.log_levels, here.seen, resting)
+        slope, information = slopes(weigh, here.log_levels, here.seen, prior.silent | resting)
         slope = slope + search.pull(here.log_levels)
         slope[list(resting)] = 0.0
         information = information + search.restraint
@@ -136,13 +134,11 @@ def best_levels(
         is_at_rest = is_bound & (slope**2 > _AT_REST * np.diag(information))
         information = steps.bent(here.log_levels, slope, information)
         best, damping, promised, ends = search.step(here, slope, information, is_bound, damping)
-        is_near = slopes_of.stand_for(best.log_levels, information)
         if ends:
             stays = search.still_held(best, resting)
-            if stays == resting and is_near:
+            if stays == resting:
                 return np.asarray(np.exp(best.log_levels))
             resting, damping, steps = stays, 0.0, _Steps()
-            slopes_of.forget()
         else:
             steps.add(here.log_levels, slope, promised)
             resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
@@ -178,7 +174,7 @@ class _Search:
         if not levels:
             return levels
         others = set(range(len(place.log_levels))) - levels
-        slope, _, _ = slopes(self._weigh, place.log_levels, place.seen, others)
+        slope, _ = slopes(self._weigh, place.log_levels, place.seen, others)
         is_held = self.held(place.log_levels, slope + self.pull(place.log_levels))
         return levels & set(np.flatnonzero(is_held).tolist())
 
@@ -326,7 +322,7 @@ def along(
     at a floor.
     """
     here = np.log(np.maximum(levels, prior.low))
-    _, information, _ = slopes(weigh, here, weigh(np.exp(here)), prior.silent)
+    _, information = slopes(weigh, here, weigh(np.exp(here)), prior.silent)
     information = information + np.diag(prior.restraint(free))
     moving = here > np.log(prior.low)
     moving[place] = False

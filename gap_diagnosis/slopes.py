@@ -13,8 +13,6 @@ Floats = NDArray[np.float64]
 
 _STEP: Final = 1e-3
 """Of a level's logarithm, for its slope."""
-_STAND_FOR: Final = 0.3
-"""What columns have of a slope stands for all levels within half a standard deviation."""
 _RIDGE: Final = 1e-9
 
 
@@ -37,71 +35,18 @@ class Weighed(NamedTuple):
 
 Weigh = Callable[[Floats], Weighed]
 """What a log says at levels, float64[levels]."""
-Leave = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""What `Weighed.white` times weights, float64[1 + c], is at levels, float64[r], and the log
-variances there: for a third of the work."""
 
 
-class Slopes:
-    """Slopes of log evidence by the logarithms of levels, and their information.
-
-    At the columns' best coefficients a slope is that of what they leave (the envelope theorem), and
-    what their own uncertainty has of it: about where that was seen it hardly changes.
-    """
-
-    def __init__(self, weigh: Weigh, leave: Leave | None, silent: Set[int]) -> None:
-        """Prepare; on the *silent* levels nothing depends: their slope is not asked for."""
-        self._weigh, self._leave, self._silent = weigh, leave, silent
-        self._beside: tuple[Floats, Floats] | None = None
-
-    def at(self, log_levels: Floats, seen: Weighed, besides: Set[int]) -> tuple[Floats, Floats]:
-        """Return slope float64[levels] and information float64[levels, levels], nothing of the
-        levels *besides*: of those once left out nothing is known until all are forgotten."""
-        silent = self._silent | besides
-        if self._leave is None or self._beside is None:
-            slope, information, left = slopes(self._weigh, log_levels, seen, silent)
-            self._beside = log_levels, slope - left
-            return slope, information
-        leave, weights = self._leave, leftover_weights(seen)
-
-        def look(levels: Floats) -> Weighed:
-            white, log_variance = leave(levels, weights)
-            return Weighed(0.0, white[:, np.newaxis], log_variance)
-
-        here = Weighed(0.0, (seen.white @ weights)[:, np.newaxis], seen.log_variance)
-        _, information, left = slopes(look, log_levels, here, silent)
-        slope = left + self._beside[1]
-        slope[list(besides)] = 0.0
-        return slope, information
-
-    def forget(self) -> None:
-        """Look at all columns next time."""
-        self._beside = None
-
-    def stand_for(self, log_levels: Floats, information: Floats) -> bool:
-        """Tell whether what was last seen of the columns' uncertainty is good enough here; if not,
-        it is forgotten."""
-        if self._leave is None or self._beside is None:
-            return True
-        way = log_levels - self._beside[0]
-        if way @ information @ way <= _STAND_FOR:
-            return True
-        self.forget()
-        return False
-
-
-def slopes(
-    weigh: Weigh, here: Floats, seen: Weighed, silent: Set[int]
-) -> tuple[Floats, Floats, Floats]:
+def slopes(weigh: Weigh, here: Floats, seen: Weighed, silent: Set[int]) -> tuple[Floats, Floats]:
     """Return slope float64[levels] and information float64[levels, levels] of log evidence by the
-    logarithms of levels, and what of the slope is of the leftover alone; nothing of the *silent*.
+    logarithms of levels; nothing of the *silent*.
 
     With whitened innovations w of log variance v, the information of levels i and j is the sum over
     rows of v_i v_j / 2 + (w_i + w v_i / 2) (w_j + w v_j / 2), indices for derivatives.
     """
     weights = leftover_weights(seen)
     left = seen.white @ weights
-    slope, of_left = np.zeros(len(here)), np.zeros(len(here))
+    slope = np.zeros(len(here))
     rows = np.zeros((len(here), 2, len(left)))
     for place in sorted(set(range(len(here))) - silent):
         moved = here.copy()
@@ -110,11 +55,10 @@ def slopes(
         slope[place] = (there.log_evidence - seen.log_evidence) / _STEP
         wider = (there.log_variance - seen.log_variance) / _STEP
         more = (there.white @ weights - left) / _STEP
-        of_left[place] = -float(left @ more + 0.5 * _STEP * more @ more + 0.5 * wider.sum())
         rows[place, 0] = wider / math.sqrt(2.0)
         rows[place, 1] = more + 0.5 * left * wider
     flat = rows.reshape(len(here), -1)
-    return slope, np.asarray(flat @ flat.T), of_left
+    return slope, np.asarray(flat @ flat.T)
 
 
 def leftover_weights(seen: Weighed) -> Floats:

@@ -277,7 +277,7 @@ class _Log:
         """Return the noise levels that suit this course."""
         start = np.minimum(start, self._level_prior.high)
         weigh = self._weighing(course)
-        return best_levels(weigh, self._level_prior, start, leave=weigh.leave)
+        return best_levels(weigh, self._level_prior, start)
 
     def hot_beside(self, best: Found) -> Mask:
         """Return the cells in which what an account leaves over stands out."""

@@ -215,9 +215,7 @@ class MotionModel:
         """
         weigh = self._of_levels(terms, course)
         prior = self._prior_on(weigh.course)
-        return best_levels(
-            weigh, prior, start, free=free, elsewhere=self.elsewhere, leave=weigh.leave
-        )
+        return best_levels(weigh, prior, start, free=free, elsewhere=self.elsewhere)
 
     def _prior_on(self, course: Course) -> LevelPrior:
         """Return the levels' prior on a course: by how much effects vary shows beside one alone."""
@@ -501,7 +499,7 @@ class MotionModel:
         heights = [height(start) for start in starts]
         start = starts[int(np.argmax(heights))]
         prior = self._prior_on(course)
-        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere, leave=weigh.leave)
+        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
         return found, height(found) - heights[0]
 
     def linearised(

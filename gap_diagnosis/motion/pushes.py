@@ -129,7 +129,7 @@ class _Log:
         course = self._model.course
         weigh = Weighing(values, self._tolerated, course, self._nodes.ticks, gain)
         start = max(starts, key=lambda levels: weigh(levels).log_evidence)
-        return best_levels(weigh, self._model.level_prior, start, leave=weigh.leave)
+        return best_levels(weigh, self._model.level_prior, start)
 
     def evidence(self, ticks: list[int], levels: Floats) -> float:
         """Return the log evidence of pushes at these ticks, sought anywhere."""

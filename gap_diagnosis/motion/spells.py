@@ -307,4 +307,4 @@ def levels_of_spell(
         return float(np.logaddexp.reduce(gained.ravel())) - math.log(SCALES)
 
     weigh = Weighing(laid.values, laid.nuisances, model.course, model.nodes.ticks, gain)
-    return best_levels(weigh, model.level_prior, start, elsewhere=elsewhere, leave=weigh.leave)
+    return best_levels(weigh, model.level_prior, start, elsewhere=elsewhere)

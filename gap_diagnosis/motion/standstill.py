@@ -84,7 +84,7 @@ def _stood(model: MotionModel, nothing: Found, known: Sequence[Standstill]) -> S
         return weigh(levels).log_evidence + model.level_prior.log_density(np.log(levels))
 
     start = max((model.level_prior.median, nothing.levels), key=height)
-    levels = best_levels(weigh, model.level_prior, start, leave=weigh.leave)
+    levels = best_levels(weigh, model.level_prior, start)
     gained = height(levels) - nothing.log_evidence - _LEANS * _guessed(nodes, known)
     left, whole = (weighing(values).gram(levels).left_over for values in (put_right, described))
     above_noise = max(whole - np.count_nonzero(np.isfinite(described)), 1.0)

@@ -229,7 +229,7 @@ def levels_beside(
 
     weigh = Weighing(shaped.values, shaped.nuisances, model.course, model.nodes.ticks, gain)
     others = [*model.elsewhere, *elsewhere]
-    return best_levels(weigh, model.level_prior, start, elsewhere=others, leave=weigh.leave)
+    return best_levels(weigh, model.level_prior, start, elsewhere=others)
 
 
 def _shaped(laid: Laid, model: MotionModel, levels: Floats) -> Laid:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.whitening import whiten
@@ -44,10 +42,3 @@ class Weighing:
     def _seen(self, levels: Floats) -> tuple[Floats, Floats, Gram]:
         white, log_variance = whiten(self.values, self.course, levels, self.ticks)
         return white, log_variance, gram_of(white, log_variance, self.nuisances, levels)
-
-    def leave(self, levels: Floats, weights: Floats) -> tuple[Floats, Floats]:
-        """Return the whitened sum, float64[r], of data and columns times weights, float64[1 + c],
-        and its log variances: the filter is linear."""
-        summed = (self.values @ weights)[..., np.newaxis]
-        white, log_variance = whiten(summed, self.course, levels, self.ticks)
-        return white[:, 0], log_variance
