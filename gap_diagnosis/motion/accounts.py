@@ -345,7 +345,7 @@ class Accounts:
         *by_itself*, at its own: at what noise is left beside others it may end anywhere."""
         fitted = [each for each in self.found.values() if each.refitted is not None]
         best = max(fitted, key=lambda each: each.log_evidence, default=one)
-        known = None if by_itself else best.levels
+        known = () if by_itself else (best.levels,)
         again = self.model.refit(one.terms, one.levels, known=known)
         self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.

@@ -301,12 +301,12 @@ class MotionModel:
         steps: int = _NEWTON_STEPS,
         start: Sequence[tuple[float, ...]] | None = None,
         shortens: bool = True,
-        known: Floats | None = None,
+        known: Sequence[Floats] = (),
     ) -> Refitted:
         """Fit *terms* again about their own best coefficients (Gauss-Newton).
 
         *shortens*: a step that leads downhill, which takes half of a fit's time to tell.
-        *known*: levels that suit another set, tried once besides those here.
+        *known*: levels that suit other sets, tried once besides those here.
         """
         if start is None:
             first = score(self.gram(levels), terms, self.prior)
@@ -327,12 +327,12 @@ class MotionModel:
             values, nuisances, tangent = self.linearised(terms, coefficients, levels)
             course = self.scattered(terms, coefficients, levels)
             if step > 0 and gained >= _STILL:
-                starts = [levels] if known is None else [levels, known]
+                starts = [levels, *known]
                 if any(varies(term.variant, self.nodes) for term in terms):
                     starts += roughly(levels, self.level_prior.median)
                 levels, gained = self._better_levels(values, nuisances, tangent, starts, course)
                 course = self.scattered(terms, coefficients, levels)
-                known, height = None, None
+                known, height = (), None
             white = whiten(values, course, levels, self.nodes.ticks)
             gram = gram_of(*white, nuisances, levels)
             scored = score(gram, tangent, self.prior)

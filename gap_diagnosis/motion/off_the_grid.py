@@ -87,7 +87,7 @@ class OffTheGrid(Accounts):
         if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
             return None
         _, term, whole = best
-        known = self._ranked()[0].levels
+        known = self._ranked()[0].levels, self.found[frozenset()].levels
         at_ends = self.model.refit((term,), gram.levels, known=known)
         if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
             return None

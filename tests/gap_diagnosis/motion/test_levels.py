@@ -49,7 +49,7 @@ def test_a_fit_that_begins_at_levels_of_another_ends_as_high() -> None:
     (term, *_) = (one for one in MODEL.columns.terms if one.variant.effect == "wheelbase_scale")
     far = PRIOR.median * 5.0
     slow = MODEL.refit((term,), far)
-    quick = MODEL.refit((term,), far, known=slow.levels)
+    quick = MODEL.refit((term,), far, known=(slow.levels,))
     assert quick.log_evidence == pytest.approx(slow.log_evidence, abs=0.3)
     np.testing.assert_allclose(quick.coefficients, slow.coefficients, rtol=0.05, atol=1e-5)
 
