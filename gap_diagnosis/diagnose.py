@@ -145,7 +145,8 @@ def diagnose_recordings(
     if not any(one.blocks for one in analyses):
         raise DiagnosisError(
             f"{recordings[0].name}: nothing to compare the wheels with: expected a gyro, a "
-            "reference, commands, odometry frames or stamped bus frames"
+            "reference, commands, odometry frames of a firmware that needs none, or stamped bus "
+            "frames"
         )
     stage_of = stages_of(analyses, library)
     blocks = [one.blocks for one in analyses]

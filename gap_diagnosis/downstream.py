@@ -13,7 +13,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.drive.shapes import drive_beside_described
-from gap_diagnosis.firmware import firmware_block, replayed_pose
+from gap_diagnosis.firmware import firmware_block, lacks_the_gyro, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path, late_s_of
 from gap_diagnosis.gap.on_recording import Replayed
@@ -115,14 +115,15 @@ def reprogrammed(
     is_other_log: bool,
 ) -> Downstream | None:
     """Return the odometry that the described and the explained program compute; None where the log
-    has no odometry frames. The program that was found in the diagnosed log runs on *where*.
+    has no odometry frames, or not what they were made from. The program that was found in the
+    diagnosed log runs on *where*.
 
     It is the same to the last digit in every part of a log: nothing is held out of it.
     """
-    if where.odometry_x_m is None:
+    block = analysis.firmware
+    if where.odometry_x_m is None or (block is None and lacks_the_gyro(where, robot)):
         return None
     before = replayed_pose(where, robot, wire)
-    block = analysis.firmware
     own = frozenset() if block is None else effects & block.effects
     there = firmware_block(where, robot, wire) if is_other_log and len(own) in (1, 2) else None
 

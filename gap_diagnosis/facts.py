@@ -178,6 +178,7 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_restarts(analysis)
+        notes += _on_the_replay(analysis)
         notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
         notes += _on_stamps(analysis)
@@ -218,6 +219,17 @@ def _on_restarts(analysis: Analysis) -> list[str]:
         f"{t_s - from_s:.2f} s, farther than wheels turn in that time, as of a controller that "
         "restarts; they were put back."
         for t_s, left, right in zip(found.t_s, found.left, found.right, strict=True)
+    ]
+
+
+def _on_the_replay(analysis: Analysis) -> list[str]:
+    """Say where odometry was made with a gyro that nobody recorded."""
+    one = analysis.recording
+    if analysis.firmware is not None or one.odometry_x_m is None or one.gyro_rate_rad_s is not None:
+        return []
+    return [
+        f"{one.name}: the firmware turns by a gyro, and the log has none: its odometry is not "
+        "replayed."
     ]
 
 

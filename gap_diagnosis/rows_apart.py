@@ -49,8 +49,10 @@ def rows_apart(
         explained = None if drive.after is None else _behind(wheels, drive.after)
         found += _series("actuation", _DRIVE, motion.t_s, _behind(wheels, drive.before), explained)
     odometry = recorded_odometry(recording)
-    if firmware is None or odometry is None:
+    if odometry is None:
         missing.append("odometry − replay: no odometry frames")
+    elif firmware is None:
+        missing.append("odometry − replay: no gyro, by which the firmware turns")
     else:
         before = _off(odometry, motion.t_s, firmware.before)
         after = None if firmware.after is None else _off(odometry, motion.t_s, firmware.after)

@@ -13,7 +13,12 @@ from gap_diagnosis.firmware.arrived import as_arrived, came_in_time
 from gap_diagnosis.firmware.candidates import EFFECTS
 from gap_diagnosis.firmware.comparison import cut_windows, misfit, turn_score
 from gap_diagnosis.firmware.foreign import best_lag, float_steps
-from gap_diagnosis.firmware.inputs import ReplayInputs, recorded_odometry, replay_inputs
+from gap_diagnosis.firmware.inputs import (
+    ReplayInputs,
+    lacks_the_gyro,
+    recorded_odometry,
+    replay_inputs,
+)
 from gap_diagnosis.firmware.leftover import Leftover, describe, size_of
 from gap_diagnosis.firmware.limits import replay_limits
 from gap_diagnosis.firmware.pairs import Pairs
@@ -146,7 +151,8 @@ class FirmwareBlock:
 def firmware_block(
     recording: Recording, robot: Robot, wire: Wire, without: frozenset[str] = frozenset()
 ) -> FirmwareBlock | None:
-    """Return the firmware's block of a log; None without odometry or without wheel counts.
+    """Return the firmware's block of a log; None without odometry, without wheel counts, or where
+    the firmware turned by a gyro that nobody recorded.
 
     *without* are effects that are not to be tried.
 
@@ -180,6 +186,8 @@ def firmware_block(
     plain = bench(inputs, places, lag)
     if plain.is_equal(plain.described):
         return FirmwareBlock(plain, without)
+    if lacks_the_gyro(recording, robot):
+        return None
     others = []
     for arrived in as_arrived(inputs, recording, wire):
         known = bench(arrived.inputs, arrived.places, 0)

@@ -137,6 +137,13 @@ def _grid(tick: Ints) -> Ints:
     return np.asarray(np.cumsum(np.minimum(steps, _LONGEST_GAP_TICKS)), np.int64)
 
 
+def lacks_the_gyro(recording: Recording, robot: Robot) -> bool:
+    """Tell whether the described firmware turns by a gyro of which the log has nothing."""
+    rate = recording.gyro_rate_rad_s
+    has_none = rate is None or not np.isfinite(rate).any()
+    return has_none and robot.firmware.mode != "wheel"
+
+
 def recorded_odometry(recording: Recording, wire: Wire) -> Odometry | None:
     """Return the recorded pose; None where a part of it is missing or hardly ever there."""
     columns = (

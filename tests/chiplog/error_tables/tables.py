@@ -130,7 +130,7 @@ TABLES: tuple[Row, ...] = (
         "nothing but wheels",
         "chiplog diagnose table.csv",
         "table.csv: nothing to compare the wheels with: expected a gyro, a reference, "
-        "commands, odometry frames or stamped bus frames",
+        "commands, odometry frames of a firmware that needs none, or stamped bus frames",
         {"table.csv": DRIVE},
     ),
     Row(
