@@ -26,6 +26,7 @@ from gap_diagnosis.facts import (
     log_facts,
     makes_worse,
     notes_on,
+    untrusted,
 )
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.pictures import Report
@@ -204,6 +205,7 @@ def diagnose_recordings(
                 effects,
                 is_unknown=verdict == UNKNOWN,
             ),
+            *untrusted(ordered[0]),
             *notes_on(
                 analyses,
                 (

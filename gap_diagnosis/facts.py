@@ -15,9 +15,10 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.company import OWN_BLOCK
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.motion.whitening import STAMP
+from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
+from gap_diagnosis.result_parts import Candidate, Gap, InputFile, LogFacts, Metric
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
@@ -149,6 +150,18 @@ _CERTAIN: Final = 20.0
 """So much likelier [nat] than that an effect does not act: one to five hundred million."""
 _WORSE: Final = 2.0
 """So many times the gap or its floor is no chance of the stretches held out."""
+
+
+def untrusted(leading: Candidate) -> tuple[str, ...]:
+    """Say that the weights behind the first candidate do not converge, where they do not."""
+    shape = leading.pareto_k
+    if shape is None or shape < TRUSTED:
+        return ()
+    return (
+        f"{' + '.join(leading.effects)}: probability and intervals are those along straight lines; "
+        "the effects bend within them, and weights as they act do not converge "
+        f"(Pareto k {shape:.2f}, trusted below {TRUSTED}).",
+    )
 
 
 def notes_on(

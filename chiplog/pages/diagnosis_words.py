@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from chiplog.pages import quantities as q
 from chiplog.pages.findings import Words
 from gap_diagnosis.criterion import Judgement
+from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
 from gap_diagnosis.result_parts import (
     CLOSABLE,
@@ -361,7 +362,7 @@ def candidate_facts(candidate: Candidate) -> str:
     if candidate.separation is not None:
         facts.append(f"2 ln L gained: {candidate.separation:.3g}")
     if candidate.pareto_k is not None:
-        trust = "" if candidate.pareto_k < 0.7 else ": do not trust its interval"
+        trust = "" if candidate.pareto_k < TRUSTED else ": do not trust its interval"
         facts.append(f"Pareto k {candidate.pareto_k:.2f}{trust}")
     return ", ".join(facts)
 

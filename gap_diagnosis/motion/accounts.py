@@ -47,6 +47,8 @@ class Found:
         levels: at which noise levels.
         refitted: the non-linear fit, for the best sets only.
         fell: by how much the fit lies below what straight lines promised [nat].
+        pareto_k: how heavy the tail is of the weights that correct the evidence; None where none
+            were needed.
     """
 
     effects: Effects
@@ -56,6 +58,7 @@ class Found:
     levels: Floats
     refitted: Refitted | None = None
     fell: float = 0.0
+    pareto_k: float | None = None
 
 
 def dispersed(log_evidence: float, log_likelihood: float, times: float) -> tuple[float, float]:
@@ -167,6 +170,7 @@ class Accounts:
             log_evidence=one.log_evidence + gained,
             log_likelihood=one.log_likelihood + exact.log_likelihood - fit.log_likelihood,
             fell=max(one.fell - gained, 0.0),
+            pareto_k=exact.pareto_k,
         )
 
     def _fitted(self) -> list[Found]:

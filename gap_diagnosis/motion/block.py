@@ -434,8 +434,9 @@ class MotionBlock:
 def _estimates(
     scan: Scan, effects: frozenset[str], closely: bool
 ) -> tuple[dict[str, Estimate], list[tuple[float, float]], float | None]:
-    """Return parameters, windows and the shape of the weights' tail of a set; beside a dead encoder
-    those of the log in which its wheel turns again."""
+    """Return parameters, windows and the shape of the heaviest tail of a set's weights, those of
+    its evidence or its draws; beside a dead encoder those of the log in which its wheel turns
+    again."""
     there = scan.turning_with(effects)
     if there is not None:
         dead, died, _ = _estimates(scan, DEAD, closely)
@@ -443,7 +444,10 @@ def _estimates(
         return dead | rest, died + windows, pareto_k
     found = scan.account(effects)
     again = found.refitted or scan.model.refit(found.terms, found.levels)
-    return Posterior(scan.model, scan, closely=closely).estimates(found, again)
+    posterior = Posterior(scan.model, scan, closely=closely)
+    parameters, windows, drawn_k = posterior.estimates(found, again)
+    shapes = [one for one in (drawn_k, found.pareto_k) if one is not None]
+    return parameters, windows, max(shapes, default=None)
 
 
 def _is_of(parameter: str, effect: str) -> bool:

@@ -36,7 +36,7 @@ MANY: Final = 3
 _NODES: Final = {1: (7, 21), 2: (5, 13)}
 """Nodes along each size, by how many sizes there are: of straight lines, and where effects bend."""
 _MOST_OF_AN_EDGE: Final = 0.1
-"""Where the outermost nodes have more of the sum than that, it goes on beyond them."""
+"""Where the outermost nodes have more of the sum than that, it goes on beyond them: it is drawn."""
 _FEW: Final = 24
 _STRAIGHT: Final = 0.1
 """Where a few draws' weights lie within so many nats of each other, more of them tell nothing."""
@@ -60,7 +60,7 @@ class Corrected:
         log_likelihood: along the lines about the best coefficients.
         error: standard error of the evidence [nat] by so many draws; 0 by quadrature.
         pareto_k: how heavy the tail of the draws' weights is; None by quadrature, and where the
-            effects do not bend within the posterior.
+            effects do not bend within the posterior: few draws' weights are alike.
     """
 
     log_evidence: float
@@ -156,8 +156,9 @@ class Bends:
         straight = Corrected(offset + self.scored.log_evidence, offset + self.scored.log_likelihood)
         if self.sizes == 0:
             return straight
-        if self.sizes < MANY:
-            return replace(straight, log_evidence=straight.log_evidence + self._by_quadrature())
+        told = self._by_quadrature() if self.sizes < MANY else None
+        if told is not None:
+            return replace(straight, log_evidence=straight.log_evidence + told)
         few = self._along[:_FEW]
         drawn = Drawn(few, self._weights_of_few, np.zeros(len(few)))
         if drawn.gained[1] > 0.5 * _ERROR:
@@ -211,13 +212,14 @@ class Bends:
         logs = 0.5 * (straight - bent) / self._dispersion
         return np.where(np.isfinite(logs), logs, -np.inf)
 
-    def _by_quadrature(self) -> float:
-        """Return the logarithm of the mean weight of one size or two; 0 where it is not told."""
+    def _by_quadrature(self) -> float | None:
+        """Return the logarithm of the mean weight of one size or two; None where much of it lies
+        beyond the nodes, which draws reach."""
         few, many = _NODES[self.sizes]
         gain, differ = self._over_nodes(few)
         return gain if differ < _STRAIGHT else self._over_nodes(many)[0]
 
-    def _over_nodes(self, count: int) -> tuple[float, float]:
+    def _over_nodes(self, count: int) -> tuple[float | None, float]:
         """Return the same by so many nodes along each size, and by how much their weights differ
         [nat]."""
         terms = [term for term in self._terms if not term.is_fixed]
@@ -240,7 +242,7 @@ class Bends:
         logs = log_shares + weights
         whole = log_sum(logs)
         edge = float(np.exp(logs[is_edge] - whole).sum())
-        gain = 0.0 if edge > _MOST_OF_AN_EDGE else whole - log_sum(log_shares)
+        gain = None if edge > _MOST_OF_AN_EDGE else whole - log_sum(log_shares)
         return gain, float(np.ptp(weights))
 
     def _bent(self, sizes: Floats) -> Iterator[Floats]:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from fake_blocks import FakeBlock, analysis
 
-from gap_diagnosis.facts import beside_unlisted, makes_worse, notes_on
+from gap_diagnosis.facts import beside_unlisted, makes_worse, notes_on, untrusted
 from gap_diagnosis.lost_tracking import Leap, Lost
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import Mistake
-from gap_diagnosis.result_parts import Gap, Metric
+from gap_diagnosis.result_parts import Candidate, Gap, Metric
 
 _ROWS = np.arange(4)
 LOG = Recording("drive.csv", 0.01, _ROWS * 0.01, _ROWS * 0.01, _ROWS, _ROWS * 1.0, _ROWS * 1.0)
@@ -101,3 +101,13 @@ def test_logs_add_up_to_what_is_certain_beside_an_unlisted_cause() -> None:
     drive = FakeBlock({"drive_lag": 15.0}, name="drive")
     assert not beside_unlisted([[drive]], frozenset({"drive_lag"}), "wheel")
     assert beside_unlisted([[drive], [drive]], frozenset({"drive_lag"}), "wheel")
+
+
+@pytest.mark.parametrize(("pareto_k", "said"), [(None, 0), (0.69, 0), (0.7, 1), (1.2, 1)])
+def test_weights_that_do_not_converge_are_told(pareto_k: float | None, said: int) -> None:
+    leading = Candidate(
+        effects=("gyro_bias",), probability=0.9, group_probability=0.9, pareto_k=pareto_k
+    )
+    notes = untrusted(leading)
+    assert len(notes) == said
+    assert all("do not converge" in note for note in notes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -46,12 +46,12 @@ MODEL = MotionModel(RECORDING, ROBOT, default_prior())
 
 
 @cache
-def straight(*names: str) -> tuple[tuple[Term, ...], Refitted]:
-    """Return effects fitted to the log as if its noise were thirty times as large."""
+def straight(*names: str, noise: float = 30.0) -> tuple[tuple[Term, ...], Refitted]:
+    """Return effects fitted to the log as if its noise were so many times as large."""
     terms = tuple(
         next(one for one in MODEL.columns.terms if one.variant.effect == name) for name in names
     )
-    levels = 30 * MODEL.levels_for(terms, MODEL.level_prior.median)
+    levels = noise * MODEL.levels_for(terms, MODEL.level_prior.median)
     return terms, MODEL.refit(terms, levels, free_levels=False)
 
 
@@ -59,14 +59,20 @@ def straight(*names: str) -> tuple[tuple[Term, ...], Refitted]:
 def fitted(*names: str) -> tuple[tuple[Term, ...], Refitted]:
     """Return the same with the first effect bent: a standard deviation from the fit it acts 1.8
     times as far, two 3.6 times."""
-    terms, fit = straight(*names)
+    return bent_by(lambda away: 0.5 * np.sinh(2.0 * away), *straight(*names))
+
+
+def bent_by(
+    bend: Callable[[float], float], terms: tuple[Term, ...], fit: Refitted
+) -> tuple[tuple[Term, ...], Refitted]:
+    """Return a fit whose first effect acts *bend* standard deviations from it."""
     scored = Bends(MODEL, terms, fit).scored
     sd = float(np.sqrt(scored.covariances[int(np.argmax(scored.weights)), 0, 0]))
     first, ((best,), *_) = terms[0].variant, fit.coefficients
     act = first.act
 
     def bent(prediction: Prediction, scale: float) -> None:
-        act(prediction, scale=best + 0.5 * sd * float(np.sinh((scale - best) / (0.5 * sd))))
+        act(prediction, scale=best + sd * float(bend((scale - best) / sd)))
 
     variant = replace(first, act=bent, exact=None, little=None, large=None)
     return (replace(terms[0], variant=variant), *terms[1:]), fit
@@ -172,6 +178,15 @@ def test_the_evidence_of_one_and_two_bent_sizes_is_that_of_brute_force(
     bends = Bends(MODEL, *fitted(*names))
     assert bends.corrected().pareto_k is None
     assert gained(bends) == pytest.approx(by_brute_force(names, 41), abs=0.1)
+
+
+def test_a_posterior_that_goes_on_beyond_the_nodes_is_not_told_for_sure() -> None:
+    """Far off the effect hardly grows: neither nodes nor draws reach where it is as likely. Its
+    evidence was that of the lines, and nothing said so."""
+    terms, fit = bent_by(np.arcsinh, *straight(*BENT[:2], noise=3.0))
+    found = Bends(MODEL, terms, fit).corrected()
+    assert found.pareto_k is not None
+    assert found.pareto_k > TRUSTED
 
 
 @pytest.mark.parametrize("names", [BENT[:1], BENT[:2], BENT, (*BENT, "wheelbase_scale")])
