@@ -49,6 +49,11 @@ from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Metric, Segment, StageOrNone
 from gap_diagnosis.rows_apart import rows_apart
+from gap_diagnosis.touching import (
+    ODOMETRY_AGAINST_REPLAY,
+    STAMPS_AGAINST_BEAT,
+    WHEELS_AGAINST_COMMANDS,
+)
 from hil_harness.assembly import Wire
 from hil_harness.effects import catalogue
 from hil_harness.robot import Robot
@@ -145,7 +150,8 @@ class Measured:
     def pictures(self) -> Pictures:
         """Return what to draw from; residuals are of the fitted log."""
         apart: list[ResidualSeries] = []
-        missing = ["wheels − commands, odometry − replay, stamps − beat: another log was held out"]
+        others = WHEELS_AGAINST_COMMANDS, ODOMETRY_AGAINST_REPLAY, STAMPS_AGAINST_BEAT
+        missing = [f"{', '.join(others)}: another log was held out"]
         if self.motion is self.model.nodes.motion:
             drive, program = (
                 None if one is None else one.replayed

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.touching import stages_that_touch
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class ResidualSeries:
     value: Floats
     explained: Floats | None = None
     is_sum: bool = True
+
+    @property
+    def touched_by(self) -> tuple[str, ...]:
+        """The stages whose effects can show in it."""
+        return stages_that_touch(self.name)
 
 
 @dataclass(frozen=True)

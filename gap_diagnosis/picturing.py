@@ -17,6 +17,12 @@ from gap_diagnosis.pictures import HeldOutPath, Pictures, ResidualMap, ResidualS
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import ResidualRow, ResidualTimes, StageOrNone
+from gap_diagnosis.touching import (
+    WHEEL_HEADING_AGAINST_GYRO,
+    WHEEL_HEADING_AGAINST_REFERENCE,
+    WHEELS_AGAINST_REFERENCE,
+    stages_that_touch,
+)
 from hil_harness.robot import Robot
 
 _PATHS: Final = 6
@@ -47,9 +53,9 @@ def pictures_of(
             if (path := _path(recording, robot, motion, window, settings)) is not None
         )
     if not model.nodes.has_reference:
-        missing = ["reference − wheels: no reference", *missing]
+        missing = [f"{WHEELS_AGAINST_REFERENCE}: no reference", *missing]
     if not model.nodes.has_gyro:
-        missing = ["gyro heading − wheel heading: no gyro", *missing]
+        missing = [f"{WHEEL_HEADING_AGAINST_GYRO}: no gyro", *missing]
     known = _map(series)
     even = [one.name for one in series if known is None or one.name not in known.stages]
     return Pictures(
@@ -58,10 +64,10 @@ def pictures_of(
 
 
 _CHANNELS: Final = (
-    ("wheel", "reference − wheels, along x", "m"),
-    ("wheel", "reference − wheels, along y", "m"),
-    ("wheel", "reference heading − wheel heading", "rad"),
-    ("gyro", "gyro heading − wheel heading", "rad"),
+    ("wheel", f"{WHEELS_AGAINST_REFERENCE}, along x", "m"),
+    ("wheel", f"{WHEELS_AGAINST_REFERENCE}, along y", "m"),
+    ("wheel", WHEEL_HEADING_AGAINST_REFERENCE, "rad"),
+    ("gyro", WHEEL_HEADING_AGAINST_GYRO, "rad"),
 )
 
 
@@ -127,7 +133,10 @@ def residual_times(pictures: Pictures) -> ResidualTimes | None:
         edges_s=tuple(float(edge) for edge in known.edges_s),
         rows=tuple(
             ResidualRow(
-                stage=cast(StageOrNone, stage), residual=name, shares=tuple(map(float, shares))
+                stage=cast(StageOrNone, stage),
+                touched_by=stages_that_touch(name),
+                residual=name,
+                shares=tuple(map(float, shares)),
             )
             for stage, name, shares in zip(known.belongs, known.stages, known.shares, strict=True)
         ),

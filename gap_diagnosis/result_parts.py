@@ -143,6 +143,9 @@ class ResidualRow(Part):
     """When one residual arises."""
 
     stage: StageOrNone = Field(description="whose data it speaks of")
+    touched_by: tuple[StageOrNone, ...] = Field(
+        default=(), description="stages whose effects can show in it"
+    )
     residual: str
     shares: tuple[float, ...] = Field(
         description="of the residual's own energy, per time window; they sum to 1"

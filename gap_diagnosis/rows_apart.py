@@ -18,13 +18,22 @@ from gap_diagnosis.gap.on_recording import Replayed, recorded_odometry
 from gap_diagnosis.pictures import ResidualSeries
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording
+from gap_diagnosis.touching import (
+    FRAMES_MISSING,
+    ODOMETRY_AGAINST_REPLAY,
+    STAMPS_AGAINST_BEAT,
+    WHEELS_AGAINST_COMMANDS,
+)
 
 _LEAST_STAMPS: Final = 20
-_DRIVE: Final = (("wheels − commands, way", "m"), ("wheels − commands, heading", "rad"))
+_DRIVE: Final = (
+    (f"{WHEELS_AGAINST_COMMANDS}, way", "m"),
+    (f"{WHEELS_AGAINST_COMMANDS}, heading", "rad"),
+)
 _REPLAY: Final = (
-    ("odometry − replay, along x", "m"),
-    ("odometry − replay, along y", "m"),
-    ("odometry − replay, heading", "rad"),
+    (f"{ODOMETRY_AGAINST_REPLAY}, along x", "m"),
+    (f"{ODOMETRY_AGAINST_REPLAY}, along y", "m"),
+    (f"{ODOMETRY_AGAINST_REPLAY}, heading", "rad"),
 )
 
 
@@ -43,23 +52,23 @@ def rows_apart(
     found: list[ResidualSeries] = []
     missing: list[str] = []
     if drive is None:
-        missing.append("wheels − commands: no commands, or no motion")
+        missing.append(f"{WHEELS_AGAINST_COMMANDS}: no commands, or no motion")
     else:
         wheels = Path(motion.t_s, *predict(motion).path())
         explained = None if drive.after is None else _behind(wheels, drive.after)
         found += _series("actuation", _DRIVE, motion.t_s, _behind(wheels, drive.before), explained)
     odometry = recorded_odometry(recording)
     if odometry is None:
-        missing.append("odometry − replay: no odometry frames")
+        missing.append(f"{ODOMETRY_AGAINST_REPLAY}: no odometry frames")
     elif firmware is None:
-        missing.append("odometry − replay: no gyro, by which the firmware turns")
+        missing.append(f"{ODOMETRY_AGAINST_REPLAY}: no gyro, by which the firmware turns")
     else:
         before = _off(odometry, motion.t_s, firmware.before)
         after = None if firmware.after is None else _off(odometry, motion.t_s, firmware.after)
         found += _series("firmware", _REPLAY, odometry.t_s, before, after)
     stamps = _stamps(recording.frames, clock_skew)
     if not stamps:
-        missing.append("stamps − beat: no stamped frames")
+        missing.append(f"{STAMPS_AGAINST_BEAT}: no stamped frames")
     return [*found, *stamps], missing
 
 
@@ -132,7 +141,13 @@ def _stamps(frames: Mapping[str, FrameTimes], clock_skew: float | None) -> list[
     t_s, late_s = late[worst]
     found = [
         ResidualSeries(
-            "bus", f"stamps − beat, {worst}", "s", t_s, _since(late_s), explained, is_sum=False
+            "bus",
+            f"{STAMPS_AGAINST_BEAT}, {worst}",
+            "s",
+            t_s,
+            _since(late_s),
+            explained,
+            is_sum=False,
         )
     ]
     lost = [_missing(one) for one in able.values() if one.modulo and (one.counter >= 0).all()]
@@ -140,7 +155,7 @@ def _stamps(frames: Mapping[str, FrameTimes], clock_skew: float | None) -> list[
         at_s, count = np.concatenate(lost, axis=1)
         order = np.argsort(at_s, kind="stable")
         found.append(
-            ResidualSeries("bus", "frames missing", "1", at_s[order], np.cumsum(count[order]))
+            ResidualSeries("bus", FRAMES_MISSING, "1", at_s[order], np.cumsum(count[order]))
         )
     return found
 

@@ -232,8 +232,8 @@ def pictures(points: int = 500) -> Pictures:
     error[5] = np.nan
     return Pictures(
         residuals=(
-            ResidualSeries("wheel", "encoder distance − reference", "m", time_s, error, error / 20),
-            ResidualSeries("gyro", "gyro heading − reference", "rad", time_s, error / 9),
+            ResidualSeries("wheel", "reference − wheels, along x", "m", time_s, error, error / 20),
+            ResidualSeries("gyro", "gyro heading − wheel heading", "rad", time_s, error / 9),
         ),
         residual_map=ResidualMap(
             np.linspace(0.0, 60.0, 7),
