@@ -68,6 +68,8 @@ def test_positions_alone_do_not_tell_a_time_offset_from_a_lever_arm_or_slip_on_t
     its ends too, where the log sees no further."""
     found = groups("lesson", heading=False)
     assert together(found, "reference_lever_arm", "lateral_slip", "reference_time_offset")
+    with_headings = groups("lesson")
+    assert not together(with_headings, "reference_lever_arm", "reference_time_offset")
 
 
 def test_arcs_at_several_speeds_tell_a_lever_arm_from_lateral_slip():
