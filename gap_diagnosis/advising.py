@@ -360,7 +360,14 @@ def _apart(winner: EffectSet, rivals: Sequence[EffectSet]) -> str:
     """Return a set and what it is not told from: by name where a reader still takes that in, else
     how many and in what they differ."""
     if len(rivals) <= _NAMED:
-        return f"{'+'.join(winner)} from {', '.join('+'.join(one) for one in rivals)}"
+        common = set(winner).intersection(*rivals)
+        if len(common) < _COMMON or any(common.issuperset(one) for one in (winner, *rivals)):
+            return f"{'+'.join(winner)} from {', '.join('+'.join(one) for one in rivals)}"
+        ours, *theirs = (
+            "+".join(name for name in one if name not in common) for one in (winner, *rivals)
+        )
+        beside = "+".join(name for name in winner if name in common)
+        return f"{ours} from {', '.join(theirs)} beside {beside}"
     differing = dict.fromkeys(name for one in rivals for name in sorted(set(winner) ^ set(one)))
     return (
         f"{'+'.join(winner)} from {len(rivals)} other sets, which differ in {', '.join(differing)}"
@@ -368,6 +375,8 @@ def _apart(winner: EffectSet, rivals: Sequence[EffectSet]) -> str:
 
 
 _NAMED: Final = 3
+_COMMON: Final = 2
+"""So many effects that all of the sets have are named once."""
 
 
 def _varied(apart: AbstractSet[str]) -> list[str]:

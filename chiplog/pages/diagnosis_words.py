@@ -32,6 +32,10 @@ METRIC_WORDS = {
     "timing_s": "timing",
 }
 _MOST_NAMES = 4
+_LARGE = 2
+"""So many effects or parameters that two candidates have in common are told once."""
+_ALIKE = 0.1
+"""Two estimates are told once that differ by less than this share of the interval."""
 _ROUNDING = 1e-11
 _PLAIN_UNITS = {"LSB", "K", "V"}
 
@@ -238,17 +242,48 @@ def candidate_rows(diagnosis: Diagnosis, most: int) -> list[list[str]]:
     of their own.
     """
     rows = []
+    first = diagnosis.which[0]
     for candidate in diagnosis.which[:most]:
-        chance, name = probability(candidate.probability), set_name(candidate.effects)
+        chance = probability(candidate.probability)
         parameters = [
             [key, *parameter_words(key, one)] for key, one in candidate.parameters.items()
         ]
         if len(parameters) == len(candidate.effects) == 1:
             rows.append([chance, *parameters[0]])
-        else:
-            rows.append([chance, name, "", ""])
-            rows += [["", f"  {key}", *values] for key, *values in parameters]
+            continue
+        alike = [] if candidate is first else _said_before(first, candidate)
+        rows.append([chance, _beside(first, candidate), "", ""])
+        rows += [["", f"  {key}", *values] for key, *values in parameters if key not in alike]
+        if alike:
+            rows.append(["", "  the rest", "as above", ""])
     return rows
+
+
+def _beside(first: Candidate, candidate: Candidate) -> str:
+    """Return a candidate's effects; of a large set that mostly is the first one's, what differs."""
+    common = set(first.effects) & set(candidate.effects)
+    own, others = (
+        [name for name in one.effects if name not in common] for one in (candidate, first)
+    )
+    if len(common) < _LARGE or not own or not others:
+        return set_name(candidate.effects)
+    return f"{set_name(own)} in the place of {set_name(others)}"
+
+
+def _said_before(first: Candidate, candidate: Candidate) -> list[str]:
+    """Return the parameters that were told of the first candidate, as they are here."""
+    alike = []
+    for key, here in candidate.parameters.items():
+        there = first.parameters.get(key)
+        if isinstance(here, ChoiceEstimate) or isinstance(there, ChoiceEstimate):
+            is_alike = isinstance(here, ChoiceEstimate) and isinstance(there, ChoiceEstimate)
+            if is_alike and here.estimate == there.estimate:
+                alike.append(key)
+        elif there is not None:
+            low, high = there.ci95
+            if abs(here.estimate - there.estimate) < _ALIKE * (high - low):
+                alike.append(key)
+    return alike if len(alike) >= _LARGE else []
 
 
 def parameter_words(key: str, parameter: ParameterEstimate) -> tuple[str, str]:

@@ -16,6 +16,7 @@ import pytest
 
 from chiplog.pages.diagnosis import diagnosis_page
 from chiplog.pages.diagnosis_words import (
+    candidate_rows,
     gap_sentence,
     group_name,
     headline,
@@ -28,6 +29,7 @@ from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import (
     About,
     Advice,
+    Candidate,
     LogFacts,
     NumberEstimate,
     Waterfall,
@@ -325,3 +327,56 @@ def test_a_large_group_is_named_by_what_all_have_and_by_what_they_differ_in() ->
 
 def test_a_large_group_that_has_nothing_in_common_names_the_likeliest() -> None:
     assert group_name([(name,) for name in "abcdef"]) == "a or b or c or d or 2 more"
+
+
+def estimated(value: float, half_width: float = 0.1) -> dict[str, Any]:
+    low, high = value - half_width, value + half_width
+    return {
+        "unit": "m",
+        "estimate": value,
+        "sd": half_width / 2,
+        "ci50": (low, high),
+        "ci80": (low, high),
+        "ci95": (low, high),
+    }
+
+
+def test_what_two_candidates_have_in_common_is_told_once() -> None:
+    """Of a Kobuki's two likeliest sets, of seven effects each, six were the same: 17 rows."""
+    one = Candidate(
+        effects=("a", "b", "c"),
+        probability=0.5,
+        group_probability=0.9,
+        parameters={"a.x": estimated(1.0), "b.x": estimated(2.0), "c.x": estimated(3.0)},
+        ambiguous_with=(("a", "b", "d"),),
+    )
+    other = Candidate(
+        effects=("a", "b", "d"),
+        probability=0.4,
+        group_probability=0.9,
+        parameters={"a.x": estimated(1.001), "b.x": estimated(2.0), "d.x": estimated(4.0)},
+        ambiguous_with=(("a", "b", "c"),),
+    )
+    found = samples.diagnosis().model_copy(update={"which": (one, other)})
+    explained = [row[1] for row in candidate_rows(found, 2)]
+    assert explained == [
+        "a + b + c",
+        "  a.x",
+        "  b.x",
+        "  c.x",
+        "d in the place of c",
+        "  d.x",
+        "  the rest",
+    ]
+
+
+def test_an_estimate_that_differs_is_told_again() -> None:
+    one, *_ = samples.diagnosis().which
+    moved = {
+        key: value.model_copy(update={"estimate": value.ci95[1]})
+        for key, value in one.parameters.items()
+    }
+    other = one.model_copy(update={"parameters": moved})
+    found = samples.diagnosis().model_copy(update={"which": (one, other)})
+    told = [row[1] for row in candidate_rows(found, 2)]
+    assert [told.count(f"  {key}") for key in one.parameters] == [2] * len(one.parameters)

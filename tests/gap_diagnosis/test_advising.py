@@ -340,6 +340,16 @@ def test_of_many_sets_it_is_said_how_many_and_in_what_they_differ():
     assert set(only.separates) == set(sets)
 
 
+def test_what_all_sets_have_is_named_once_beside_what_parts_them():
+    """Of a Kobuki four sets of seven effects were written out, three lines of a terminal."""
+    sets = [
+        ("clock_skew", "drive_lag", "encoder_wrap"),
+        ("clock_skew", "drive_delay", "encoder_wrap"),
+    ]
+    (only,) = advice(named(*sets), lesson_with_slip())
+    assert "tell drive_lag from drive_delay beside clock_skew+encoder_wrap:" in only.sentence
+
+
 def test_what_the_motion_shows_is_told_apart_whatever_acts_beside_it_elsewhere():
     winner = named(("drive_lag", "lateral_slip"), ("drive_lag", "reference_lever_arm"))
     (only,) = advice(winner, lesson_with_slip())
