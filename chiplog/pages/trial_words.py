@@ -91,14 +91,6 @@ def value_of(
     part: Mapping[str, Any], key: str
 ) -> tuple[float | None, tuple[float, float] | None, int]:
     """Return a figure's value, its interval and its count of cases."""
-    if key == "group_ratio":
-        mine, theirs = part["group_size"], part["oracle_group_size"]
-        if not mine["value"] or not theirs["value"]:
-            return None, None, 0
-        interval = None
-        if mine["low"] is not None:
-            interval = mine["low"] / theirs["value"], mine["high"] / theirs["value"]
-        return mine["value"] / theirs["value"], interval, mine["count"]
     if key == "forecast":
         low_high, of = part["forecast"]["interval"], part["forecast"]["cases"]
         return part["forecast"]["error"], None if low_high is None else tuple(low_high), of

@@ -22,6 +22,7 @@ from gap_diagnosis.trials.yardsticks import (
     mean,
     perfect_calibration,
     rank_test,
+    ratio,
     share,
 )
 
@@ -91,6 +92,9 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "true_probability": mean([one.true_probability for one in alone], (0.0, 1.0)),
         "group_top1": share([one.in_group for one in clear]),
         "group_size": mean([float(len(one.group)) for one in clear], _POSITIVE),
+        "group_ratio": ratio(
+            [float(len(one.group)) for one in clear], [float(len(one.oracle)) for one in clear]
+        ),
         "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
         "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),

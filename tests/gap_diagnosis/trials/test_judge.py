@@ -272,6 +272,16 @@ def test_a_forecaster_is_held_to_its_probabilities_where_sizes_are_as_it_believe
     assert part["ece"] == pytest.approx(1 / 3)
 
 
+def test_the_ratio_of_groups_is_that_of_their_sums() -> None:
+    wide = answer({"gyro_bias": 1.0}, stage="gyro")
+    wide["which"][0]["ambiguous_with"] = [["gyro_scale"]]
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_lag"])})
+    made = (seen(case(BIAS), wide), judge(case(BIAS), answer({"gyro_bias": 1.0}), group, 5.0))
+    found = scores(Opened(made, 0))["parts"]["all"]["group_ratio"]
+    assert (found["value"], found["count"]) == (1.0, 2)
+    assert (found["low"], found["high"]) == (0.5, 2.0)
+
+
 def test_what_is_kept_of_a_trial_scores_as_it_did_and_cannot_be_made_again(tmp_path: Path) -> None:
     told = answer(
         {"gyro_bias": 0.9, "gyro_scale": 0.1}, gap={"before": 2, "after": 1, "floor": 0.5}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.trials.yardsticks import (
+    Share,
     auroc,
     best_miss,
     brier,
@@ -17,6 +18,7 @@ from gap_diagnosis.trials.yardsticks import (
     perfect_calibration,
     rank_bin,
     rank_test,
+    ratio,
     share,
 )
 
@@ -44,6 +46,29 @@ def test_wilsons_interval_holds_the_true_share_about_95_times_in_100() -> None:
         held += found.low <= 0.9 <= found.high
     # Four standard deviations of 2,000 draws about 0.95, and what discreteness adds.
     assert 0.92 < held / 2000 < 0.98
+
+
+def test_a_ratio_that_is_the_same_in_every_case_is_certain_however_the_cases_differ() -> None:
+    """An interval of one sum alone would be as wide as that sum is uncertain."""
+    lower = np.random.default_rng(7).exponential(size=50) + 0.01
+    found = ratio((3 * lower).tolist(), lower.tolist())
+    assert (found.value, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
+    assert ratio([], []).value is None
+    assert ratio([1.0], [2.0]) == Share(0.5, None, None, 1)
+
+
+def test_a_ratios_interval_holds_the_true_ratio_about_95_times_in_100() -> None:
+    draw = np.random.default_rng(8)
+    held = 0
+    for _ in range(200):
+        lower = draw.exponential(size=100)
+        upper = 0.9 * lower + 0.3 * draw.standard_normal(100)
+        found = ratio(upper.tolist(), lower.tolist())
+        assert found.low is not None
+        assert found.high is not None
+        held += found.low <= 0.9 <= found.high
+    # Four standard deviations of 200 draws about 0.95.
+    assert held / 200 > 0.95 - 4 * math.sqrt(0.95 * 0.05 / 200)
 
 
 def test_a_calibrated_forecaster_has_no_calibration_error_but_that_of_chance() -> None:
