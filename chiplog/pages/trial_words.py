@@ -71,6 +71,8 @@ FIGURES: Final = (
     Figure("error_over_bound", "parameter error over the Cramér-Rao bound"),
     Figure("window_overlap", "true and reported window, intersection over union"),
     Figure("gap_closed", "held-out gap closed over what noise leaves to close", "least", 0.95),
+    Figure("gap_closed_each", "the same, case by case"),
+    Figure("gap_closed_exact", "held-out gap closed where noise leaves nothing, case by case"),
     Figure("recommended", "probability of the truth after the recommended manoeuvre"),
     Figure("random", "probability of the truth after another manoeuvre"),
     Figure("more", "by how much the recommended one tells more"),
@@ -105,8 +107,6 @@ def value_of(
         return (None, None, 0) if chance is None else (chance[0], tuple(chance[1:]), part["cases"])
     if key == "ranks":
         return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
-    if key == "gap_closed":
-        return part["gap_closed"], None, part["cases"]
     group = next((name for name in ("coverage", "again") if key in part[name]), None)
     one = part[key] if group is None else part[group][key]
     interval = None if one["low"] is None else (one["low"], one["high"])

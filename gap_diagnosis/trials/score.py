@@ -30,6 +30,8 @@ OTHER: Final = "other engine"
 
 _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
+_NO_FLOOR: Final = 1e-12
+"""Below it nothing is left by noise: arithmetic replayed bit for bit has no floor."""
 _WORST: Final = 12
 _POSITIVE: Final = (0.0, math.inf)
 _MEDIAN_ERROR: Final = 0.6744897501960817
@@ -119,7 +121,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "error_sd": mean([abs(one.error_sd) for one in parameters]),
         "error_over_bound": _over_bound(parameters),
         "window_overlap": mean([o for one in judged if (o := one.overlap) is not None], (0.0, 1.0)),
-        "gap_closed": _closed(judged),
+        **_closed(judged),
         "seconds": mean([one.seconds for one in judged], _POSITIVE),
         "again": _again(driven),
     }
@@ -176,12 +178,21 @@ def _over_bound(parameters: Sequence[Parameter]) -> Share:
     return Share(middle, low, high, count)
 
 
-def _closed(judged: Sequence[Judged]) -> float | None:
-    """Return Σ(before − after)/Σ(before − floor) where before is twice the floor or more."""
+def _closed(judged: Sequence[Judged]) -> dict[str, Share]:
+    """Return what was closed of the gaps of twice their floor or more.
+
+    *gap_closed* is Σ(before − after)/Σ(before − floor), each gap in floors of its own, as metrics
+    differ in unit; *gap_closed_each* the mean of the same gaps' shares, so that none outweighs
+    another; *gap_closed_exact* that of gaps without a floor, which no sum in floors can hold.
+    """
     gaps = [one.gap for one in judged if one.gap is not None]
-    open_gaps = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f]
-    could = math.fsum((b - f) / max(f, 1e-12) for b, _, f in open_gaps)
-    return math.fsum((b - a) / max(f, 1e-12) for b, a, f in open_gaps) / could if could else None
+    large = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f > _CLOSABLE * _NO_FLOOR]
+    exact = [(b, a) for b, a, f in gaps if f <= _NO_FLOOR < b]
+    return {
+        "gap_closed": ratio([(b - a) / f for b, a, f in large], [(b - f) / f for b, _, f in large]),
+        "gap_closed_each": mean([(b - a) / (b - f) for b, a, f in large]),
+        "gap_closed_exact": mean([(b - a) / b for b, a in exact]),
+    }
 
 
 def _again(judged: Sequence[Judged]) -> dict[str, Share]:

@@ -272,6 +272,37 @@ def test_a_forecaster_is_held_to_its_probabilities_where_sizes_are_as_it_believe
     assert part["ece"] == pytest.approx(1 / 3)
 
 
+def closing(before: float, after: float, floor: float) -> Judged:
+    gap = {"before": before, "after": after, "floor": floor}
+    return seen(case(BIAS), answer({"gyro_bias": 1.0}, stage="gyro", gap=gap))
+
+
+def test_only_gaps_of_twice_their_floor_count_as_closed_or_not() -> None:
+    """Each in floors of its own: metres and radians do not add up."""
+    gaps = [closing(3.0, 1.0, 1.0), closing(0.05, 0.03, 0.01), closing(1.9, 1.9, 1.0)]
+    found = scores(Opened(tuple(gaps), 0))["parts"]["all"]["gap_closed"]
+    assert found["value"] == pytest.approx((2 + 2) / (2 + 4))
+    assert found["count"] == 2
+    assert found["low"] == pytest.approx(0.5)
+    assert found["high"] == pytest.approx(1.0)
+
+
+def test_a_gap_without_a_floor_does_not_outweigh_all_that_have_one() -> None:
+    """Arithmetic replayed bit for bit leaves nothing: in floors, such a gap is as large as the
+    least number that stands for nought is small."""
+    gaps = (closing(1e-3, 0.0, 0.0), closing(3.0, 2.0, 1.0), closing(0.0, 0.0, 0.0))
+    found = scores(Opened(gaps, 0))["parts"]["all"]
+    assert (found["gap_closed"]["value"], found["gap_closed"]["count"]) == (0.5, 1)
+    assert (found["gap_closed_exact"]["value"], found["gap_closed_exact"]["count"]) == (1.0, 1)
+
+
+def test_one_huge_gap_closed_does_not_hide_case_by_case_that_others_were_not() -> None:
+    gaps = (closing(1e6, 1.0, 1.0), closing(3.0, 3.0, 1.0))
+    found = scores(Opened(gaps, 0))["parts"]["all"]
+    assert found["gap_closed"]["value"] == pytest.approx(1.0, abs=1e-5)
+    assert found["gap_closed_each"]["value"] == pytest.approx(0.5)
+
+
 def test_the_ratio_of_groups_is_that_of_their_sums() -> None:
     wide = answer({"gyro_bias": 1.0}, stage="gyro")
     wide["which"][0]["ambiguous_with"] = [["gyro_scale"]]
