@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -12,11 +12,11 @@ from gap_diagnosis.trials.case import OWN_ENGINE, RANDOM, RECOMMENDED, STRATA
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical
+from gap_diagnosis.trials.tables import by_effect, confusion, miss_curve, name_of
+from gap_diagnosis.trials.truth import UNKNOWN
 from gap_diagnosis.trials.yardsticks import (
     Share,
     auroc,
-    best_miss,
     calibration,
     calibration_interval,
     mean,
@@ -28,7 +28,6 @@ from gap_diagnosis.trials.yardsticks import (
 
 OTHER: Final = "other engine"
 
-_CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
 _NO_FLOOR: Final = 1e-12
 """Below it nothing is left by noise: arithmetic replayed bit for bit has no floor."""
@@ -55,9 +54,9 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
         "missing": opened.missing,
         "crashes": sum(one.error is not None for one in judged),
         "parts": {name: _part(part, again) for name, part in parts.items() if part},
-        "effects": _by_effect(judged),
-        "miss_curve": _miss_curve(judged),
-        "confusion": _confusion(judged),
+        "effects": by_effect(judged),
+        "miss_curve": miss_curve(judged),
+        "confusion": confusion(judged),
         "wrong": [_told_wrong(one) for one in _wrong(judged)[:_WORST]],
     }
 
@@ -210,75 +209,6 @@ def _again(judged: Sequence[Judged]) -> dict[str, Share]:
     }
 
 
-def _by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
-    found = {}
-    names = sorted({name for one in judged for name in one.case.true_effects})
-    for name in names:
-        own = [one for one in judged if one.case.true_effects == {name}]
-        clear = [one for one in own if one.is_clear]
-        found[name] = {
-            "cases": len(own),
-            "clear": len(clear),
-            "group_top1": _plain(share([one.in_group for one in clear])),
-            "top1": _plain(share([one.top1 for one in clear])),
-            "stage": _plain(share([one.stage_right for one in clear if one.has_one_stage])),
-            "true_probability": _plain(mean([one.true_probability for one in clear], (0.0, 1.0))),
-            "like": _like(own),
-            "verdicts": _counted(one.verdict for one in own),
-        }
-    return found
-
-
-def _like(own: Sequence[Judged]) -> list[str]:
-    """Return the answers that nobody could tell from an effect in at least one of its cases."""
-    return sorted({_name(answer) for one in own for answer in one.oracle - {one.truth}})
-
-
-def _miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return by magnitude over limit how often nothing was said, and how often not the truth."""
-    sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
-    found = []
-    for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
-        bin_ = [(over, one) for over, one in sized if low <= over < high and one.case.effects]
-        inside = [one for _, one in bin_]
-        if inside:
-            found.append(
-                {
-                    "from": low,
-                    "to": high if math.isfinite(high) else None,
-                    "best": math.fsum(best_miss(over) for over, _ in bin_) / len(bin_),
-                    "missed": _plain(share([one.verdict == "no_gap" for one in inside])),
-                    "in_group": _plain(share([one.in_group for one in inside])),
-                }
-            )
-    return found
-
-
-def _confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
-    """Return for each truth how often each verdict was given, where one name is right."""
-    alone = [one for one in judged if len(one.oracle) == 1 and (one.is_null or one.is_clear)]
-    names = sorted({_name(one.truth) for one in alone})
-    return {
-        name: _counted(
-            "error" if one.error else _name(canonical(one.verdict.split("+")))
-            for one in alone
-            if _name(one.truth) == name
-        )
-        for name in names
-    }
-
-
-def _name(answer: Answer) -> str:
-    return "+".join(sorted(answer)) or "no_gap"
-
-
-def _counted(values: Iterable[str]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for value in values:
-        counts[value] = counts.get(value, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-
-
 def _wrong(judged: Sequence[Judged]) -> list[Judged]:
     """Return the cases that went wrong, the most certain first."""
     found = [
@@ -290,7 +220,7 @@ def _wrong(judged: Sequence[Judged]) -> list[Judged]:
 def _told_wrong(one: Judged) -> dict[str, Any]:
     return {
         "case": one.case.name,
-        "truth": _name(one.truth),
+        "truth": name_of(one.truth),
         "effects": {name: dict(values) for name, values in one.case.effects.items()},
         "over_limit": one.over_limit,
         "verdict": one.verdict,

@@ -1,0 +1,86 @@
+"""Tables of a trial's scores: by effect, by size, by what was told for what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import Any, Final
+
+from gap_diagnosis.trials.judge import Judged
+from gap_diagnosis.trials.truth import Answer, canonical
+from gap_diagnosis.trials.yardsticks import best_miss, mean, share
+
+_CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
+
+
+def by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return for each effect how its cases were told, and what it is like."""
+    found = {}
+    names = sorted({name for one in judged for name in one.case.true_effects})
+    for name in names:
+        own = [one for one in judged if one.case.true_effects == {name}]
+        clear = [one for one in own if one.is_clear]
+        found[name] = {
+            "cases": len(own),
+            "clear": len(clear),
+            "group_top1": asdict(share([one.in_group for one in clear])),
+            "top1": asdict(share([one.top1 for one in clear])),
+            "stage": asdict(share([one.stage_right for one in clear if one.has_one_stage])),
+            "true_probability": asdict(mean([one.true_probability for one in clear], (0.0, 1.0))),
+            "like": _like(own),
+            "verdicts": counted(one.verdict for one in own),
+        }
+    return found
+
+
+def _like(own: Sequence[Judged]) -> list[str]:
+    """Return the answers that nobody could tell from an effect in at least one of its cases."""
+    return sorted({name_of(answer) for one in own for answer in one.oracle - {one.truth}})
+
+
+def miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return by magnitude over limit how often nothing was said, and how often not the truth."""
+    sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
+    found = []
+    for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
+        bin_ = [(over, one) for over, one in sized if low <= over < high and one.case.effects]
+        inside = [one for _, one in bin_]
+        if inside:
+            found.append(
+                {
+                    "from": low,
+                    "to": high if math.isfinite(high) else None,
+                    "best": math.fsum(best_miss(over) for over, _ in bin_) / len(bin_),
+                    "missed": asdict(share([one.verdict == "no_gap" for one in inside])),
+                    "in_group": asdict(share([one.in_group for one in inside])),
+                }
+            )
+    return found
+
+
+def confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
+    """Return for each truth how often each verdict was given, where one name is right."""
+    alone = [one for one in judged if len(one.oracle) == 1 and (one.is_null or one.is_clear)]
+    names = sorted({name_of(one.truth) for one in alone})
+    return {
+        name: counted(
+            "error" if one.error else name_of(canonical(one.verdict.split("+")))
+            for one in alone
+            if name_of(one.truth) == name
+        )
+        for name in names
+    }
+
+
+def name_of(answer: Answer) -> str:
+    """Return an answer as one word."""
+    return "+".join(sorted(answer)) or "no_gap"
+
+
+def counted(values: Iterable[str]) -> dict[str, int]:
+    """Return how often each value is there, the most frequent first."""
+    counts: dict[str, int] = {}
+    for value in values:
+        counts[value] = counts.get(value, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
