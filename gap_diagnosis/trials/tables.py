@@ -40,11 +40,18 @@ def _like(own: Sequence[Judged]) -> list[str]:
 
 
 def miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return by magnitude over limit how often nothing was said, and how often not the truth."""
-    sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
+    """Return by magnitude over limit how often nothing was said, and how often not the truth.
+
+    Of one effect each, beyond its tolerance: of several the best test sees the largest.
+    """
+    sized = [
+        (one.over_limit, one)
+        for one in judged
+        if one.over_limit and len(one.case.effects) == 1 and not one.is_null
+    ]
     found = []
     for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
-        bin_ = [(over, one) for over, one in sized if low <= over < high and one.case.effects]
+        bin_ = [(over, one) for over, one in sized if low <= over < high]
         inside = [one for _, one in bin_]
         if inside:
             found.append(

@@ -143,6 +143,24 @@ def test_inside_its_tolerance_an_effect_is_no_gap() -> None:
     assert judged.in_group
 
 
+def test_only_what_is_beyond_its_tolerance_can_be_missed() -> None:
+    """Of an effect inside it no gap is the right answer, as the best of all tests knows."""
+    silent = answer({"no_gap": 1.0})
+    within = seen(case({"gyro_bias": {"bias": 0.0002}}), silent, 0.5)
+    beyond = seen(case(BIAS), silent, 2.5)
+    (found,) = scores(Opened((within, beyond), 0))["miss_curve"]
+    assert (found["from"], found["to"], found["missed"]["count"]) == (2.0, 3.0, 1)
+    assert found["missed"]["value"] == 1.0
+
+
+def test_the_curve_is_of_one_effect_that_has_a_size() -> None:
+    """Beside a large effect a small one is not what was missed; a noise has no limit."""
+    both = case({**BIAS, "gyro_scale": {"scale": 0.1}}, "pair")
+    noise = case({"gyro_noise": {"density": 0.01}})
+    told = answer({"no_gap": 1.0})
+    assert scores(Opened((seen(both, told, 0.5), seen(noise, told, 0.0)), 0))["miss_curve"] == []
+
+
 def test_twins_count_as_one_name_and_either_stage_is_right() -> None:
     judged = seen(
         case({"ticks_per_rev": {"scale": 0.01}}), answer({"radius_scale": 1.0}, stage="wheel")
