@@ -63,6 +63,8 @@ FIGURES: Final = (
     Figure("log_score", "log score [nat]"),
     Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
     Figure("confident_wrong", "unknown, confident wrong names", "most", 0.02),
+    Figure("imitable_right", "withheld but imitable, told as what imitates it or unknown"),
+    Figure("imitable_named", "of the imitable, told as what imitates it"),
     Figure("confident_wrong_nameless", "confident wrong names of what no library has"),
     Figure("ci50", "50 % intervals that hold the truth"),
     Figure("ci80", "80 % intervals that hold the truth"),

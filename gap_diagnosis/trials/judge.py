@@ -125,6 +125,11 @@ class Judged:
         return self.truth in self.group
 
     @property
+    def names_imitator(self) -> bool:
+        """Of an imitable cause, a name that nobody could tell from it is in the reported group."""
+        return self.is_imitable and not self.group.isdisjoint(self.oracle - {UNKNOWN})
+
+    @property
     def has_one_stage(self) -> bool:
         """The oracle group lies in one stage."""
         return len({stages_of(one) for one in self.oracle if one != UNKNOWN}) == 1

@@ -81,6 +81,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
     pairs = [one for one in clear if len(one.case.true_effects) == 2]
     staged = [one for one in clear if one.has_one_stage]
     said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    imitable = [one for one in judged if one.is_withheld and one.is_imitable]
     error, bins = calibration(said, right)
     parameters = [parameter for one in judged for parameter in one.parameters]
     ranks, ranks_p = rank_test([one.rank for one in parameters])
@@ -99,11 +100,17 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
         "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
-        "confident_wrong": share([one.confident_wrong for one in judged if one.is_withheld]),
+        "confident_wrong": share([one.confident_wrong for one in _unlisted(judged)]),
         "confident_wrong_nameless": share(
-            [one.confident_wrong for one in judged if one.is_lost and not one.is_withheld]
+            [
+                one.confident_wrong
+                for one in judged
+                if one.is_lost and not one.is_withheld and not one.is_imitable
+            ]
         ),
         "unknown_auroc": _unknown(judged),
+        "imitable_right": share([one.in_group for one in imitable]),
+        "imitable_named": share([one.names_imitator for one in imitable]),
         "imitable": sum(one.is_imitable for one in judged),
         "brier": mean([one.brier for one in judged], (0.0, 2.0)),
         "log_score": mean([one.log_score for one in judged], _POSITIVE),
@@ -152,9 +159,14 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _unlisted(judged: Sequence[Judged]) -> list[Judged]:
+    """Return the cases whose withheld cause nothing left in the library can imitate."""
+    return [one for one in judged if one.is_withheld and not one.is_imitable]
+
+
 def _unknown(judged: Sequence[Judged]) -> Share:
     """Return the AUROC of P(unknown): withheld causes against the same with the full library."""
-    positive = [one for one in judged if one.is_withheld and not one.is_imitable]
+    positive = _unlisted(judged)
     negative = [one for one in judged if one.case.kind == "decoy" and one.truth != UNKNOWN]
     negative = negative or [one for one in judged if one.truth != UNKNOWN and one.is_clear]
     return auroc(

@@ -120,6 +120,20 @@ def test_what_the_library_can_imitate_is_counted_apart() -> None:
     assert scores(Opened((judged,), 0))["parts"]["all"]["imitable"] == 1
 
 
+def test_confident_wrong_names_are_a_share_of_what_the_library_cannot_imitate() -> None:
+    """How those fare that it can, and how often what imitates them is named, is told apart."""
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    told = [{"gyro_temperature_bias": 1.0}, {"unknown": 1.0}, {"gyro_scale": 1.0}]
+    imitable = [judge(hidden, answer(one), group, 5.0) for one in told]
+    boast = seen(hidden, answer({"gyro_scale": 1.0}))
+    found = scores(Opened((*imitable, boast, *SEER), 0))["parts"]["all"]
+    assert (found["confident_wrong"]["value"], found["confident_wrong"]["count"]) == (0.5, 2)
+    assert found["imitable_right"]["value"] == pytest.approx(2 / 3)
+    assert found["imitable_named"]["value"] == pytest.approx(1 / 3)
+    assert found["imitable_named"]["count"] == 3
+
+
 def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> None:
     load = {"payload": {"compression_left": 0.01, "compression_right": 0.02}}
     hidden = case(load, "withheld", without=("payload",))
