@@ -62,6 +62,7 @@ FIGURES: Final = (
     Figure("brier", "Brier score"),
     Figure("log_score", "log score [nat]"),
     Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
+    Figure("unknown_stage", "unknown told, with the right stage"),
     Figure("confident_wrong", "unknown, confident wrong names", "most", 0.02),
     Figure("imitable_right", "withheld but imitable, told as what imitates it or unknown"),
     Figure("imitable_named", "of the imitable, told as what imitates it"),

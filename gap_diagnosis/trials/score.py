@@ -109,6 +109,9 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
             ]
         ),
         "unknown_auroc": _unknown(judged),
+        "unknown_stage": share(
+            [one.stage_right for one in _unlisted(judged) if one.verdict == "unknown"]
+        ),
         "imitable_right": share([one.in_group for one in imitable]),
         "imitable_named": share([one.names_imitator for one in imitable]),
         "imitable": sum(one.is_imitable for one in judged),

@@ -134,6 +134,21 @@ def test_confident_wrong_names_are_a_share_of_what_the_library_cannot_imitate() 
     assert found["imitable_named"]["count"] == 3
 
 
+def test_of_a_withheld_cause_the_stage_is_right_where_it_acts() -> None:
+    """As far as it was told as unknown, and nothing left can imitate it."""
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    unknown = {"unknown": 1.0}
+    made = (
+        seen(hidden, answer(unknown, stage="gyro")),
+        seen(hidden, answer(unknown, stage="wheel")),
+        seen(hidden, answer({"gyro_scale": 1.0}, stage="gyro")),
+        judge(hidden, answer(unknown, stage="wheel"), group, 5.0),
+    )
+    found = scores(Opened(made, 0))["parts"]["all"]["unknown_stage"]
+    assert (found["value"], found["count"]) == (0.5, 2)
+
+
 def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> None:
     load = {"payload": {"compression_left": 0.01, "compression_right": 0.02}}
     hidden = case(load, "withheld", without=("payload",))
