@@ -15,28 +15,37 @@ _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 
 
 def by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
-    """Return for each effect how its cases were told, and what it is like."""
+    """Return for each effect how its cases were told, and what it is like.
+
+    Its cases are those that have it alone, whatever its size, with its name in the library if any
+    library has one. What must be told of them is scored where the whole is.
+    """
+    alone: dict[str, list[Judged]] = {}
+    for one in judged:
+        if len(one.case.effects) == 1 and one.case.kind != "withheld":
+            (name,) = one.case.effects
+            alone.setdefault(name, []).append(one)
     found = {}
-    names = sorted({name for one in judged for name in one.case.true_effects})
-    for name in names:
-        own = [one for one in judged if one.case.true_effects == {name}]
+    for name, own in sorted(alone.items()):
+        beyond = [one for one in own if not one.is_null]
         clear = [one for one in own if one.is_clear]
+        certain = [one for one in clear if len(one.oracle) == 1]
         found[name] = {
             "cases": len(own),
             "clear": len(clear),
             "group_top1": asdict(share([one.in_group for one in clear])),
-            "top1": asdict(share([one.top1 for one in clear])),
+            "top1": asdict(share([one.top1 for one in certain])),
             "stage": asdict(share([one.stage_right for one in clear if one.has_one_stage])),
-            "true_probability": asdict(mean([one.true_probability for one in clear], (0.0, 1.0))),
-            "like": _like(own),
-            "verdicts": counted(one.verdict for one in own),
+            "true_probability": asdict(mean([one.true_probability for one in certain], (0.0, 1.0))),
+            "like": _like(beyond),
+            "verdicts": counted(one.verdict for one in beyond),
         }
     return found
 
 
-def _like(own: Sequence[Judged]) -> list[str]:
+def _like(beyond: Sequence[Judged]) -> list[str]:
     """Return the answers that nobody could tell from an effect in at least one of its cases."""
-    return sorted({name_of(answer) for one in own for answer in one.oracle - {one.truth}})
+    return sorted({name_of(answer) for one in beyond for answer in one.oracle - {one.truth}})
 
 
 def miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:

@@ -190,6 +190,34 @@ def test_the_curve_is_of_one_effect_that_has_a_size() -> None:
     assert scores(Opened((seen(both, told, 0.5), seen(noise, told, 0.0)), 0))["miss_curve"] == []
 
 
+def test_an_effects_own_scores_are_of_the_cases_that_the_whole_is_scored_on() -> None:
+    """Top-1 and the probability of the truth where one name is right; a cause that was withheld is
+    no case of its name, and one inside its tolerance none that could be told."""
+    alike = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    made = (
+        seen(case(BIAS), answer({"gyro_bias": 0.9, "no_gap": 0.1}, stage="gyro")),
+        judge(case(BIAS), answer({"gyro_temperature_bias": 1.0}, stage="gyro"), alike, 5.0),
+        seen(case(BIAS, "withheld", without=("adc_offset", "gyro_bias")), answer({"unknown": 1.0})),
+        seen(case({"gyro_bias": {"bias": 0.0002}}), answer({"no_gap": 1.0}), 0.5),
+    )
+    found = scores(Opened(made, 0))["effects"]["gyro_bias"]
+    assert (found["cases"], found["clear"]) == (3, 2)
+    assert (found["group_top1"]["value"], found["group_top1"]["count"]) == (0.5, 2)
+    assert (found["stage"]["value"], found["stage"]["count"]) == (1.0, 2)
+    assert (found["top1"]["value"], found["top1"]["count"]) == (1.0, 1)
+    assert found["true_probability"]["value"] == pytest.approx(0.9)
+    assert found["like"] == ["gyro_temperature_bias"]
+    assert found["verdicts"] == {"gyro_bias": 1, "gyro_temperature_bias": 1}
+
+
+def test_a_cause_without_a_name_has_a_stage_of_its_own_all_the_same() -> None:
+    poles = case({"drive_cogging": {"side": "left", "amplitude": 0.1, "order": 6, "phase": 0.0}})
+    told = [seen(poles, answer({"unknown": 1.0}, stage=stage)) for stage in ("actuation", "gyro")]
+    found = scores(Opened(tuple(told), 0))["effects"]["drive_cogging"]
+    assert found["stage"] == found["stage"] | {"value": 0.5, "count": 2}
+    assert found["top1"]["value"] == 1.0
+
+
 def test_twins_count_as_one_name_and_either_stage_is_right() -> None:
     judged = seen(
         case({"ticks_per_rev": {"scale": 0.01}}), answer({"radius_scale": 1.0}, stage="wheel")
