@@ -80,7 +80,7 @@ def trial_page(
             else [],
             "effect_head": EFFECT_HEAD,
             "effect_rows": [_effect_row(effect, one) for effect, one in found["effects"].items()],
-            "confusion": confusion_picture(opened[own].judged),
+            "confusion": confusion_picture(found["stages"]),
             "miss": miss_picture(found["miss_curve"]),
             "calibration": calibration_picture(parts["all"]),
             "wrong_head": ("case", "truth", "told", "probability", "over its limit", "drive"),

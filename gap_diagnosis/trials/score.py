@@ -12,7 +12,14 @@ from gap_diagnosis.trials.case import OWN_ENGINE, RANDOM, RECOMMENDED, STRATA
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.tables import by_effect, confusion, miss_curve, name_of
+from gap_diagnosis.trials.tables import (
+    by_effect,
+    confusion,
+    false_alarms,
+    miss_curve,
+    name_of,
+    stages,
+)
 from gap_diagnosis.trials.truth import UNKNOWN
 from gap_diagnosis.trials.yardsticks import (
     Share,
@@ -21,12 +28,14 @@ from gap_diagnosis.trials.yardsticks import (
     calibration_interval,
     mean,
     perfect_calibration,
+    perfect_share,
     rank_test,
     ratio,
     share,
 )
 
 OTHER: Final = "other engine"
+NEW: Final = ("new drive", "new noise", "new robot", OTHER)
 
 _CLOSABLE: Final = 2.0
 _NO_FLOOR: Final = 1e-12
@@ -46,7 +55,7 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
     familiar = [one for one in judged if not newness(one)]
     parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
     parts |= {name: [one for one in judged if one.case.stratum == name] for name in STRATA}
-    for name in ("new drive", "new noise", "new robot", OTHER):
+    for name in NEW:
         parts[name] = [one for one in judged if name in newness(one)]
     return {
         "schema": SCHEMA,
@@ -54,9 +63,14 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
         "missing": opened.missing,
         "crashes": sum(one.error is not None for one in judged),
         "parts": {name: _part(part, again) for name, part in parts.items() if part},
+        "alarms": {name: _alarms(parts[name]) for name in STRATA},
         "effects": by_effect(judged),
         "miss_curve": miss_curve(judged),
         "confusion": confusion(judged),
+        "stages": stages(judged),
+        "other_engine_alarms": false_alarms(
+            [one for one in judged if one.is_null and OTHER in newness(one)]
+        ),
         "wrong": [_told_wrong(one) for one in _wrong(judged)[:_WORST]],
     }
 
@@ -99,7 +113,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         ),
         "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
-        "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
+        "false_alarms": _false_alarms(judged),
         "confident_wrong": share([one.confident_wrong for one in _unlisted(judged)]),
         "confident_wrong_nameless": share(
             [
@@ -137,6 +151,17 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
     return {name: _plain(value) for name, value in found.items()}
 
 
+def _alarms(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return false alarms apart by what is new, as each has a goal of its own."""
+    kinds = {name: [one for one in judged if name in newness(one)] for name in NEW}
+    kinds["familiar"] = [one for one in judged if not newness(one)]
+    return {name: {"false_alarms": asdict(_false_alarms(own))} for name, own in kinds.items()}
+
+
+def _false_alarms(judged: Sequence[Judged]) -> Share:
+    return share([one.verdict != "no_gap" for one in judged if one.is_null])
+
+
 def _is_of_the_prior(one: Judged) -> bool:
     """Tell whether a forecaster may be held to its probabilities: sizes are as it believes before,
     or what was at work was taken from it, or another name."""
@@ -144,11 +169,13 @@ def _is_of_the_prior(one: Judged) -> bool:
 
 
 def _forecast(judged: Sequence[Judged]) -> dict[str, Any]:
-    """Return the top group's calibration error, its interval, and a perfect forecaster's."""
+    """Return the top group's calibration error, its interval, its bins, a perfect forecaster's."""
     said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    error, bins = calibration(said, right)
     return {
         "cases": len(judged),
-        "error": calibration(said, right)[0],
+        "error": error,
+        "bins": [{**asdict(one), "perfect": perfect_share(one)} for one in bins],
         "interval": calibration_interval(said, right),
         "by_chance": perfect_calibration(said),
     }

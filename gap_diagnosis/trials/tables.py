@@ -7,11 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
+from gap_diagnosis.result_parts import STAGES
 from gap_diagnosis.trials.judge import Judged
-from gap_diagnosis.trials.truth import Answer, canonical
+from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical, stages_of
 from gap_diagnosis.trials.yardsticks import best_miss, mean, share
 
 _CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
+_UNLISTED: Final = "unknown"
 
 
 def by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
@@ -87,6 +89,69 @@ def confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
         )
         for name in names
     }
+
+
+def stages(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return for each true stage, and for what is unlisted, which stages were told.
+
+    *told* counts cases; *alike* is in what share of them an answer that nobody could tell from the
+    truth acts in a stage, and not in the true one. Nulls, and effects at two limits or above.
+    """
+    rows: dict[str, list[Judged]] = {stage: [] for stage in (*STAGES, _UNLISTED)}
+    for one in judged:
+        if (one.is_null or one.is_clear) and one.error is None:
+            rows[_true_stage(one)].append(one)
+    return [
+        {
+            "stage": stage,
+            "cases": len(own),
+            "told": counted(_told_stage(one) for one in own),
+            "alike": {
+                other: count / len(own)
+                for other, count in counted(
+                    other for one in own for other in _other_stages(one, stage)
+                ).items()
+            },
+        }
+        for stage, own in rows.items()
+        if own
+    ]
+
+
+def _true_stage(one: Judged) -> str:
+    """Return the true stage; of a pair's or a twin's several the one that was told, if any."""
+    if one.truth == UNKNOWN:
+        return _UNLISTED
+    acting = stages_of(one.truth)
+    return one.stage if one.stage in acting else min(acting)
+
+
+def _told_stage(one: Judged) -> str:
+    return _UNLISTED if one.verdict == _UNLISTED else one.stage
+
+
+def _other_stages(one: Judged, stage: str) -> frozenset[str]:
+    """Return the stages in which an answer like the truth acts that does not act in *stage*."""
+    acting = [stages_of(answer) for answer in one.oracle if answer != UNKNOWN]
+    return frozenset(other for each in acting if stage not in each for other in each)
+
+
+def false_alarms(nulls: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return by verdict what was told of cases without a gap: how often, how surely, with what."""
+    told = counted(one.verdict for one in nulls if one.verdict != "no_gap")
+    found = []
+    for verdict, count in told.items():
+        own = [one for one in nulls if one.verdict == verdict]
+        group = {name_of(answer) for one in own for answer in one.group}
+        found.append(
+            {
+                "verdict": verdict,
+                "count": count,
+                "probabilities": sorted((one.group_probability for one in own), reverse=True),
+                "with": sorted(group - {name_of(canonical(verdict.split("+")))}),
+            }
+        )
+    return found
 
 
 def name_of(answer: Answer) -> str:

@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import binom, chi2, norm
 
 Floats = NDArray[np.float64]
 
@@ -108,6 +108,12 @@ def calibration(
     )
     total = math.fsum(one.count * abs(one.said - one.true) for one in found)
     return total / len(said), found
+
+
+def perfect_share(one: CalibrationBin) -> tuple[float, float]:
+    """Return between which shares a perfect forecaster is right in a bin 19 times in 20."""
+    low, high = binom.ppf([0.025, 0.975], one.count, min(one.said, 1.0)) / one.count
+    return float(low), float(high)
 
 
 _DRAWS: Final = 400

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.trials.case import Case, Kind
+from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.judge import Judged, judge
 from gap_diagnosis.trials.kept import keep, kept
 from gap_diagnosis.trials.opening import Opened, together
@@ -216,6 +216,54 @@ def test_a_cause_without_a_name_has_a_stage_of_its_own_all_the_same() -> None:
     found = scores(Opened(tuple(told), 0))["effects"]["drive_cogging"]
     assert found["stage"] == found["stage"] | {"value": 0.5, "count": 2}
     assert found["top1"]["value"] == 1.0
+
+
+def test_stages_that_were_told_stand_beside_those_that_nobody_could_tell_apart() -> None:
+    told = answer({"gyro_bias": 1.0}, stage="gyro")
+    alike = frozenset({canonical(["gyro_bias"]), canonical(["wheelbase_scale"])})
+    wrong = answer({"wheelbase_scale": 1.0}, stage="wheel")
+    made = (
+        judge(case(BIAS), wrong, alike, 5.0),
+        *(seen(case(BIAS), told) for _ in range(3)),
+        seen(case(BIAS, "withheld", without=("adc_offset", "gyro_bias")), answer({"unknown": 1.0})),
+        seen(case({}, "null"), answer({"no_gap": 1.0}), None),
+        seen(case(BIAS), told, 1.0),
+    )
+    rows = {row["stage"]: row for row in scores(Opened(made, 0))["stages"]}
+    assert rows.keys() == {"gyro", "unknown", "none"}
+    assert rows["gyro"]["told"] == {"gyro": 3, "wheel": 1}
+    assert rows["gyro"]["alike"] == {"wheel": 0.25}
+    assert rows["unknown"]["told"] == {"unknown": 1}
+
+
+def test_a_pair_in_two_stages_is_not_taken_for_stages_that_look_alike() -> None:
+    both = case({**BIAS, "radius_scale": {"scale": 0.01}}, "pair")
+    made = seen(both, answer({"gyro_bias+radius_scale": 1.0}, stage="gyro"))
+    (row,) = scores(Opened((made,), 0))["stages"]
+    assert (row["stage"], row["told"], row["alike"]) == ("gyro", {"gyro": 1}, {})
+
+
+def test_what_the_other_engine_triggers_is_told_by_name() -> None:
+    null = case({}, "null", engine=OTHER_ENGINE)
+    slip = answer({"one_sided_slip": 0.9, "no_gap": 0.1})
+    slip["which"][0]["ambiguous_with"] = [["backlash"]]
+    rest = [seen(null, answer({"no_gap": 1.0}), None), seen(case({}), slip, None)]
+    found = scores(Opened((seen(null, slip, None), *rest), 0))["other_engine_alarms"]
+    assert found == [
+        {"verdict": "one_sided_slip", "count": 1, "probabilities": [0.9], "with": ["backlash"]}
+    ]
+
+
+def test_false_alarms_of_a_stratum_stand_apart_by_what_is_new() -> None:
+    """Their goals differ, in one stratum as in all."""
+    alarm = answer({"gyro_bias": 1.0}, stage="gyro")
+    made = (
+        seen(case({}, "null"), answer({"no_gap": 1.0}), None),
+        seen(case({}, "null", engine=OTHER_ENGINE), alarm, None),
+    )
+    found = scores(Opened(made, 0))["alarms"]["limit"]
+    told = {name: one["false_alarms"]["value"] for name, one in found.items()}
+    assert (told["familiar"], told["other engine"], told["new robot"]) == (0.0, 1.0, None)
 
 
 def test_twins_count_as_one_name_and_either_stage_is_right() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.trials.yardsticks import (
+    CalibrationBin,
     Share,
     auroc,
     best_miss,
@@ -16,6 +17,7 @@ from gap_diagnosis.trials.yardsticks import (
     calibration_interval,
     mean,
     perfect_calibration,
+    perfect_share,
     rank_bin,
     rank_test,
     ratio,
@@ -79,6 +81,16 @@ def test_a_calibrated_forecaster_has_no_calibration_error_but_that_of_chance() -
     assert error is not None
     assert error < 0.8 * 0.5 / math.sqrt(CASES / 15)
     assert {one.count for one in bins} <= {CASES // 15, CASES // 15 + 1}
+
+
+def test_a_perfect_forecaster_is_right_in_a_bin_as_often_as_it_is_said_to_be() -> None:
+    draw = np.random.default_rng(9)
+    low, high = perfect_share(CalibrationBin(0.9, 0.5, 200))
+    shares = draw.binomial(200, 0.9, size=CASES) / 200
+    within = float(np.mean((low <= shares) & (shares <= high)))
+    # Both ends are counts of 200, none of which is as likely as 0.1.
+    assert 0.95 - 4 * math.sqrt(0.95 * 0.05 / CASES) < within < 0.98
+    assert perfect_share(CalibrationBin(1.0 + 1e-12, 1.0, 10)) == (1.0, 1.0)
 
 
 def test_an_overconfident_forecaster_is_caught_by_as_much_as_it_exaggerates() -> None:
