@@ -1,6 +1,6 @@
 """The full blind trial in one command, and its measured page.
 
-    python benchmarks/blind_trial.py DIR --cases 6000 [--jobs N]
+    python benchmarks/blind_trial.py DIR --cases 8400 [--jobs N]
     python benchmarks/blind_trial.py DIR --keep benchmarks/blind/NAME.jsonl.gz
     python benchmarks/blind_trial.py TRIAL... --page docs/reference/blind-trial.md
         [--at METHOD=COMMIT] [--again AGAIN --at again=COMMIT]
@@ -25,11 +25,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core, n
 import gap_diagnosis.trials.rivals
 from chiplog.pages.trial import common_cases, figure_rows, trial_page
 from chiplog.pages.trial_words import FIGURES, MISSED, NOT_MEASURED, UNPROVED, figure
+from gap_diagnosis.trials.full import FULL, full_counts, tally
 from gap_diagnosis.trials.kept import keep, kept
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD
 from gap_diagnosis.trials.make import make_trial
 from gap_diagnosis.trials.opening import Opened, methods_run, open_methods, together
-from gap_diagnosis.trials.plan import Counts
 from gap_diagnosis.trials.run import processors, run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import key_of
@@ -37,19 +37,13 @@ from gap_diagnosis.trials.secret import fresh_secret
 
 RIVALS: Final = ("least_squares", "least_squares_bic", "whitened_bic", "umbmark")
 _WRONG_MOST: Final = 12
-_FULL: Final = 6000
-"""About so many cases have 40 of each effect, 1,000 nulls and 3,000 for the calibration."""
 
 
 def run(folder: Path, cases: int, jobs: int | None) -> None:
     """Make the trial where there is none, and diagnose what has no result yet by every method."""
     if not (folder / CASES).is_dir():
-        tenth = cases // 10
-        counts = Counts(
-            cases, nulls=2 * tenth, pairs=tenth, withheld=tenth, other_engine=tenth // 2
-        )
         make_trial(
-            counts,
+            full_counts(cases),
             folder,
             key_of(folder),
             fresh_secret(),
@@ -95,7 +89,7 @@ def markdown(
         f"{unproved} of them without proof.** "
         f"{own['crashes']} crashes. How it was made and what each word means: "
         "[Blind trials](../how-to/blind-trials.md).",
-        *_fewer(own["cases"]),
+        *_lacking(opened[OWN_METHOD]),
         *_missing(own["missing"]),
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d}. Made with",
@@ -139,15 +133,12 @@ def markdown(
     return "\n".join(lines) + "\n"
 
 
-def _fewer(cases: int) -> list[str]:
-    """Return the lines that say that a trial is no full one."""
-    if cases >= _FULL:
+def _lacking(own: Opened) -> list[str]:
+    """Return the lines that say of what a trial has less than a full one."""
+    lacking = tally(one.case for one in own.judged).lacking
+    if not lacking:
         return []
-    return [
-        "",
-        "**Fewer cases than a full trial has:** 40 of each effect, 1,000 nulls and 3,000 for the "
-        "calibration. Read the intervals.",
-    ]
+    return ["", f"**Less than a full trial has: {'; '.join(lacking)}.** Read the intervals."]
 
 
 def _missing(count: int) -> list[str]:
@@ -193,7 +184,7 @@ def main() -> None:
     """Run the trial, or write its page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("trials", type=Path, nargs="+", metavar="TRIAL")
-    parser.add_argument("--cases", type=int)
+    parser.add_argument("--cases", type=int, help=f"a full trial has {FULL.cases}")
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--page", type=Path)
     parser.add_argument("--keep", type=Path, metavar="FILE")

@@ -18,8 +18,9 @@ from chiplog.pages.trial_words import (
     goal_of,
     verdict_on,
 )
+from gap_diagnosis.trials.full import OTHER
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.score import OTHER, scores
+from gap_diagnosis.trials.score import scores
 
 _TOLD: Final = 3
 _FALSE_ALARMS: Final = (

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from gap_diagnosis.trials.score import OTHER
+from gap_diagnosis.trials.full import OTHER
 
 Direction = Literal["least", "most", "none"]
 

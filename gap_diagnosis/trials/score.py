@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import OWN_ENGINE, RANDOM, RECOMMENDED, STRATA
+from gap_diagnosis.trials.case import RANDOM, RECOMMENDED, STRATA
+from gap_diagnosis.trials.full import FAMILIAR, NEW, OTHER, is_of_the_prior, newness
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
@@ -34,9 +34,6 @@ from gap_diagnosis.trials.yardsticks import (
     share,
 )
 
-OTHER: Final = "other engine"
-NEW: Final = ("new drive", "new noise", "new robot", OTHER)
-
 _CLOSABLE: Final = 2.0
 _NO_FLOOR: Final = 1e-12
 """Below it nothing is left by noise: arithmetic replayed bit for bit has no floor."""
@@ -52,11 +49,11 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
     *again*: the trial of its ambiguous cases with one log more.
     """
     judged = opened.judged
-    familiar = [one for one in judged if not newness(one)]
-    parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
+    familiar = [one for one in judged if not newness(one.case)]
+    parts: dict[str, Sequence[Judged]] = {"all": judged, FAMILIAR: familiar}
     parts |= {name: [one for one in judged if one.case.stratum == name] for name in STRATA}
     for name in NEW:
-        parts[name] = [one for one in judged if name in newness(one)]
+        parts[name] = [one for one in judged if name in newness(one.case)]
     return {
         "schema": SCHEMA,
         "cases": len(judged),
@@ -69,21 +66,10 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
         "confusion": confusion(judged),
         "stages": stages(judged),
         "other_engine_alarms": false_alarms(
-            [one for one in judged if one.is_null and OTHER in newness(one)]
+            [one for one in judged if one.is_null and OTHER in newness(one.case)]
         ),
         "wrong": [_told_wrong(one) for one in _wrong(judged)[:_WORST]],
     }
-
-
-def newness(one: Judged) -> frozenset[str]:
-    """Return what of a case was not used while the diagnosis was developed."""
-    new = {
-        "new drive": one.case.drive in drives.NEW,
-        "new noise": one.case.noise.kind in reference_noise.NEW,
-        "new robot": one.case.robot == robots.NEW,
-        OTHER: one.case.engine != OWN_ENGINE,
-    }
-    return frozenset(name for name, is_new in new.items() if is_new)
 
 
 def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
@@ -134,7 +120,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "ece": error,
         "ece_interval": calibration_interval(said, right),
         "ece_by_chance": perfect_calibration(said),
-        "forecast": _forecast([one for one in judged if _is_of_the_prior(one)]),
+        "forecast": _forecast([one for one in judged if is_of_the_prior(one.case)]),
         "calibration": [asdict(one) for one in bins],
         "coverage": {
             name: share([one.inside[place] for one in parameters])
@@ -153,19 +139,13 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
 
 def _alarms(judged: Sequence[Judged]) -> dict[str, Any]:
     """Return false alarms apart by what is new, as each has a goal of its own."""
-    kinds = {name: [one for one in judged if name in newness(one)] for name in NEW}
-    kinds["familiar"] = [one for one in judged if not newness(one)]
+    kinds = {name: [one for one in judged if name in newness(one.case)] for name in NEW}
+    kinds[FAMILIAR] = [one for one in judged if not newness(one.case)]
     return {name: {"false_alarms": asdict(_false_alarms(own))} for name, own in kinds.items()}
 
 
 def _false_alarms(judged: Sequence[Judged]) -> Share:
     return share([one.verdict != "no_gap" for one in judged if one.is_null])
-
-
-def _is_of_the_prior(one: Judged) -> bool:
-    """Tell whether a forecaster may be held to its probabilities: sizes are as it believes before,
-    or what was at work was taken from it, or another name."""
-    return one.case.stratum == "prior" or one.case.kind in ("withheld", "decoy")
 
 
 def _forecast(judged: Sequence[Judged]) -> dict[str, Any]:
