@@ -20,7 +20,8 @@ def by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
     """Return for each effect how its cases were told, and what it is like.
 
     Its cases are those that have it alone, whatever its size, with its name in the library if any
-    library has one. What must be told of them is scored where the whole is.
+    library has one. What must be told of them is scored where the whole is; *like* counts in how
+    many of the clear ones nobody could tell it from an answer.
     """
     alone: dict[str, list[Judged]] = {}
     for one in judged:
@@ -39,15 +40,12 @@ def by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
             "top1": asdict(share([one.top1 for one in certain])),
             "stage": asdict(share([one.stage_right for one in clear if one.has_one_stage])),
             "true_probability": asdict(mean([one.true_probability for one in certain], (0.0, 1.0))),
-            "like": _like(beyond),
+            "like": counted(
+                name_of(answer) for one in clear for answer in one.oracle - {one.truth}
+            ),
             "verdicts": counted(one.verdict for one in beyond),
         }
     return found
-
-
-def _like(beyond: Sequence[Judged]) -> list[str]:
-    """Return the answers that nobody could tell from an effect in at least one of its cases."""
-    return sorted({name_of(answer) for one in beyond for answer in one.oracle - {one.truth}})
 
 
 def miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:

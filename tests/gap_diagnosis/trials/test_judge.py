@@ -206,7 +206,7 @@ def test_an_effects_own_scores_are_of_the_cases_that_the_whole_is_scored_on() ->
     assert (found["stage"]["value"], found["stage"]["count"]) == (1.0, 2)
     assert (found["top1"]["value"], found["top1"]["count"]) == (1.0, 1)
     assert found["true_probability"]["value"] == pytest.approx(0.9)
-    assert found["like"] == ["gyro_temperature_bias"]
+    assert found["like"] == {"gyro_temperature_bias": 1}
     assert found["verdicts"] == {"gyro_bias": 1, "gyro_temperature_bias": 1}
 
 
