@@ -110,18 +110,30 @@ def value_of(
         return (None, None, 0) if chance is None else (chance[0], tuple(chance[1:]), part["cases"])
     if key == "ranks":
         return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
-    group = next((name for name in ("coverage", "again") if key in part[name]), None)
-    one = part[key] if group is None else part[group][key]
-    interval = None if one["low"] is None else (one["low"], one["high"])
-    return one["value"], interval, one["count"]
+    if key in part:
+        return _shared(part[key])
+    return _shared(next(part[name][key] for name in ("coverage", "again") if key in part[name]))
 
 
 def figure(part: Mapping[str, Any], one: Figure) -> str:
     """Return a figure as text: value, interval, cases."""
-    value, interval, count = value_of(part, one.key)
+    return _words(*value_of(part, one.key))
+
+
+def share_words(one: Mapping[str, Any]) -> str:
+    """Return a share as text: value, interval, cases."""
+    return _words(*_shared(one))
+
+
+def _shared(one: Mapping[str, Any]) -> tuple[float | None, tuple[float, float] | None, int]:
+    interval = None if one["low"] is None else (one["low"], one["high"])
+    return one["value"], interval, one["count"]
+
+
+def _words(value: float | None, interval: tuple[float, float] | None, count: int) -> str:
     if value is None:
         return NOT_MEASURED
-    decimals = 3 if abs(value) < 0.1 else 2
+    decimals = 3 if abs(value) < 0.1 or 0.995 <= value < 1 else 2  # 1.00 is all of them
     span = (
         "" if interval is None else f" ({interval[0]:.{decimals}f} to {interval[1]:.{decimals}f})"
     )
