@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from chiplog.pages.rendering import render
 from chiplog.pages.trial_pictures import calibration_picture, confusion_picture, miss_picture
+from chiplog.pages.trial_rows import EFFECT_HEAD, FIGURE_HEAD, effect_rows, figure_rows
 from chiplog.pages.trial_words import (
     FIGURES,
     MISSED,
@@ -15,25 +16,11 @@ from chiplog.pages.trial_words import (
     REACHED,
     UNPROVED,
     figure,
-    goal_of,
-    verdict_on,
 )
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.score import OTHER, scores
+from gap_diagnosis.trials.score import scores
 
 _TOLD: Final = 3
-_FALSE_ALARMS: Final = (
-    ("familiar", "familiar"),
-    ("new manoeuvre", "new drive"),
-    ("new noise", "new noise"),
-    ("new robot", "new robot"),
-    ("other engine", OTHER),
-)
-FIGURE_HEAD: Final = ("figure", "measured (95 %), cases", "must be", "")
-EFFECT_HEAD: Final = (
-    "effect", "cases", "clear", "stage", "in the group", "top-1", "P(truth)", "told most often",
-    "nobody could tell it from",
-)  # fmt: skip
 
 
 def trial_page(
@@ -78,9 +65,14 @@ def trial_page(
             ]
             if len(beside) > 1
             else [],
-            "effect_head": EFFECT_HEAD,
-            "effect_rows": [_effect_row(effect, one) for effect, one in found["effects"].items()],
-            "confusion": confusion_picture(opened[own].judged),
+            "effect_head": (*EFFECT_HEAD, "told most often"),
+            "effect_rows": [
+                [*row, _told_most(one)]
+                for row, one in zip(
+                    effect_rows(found["effects"]), found["effects"].values(), strict=True
+                )
+            ],
+            "confusion": confusion_picture(found["stages"]),
             "miss": miss_picture(found["miss_curve"]),
             "calibration": calibration_picture(parts["all"]),
             "wrong_head": ("case", "truth", "told", "probability", "over its limit", "drive"),
@@ -101,43 +93,8 @@ def common_cases(opened: Mapping[str, Opened]) -> dict[str, Opened]:
     }
 
 
-def figure_rows(
-    whole: Mapping[str, Any], parts: Mapping[str, Mapping[str, Any]]
-) -> list[list[str]]:
-    """Return each figure with its goal; false alarms apart by what is new."""
-    rows = []
-    for one in FIGURES:
-        if one.key == "false_alarms":
-            for label, part in _FALSE_ALARMS:
-                if part in parts:
-                    goal = goal_of(one, part)
-                    said = figure(parts[part], one)
-                    rows.append(
-                        [f"{one.label}, {label}", said, goal.words, verdict_on(parts[part], goal)]
-                    )
-            continue
-        goal = goal_of(one)
-        rows.append([one.label, figure(whole, one), goal.words, verdict_on(whole, goal)])
-    return rows
-
-
-def _effect_row(effect: str, one: Mapping[str, Any]) -> list[str]:
-    def share(key: str) -> str:
-        value = one[key]["value"]
-        return "" if value is None else f"{value:.2f}"
-
-    told = [f"{name} {count}" for name, count in list(one["verdicts"].items())[:_TOLD]]
-    return [
-        effect,
-        str(one["cases"]),
-        str(one["clear"]),
-        share("stage"),
-        share("group_top1"),
-        share("top1"),
-        share("true_probability"),
-        ", ".join(told),
-        ", ".join(one["like"]) or "–",
-    ]
+def _told_most(one: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in list(one["verdicts"].items())[:_TOLD])
 
 
 def _wrong_row(one: Mapping[str, Any]) -> list[str]:

@@ -22,29 +22,23 @@ from chiplog.pages.drawing import (
     picture,
 )
 from gap_diagnosis.result_parts import STAGES
-from gap_diagnosis.trials.judge import Judged
-from gap_diagnosis.trials.truth import UNKNOWN, stages_of
 from gap_diagnosis.trials.yardsticks import best_miss
 
 _ROWS: Final = (*STAGES, "unknown")
 _FIRST, _LAST = 0.2, 20.0
 
 
-def confusion_picture(judged: Sequence[Judged]) -> Picture:
-    """Draw which stage was told for which, beside the stages that nobody could tell apart."""
+def confusion_picture(rows: Sequence[Mapping[str, Any]]) -> Picture:
+    """Draw which stage was told for which, by the *stages* of scores."""
     told = np.zeros((len(_ROWS), len(_ROWS)), dtype=np.int64)
-    alike = np.zeros_like(told)
-    for one in judged:
-        if not (one.is_null or one.is_clear) or one.error is not None:
-            continue
-        truth = _stage(one, one.stage)
-        if one.truth == UNKNOWN:
-            told[_ROWS.index("unknown"), _told(one)] += 1
-            continue
-        told[_ROWS.index(truth), _told(one)] += 1
-        for answer in one.oracle:
-            for stage in stages_of(answer) if answer != UNKNOWN else ():
-                alike[_ROWS.index(truth), _ROWS.index(stage)] += 1
+    alike = np.zeros(told.shape, dtype=np.bool_)
+    for row in rows:
+        place = _ROWS.index(row["stage"])
+        alike[place, place] = True
+        for stage, count in row["told"].items():
+            told[place, _ROWS.index(stage)] = count
+        for stage in row["alike"]:
+            alike[place, _ROWS.index(stage)] = True
 
     def draw(canvas: Canvas) -> Figure:
         figure, (axes,) = new_figure(canvas, 330 if canvas.is_narrow else 380)
@@ -76,16 +70,6 @@ def confusion_picture(judged: Sequence[Judged]) -> Picture:
         "else. Nulls, and effects at or above twice their detection limit."
     )
     return picture("confusion", "Told for true", caption, draw, alt=caption)
-
-
-def _stage(one: Judged, told: str) -> str:
-    """Return the true stage; of a pair's or a twin's several the one that was told, if any."""
-    stages = stages_of(one.withheld)
-    return told if told in stages else min(stages)
-
-
-def _told(one: Judged) -> int:
-    return _ROWS.index("unknown" if one.verdict == "unknown" else one.stage)
 
 
 def miss_picture(curve: Sequence[Mapping[str, Any]]) -> Picture:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from gap_diagnosis.trials.score import OTHER
+from gap_diagnosis.trials.full import OTHER
 
 Direction = Literal["least", "most", "none"]
 
@@ -62,7 +62,10 @@ FIGURES: Final = (
     Figure("brier", "Brier score"),
     Figure("log_score", "log score [nat]"),
     Figure("unknown_auroc", "unknown, AUROC", "least", 0.95),
+    Figure("unknown_stage", "unknown told, with the right stage"),
     Figure("confident_wrong", "unknown, confident wrong names", "most", 0.02),
+    Figure("imitable_right", "withheld but imitable, told as what imitates it or unknown"),
+    Figure("imitable_named", "of the imitable, told as what imitates it"),
     Figure("confident_wrong_nameless", "confident wrong names of what no library has"),
     Figure("ci50", "50 % intervals that hold the truth"),
     Figure("ci80", "80 % intervals that hold the truth"),
@@ -71,6 +74,8 @@ FIGURES: Final = (
     Figure("error_over_bound", "parameter error over the Cramér-Rao bound"),
     Figure("window_overlap", "true and reported window, intersection over union"),
     Figure("gap_closed", "held-out gap closed over what noise leaves to close", "least", 0.95),
+    Figure("gap_closed_each", "the same, case by case"),
+    Figure("gap_closed_exact", "held-out gap closed where noise leaves nothing, case by case"),
     Figure("recommended", "probability of the truth after the recommended manoeuvre"),
     Figure("random", "probability of the truth after another manoeuvre"),
     Figure("more", "by how much the recommended one tells more"),
@@ -91,14 +96,6 @@ def value_of(
     part: Mapping[str, Any], key: str
 ) -> tuple[float | None, tuple[float, float] | None, int]:
     """Return a figure's value, its interval and its count of cases."""
-    if key == "group_ratio":
-        mine, theirs = part["group_size"], part["oracle_group_size"]
-        if not mine["value"] or not theirs["value"]:
-            return None, None, 0
-        interval = None
-        if mine["low"] is not None:
-            interval = mine["low"] / theirs["value"], mine["high"] / theirs["value"]
-        return mine["value"] / theirs["value"], interval, mine["count"]
     if key == "forecast":
         low_high, of = part["forecast"]["interval"], part["forecast"]["cases"]
         return part["forecast"]["error"], None if low_high is None else tuple(low_high), of
@@ -113,20 +110,30 @@ def value_of(
         return (None, None, 0) if chance is None else (chance[0], tuple(chance[1:]), part["cases"])
     if key == "ranks":
         return part["ranks"]["p"], None, sum(part["ranks"]["counts"])
-    if key == "gap_closed":
-        return part["gap_closed"], None, part["cases"]
-    group = next((name for name in ("coverage", "again") if key in part[name]), None)
-    one = part[key] if group is None else part[group][key]
-    interval = None if one["low"] is None else (one["low"], one["high"])
-    return one["value"], interval, one["count"]
+    if key in part:
+        return _shared(part[key])
+    return _shared(next(part[name][key] for name in ("coverage", "again") if key in part[name]))
 
 
 def figure(part: Mapping[str, Any], one: Figure) -> str:
     """Return a figure as text: value, interval, cases."""
-    value, interval, count = value_of(part, one.key)
+    return _words(*value_of(part, one.key))
+
+
+def share_words(one: Mapping[str, Any]) -> str:
+    """Return a share as text: value, interval, cases."""
+    return _words(*_shared(one))
+
+
+def _shared(one: Mapping[str, Any]) -> tuple[float | None, tuple[float, float] | None, int]:
+    interval = None if one["low"] is None else (one["low"], one["high"])
+    return one["value"], interval, one["count"]
+
+
+def _words(value: float | None, interval: tuple[float, float] | None, count: int) -> str:
     if value is None:
         return NOT_MEASURED
-    decimals = 3 if abs(value) < 0.1 else 2
+    decimals = 3 if abs(value) < 0.1 or 0.995 <= value < 1 else 2  # 1.00 is all of them
     span = (
         "" if interval is None else f" ({interval[0]:.{decimals}f} to {interval[1]:.{decimals}f})"
     )

@@ -125,14 +125,22 @@ class Judged:
         return self.truth in self.group
 
     @property
+    def names_imitator(self) -> bool:
+        """Of an imitable cause, a name that nobody could tell from it is in the reported group."""
+        return self.is_imitable and not self.group.isdisjoint(self.oracle - {UNKNOWN})
+
+    @property
     def has_one_stage(self) -> bool:
-        """The oracle group lies in one stage."""
-        return len({stages_of(one) for one in self.oracle if one != UNKNOWN}) == 1
+        """The oracle group lies in one stage, an unlisted cause in that of what was at work."""
+        return len({self._stages_of(one) for one in self.oracle}) == 1
 
     @property
     def stage_right(self) -> bool:
         """The reported stage is one in which the truth acts."""
-        return self.stage in stages_of(self.truth if self.truth != UNKNOWN else self.withheld)
+        return self.stage in self._stages_of(self.truth)
+
+    def _stages_of(self, answer: Answer) -> frozenset[str]:
+        return stages_of(self.withheld if answer == UNKNOWN else answer)
 
     @property
     def withheld(self) -> Answer:

@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-from gap_diagnosis.trials import drives, reference_noise, robots
-from gap_diagnosis.trials.case import OWN_ENGINE, RANDOM, RECOMMENDED, STRATA
+from gap_diagnosis.trials.case import RANDOM, RECOMMENDED, STRATA
+from gap_diagnosis.trials.full import FAMILIAR, NEW, OTHER, is_of_the_prior, newness
 from gap_diagnosis.trials.judge import Judged, Parameter
 from gap_diagnosis.trials.layout import SCHEMA
 from gap_diagnosis.trials.opening import Opened
-from gap_diagnosis.trials.truth import UNKNOWN, Answer, canonical
+from gap_diagnosis.trials.tables import (
+    by_effect,
+    confusion,
+    false_alarms,
+    miss_curve,
+    name_of,
+    stages,
+)
+from gap_diagnosis.trials.truth import UNKNOWN
 from gap_diagnosis.trials.yardsticks import (
     Share,
     auroc,
-    best_miss,
     calibration,
     calibration_interval,
     mean,
     perfect_calibration,
+    perfect_share,
     rank_test,
+    ratio,
     share,
 )
 
-OTHER: Final = "other engine"
-
-_CURVE: Final = (0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, math.inf)
 _CLOSABLE: Final = 2.0
+_NO_FLOOR: Final = 1e-12
+"""Below it nothing is left by noise: arithmetic replayed bit for bit has no floor."""
 _WORST: Final = 12
 _POSITIVE: Final = (0.0, math.inf)
 _MEDIAN_ERROR: Final = 0.6744897501960817
@@ -41,33 +49,27 @@ def scores(opened: Opened, again: Opened | None = None) -> dict[str, Any]:
     *again*: the trial of its ambiguous cases with one log more.
     """
     judged = opened.judged
-    familiar = [one for one in judged if not newness(one)]
-    parts: dict[str, Sequence[Judged]] = {"all": judged, "familiar": familiar}
+    familiar = [one for one in judged if not newness(one.case)]
+    parts: dict[str, Sequence[Judged]] = {"all": judged, FAMILIAR: familiar}
     parts |= {name: [one for one in judged if one.case.stratum == name] for name in STRATA}
-    for name in ("new drive", "new noise", "new robot", OTHER):
-        parts[name] = [one for one in judged if name in newness(one)]
+    for name in NEW:
+        parts[name] = [one for one in judged if name in newness(one.case)]
     return {
         "schema": SCHEMA,
         "cases": len(judged),
         "missing": opened.missing,
         "crashes": sum(one.error is not None for one in judged),
         "parts": {name: _part(part, again) for name, part in parts.items() if part},
-        "effects": _by_effect(judged),
-        "miss_curve": _miss_curve(judged),
-        "confusion": _confusion(judged),
+        "alarms": {name: _alarms(parts[name]) for name in STRATA},
+        "effects": by_effect(judged),
+        "miss_curve": miss_curve(judged),
+        "confusion": confusion(judged),
+        "stages": stages(judged),
+        "other_engine_alarms": false_alarms(
+            [one for one in judged if one.is_null and OTHER in newness(one.case)]
+        ),
         "wrong": [_told_wrong(one) for one in _wrong(judged)[:_WORST]],
     }
-
-
-def newness(one: Judged) -> frozenset[str]:
-    """Return what of a case was not used while the diagnosis was developed."""
-    new = {
-        "new drive": one.case.drive in drives.NEW,
-        "new noise": one.case.noise.kind in reference_noise.NEW,
-        "new robot": one.case.robot == robots.NEW,
-        OTHER: one.case.engine != OWN_ENGINE,
-    }
-    return frozenset(name for name, is_new in new.items() if is_new)
 
 
 def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
@@ -79,6 +81,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
     pairs = [one for one in clear if len(one.case.true_effects) == 2]
     staged = [one for one in clear if one.has_one_stage]
     said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    imitable = [one for one in judged if one.is_withheld and one.is_imitable]
     error, bins = calibration(said, right)
     parameters = [parameter for one in judged for parameter in one.parameters]
     ranks, ranks_p = rank_test([one.rank for one in parameters])
@@ -91,21 +94,33 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "true_probability": mean([one.true_probability for one in alone], (0.0, 1.0)),
         "group_top1": share([one.in_group for one in clear]),
         "group_size": mean([float(len(one.group)) for one in clear], _POSITIVE),
+        "group_ratio": ratio(
+            [float(len(one.group)) for one in clear], [float(len(one.oracle)) for one in clear]
+        ),
         "oracle_group_size": mean([float(len(one.oracle)) for one in clear], _POSITIVE),
         "pairs_both_named": share([one.in_group for one in pairs]),
-        "false_alarms": share([one.verdict != "no_gap" for one in judged if one.is_null]),
-        "confident_wrong": share([one.confident_wrong for one in judged if one.is_withheld]),
+        "false_alarms": _false_alarms(judged),
+        "confident_wrong": share([one.confident_wrong for one in _unlisted(judged)]),
         "confident_wrong_nameless": share(
-            [one.confident_wrong for one in judged if one.is_lost and not one.is_withheld]
+            [
+                one.confident_wrong
+                for one in judged
+                if one.is_lost and not one.is_withheld and not one.is_imitable
+            ]
         ),
         "unknown_auroc": _unknown(judged),
+        "unknown_stage": share(
+            [one.stage_right for one in _unlisted(judged) if one.verdict == "unknown"]
+        ),
+        "imitable_right": share([one.in_group for one in imitable]),
+        "imitable_named": share([one.names_imitator for one in imitable]),
         "imitable": sum(one.is_imitable for one in judged),
         "brier": mean([one.brier for one in judged], (0.0, 2.0)),
         "log_score": mean([one.log_score for one in judged], _POSITIVE),
         "ece": error,
         "ece_interval": calibration_interval(said, right),
         "ece_by_chance": perfect_calibration(said),
-        "forecast": _forecast([one for one in judged if _is_of_the_prior(one)]),
+        "forecast": _forecast([one for one in judged if is_of_the_prior(one.case)]),
         "calibration": [asdict(one) for one in bins],
         "coverage": {
             name: share([one.inside[place] for one in parameters])
@@ -115,25 +130,32 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "error_sd": mean([abs(one.error_sd) for one in parameters]),
         "error_over_bound": _over_bound(parameters),
         "window_overlap": mean([o for one in judged if (o := one.overlap) is not None], (0.0, 1.0)),
-        "gap_closed": _closed(judged),
+        **_closed(judged),
         "seconds": mean([one.seconds for one in judged], _POSITIVE),
         "again": _again(driven),
     }
     return {name: _plain(value) for name, value in found.items()}
 
 
-def _is_of_the_prior(one: Judged) -> bool:
-    """Tell whether a forecaster may be held to its probabilities: sizes are as it believes before,
-    or what was at work was taken from it, or another name."""
-    return one.case.stratum == "prior" or one.case.kind in ("withheld", "decoy")
+def _alarms(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return false alarms apart by what is new, as each has a goal of its own."""
+    kinds = {name: [one for one in judged if name in newness(one.case)] for name in NEW}
+    kinds[FAMILIAR] = [one for one in judged if not newness(one.case)]
+    return {name: {"false_alarms": asdict(_false_alarms(own))} for name, own in kinds.items()}
+
+
+def _false_alarms(judged: Sequence[Judged]) -> Share:
+    return share([one.verdict != "no_gap" for one in judged if one.is_null])
 
 
 def _forecast(judged: Sequence[Judged]) -> dict[str, Any]:
-    """Return the top group's calibration error, its interval, and a perfect forecaster's."""
+    """Return the top group's calibration error, its interval, its bins, a perfect forecaster's."""
     said, right = [one.group_probability for one in judged], [one.in_group for one in judged]
+    error, bins = calibration(said, right)
     return {
         "cases": len(judged),
-        "error": calibration(said, right)[0],
+        "error": error,
+        "bins": [{**asdict(one), "perfect": perfect_share(one)} for one in bins],
         "interval": calibration_interval(said, right),
         "by_chance": perfect_calibration(said),
     }
@@ -147,9 +169,14 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _unlisted(judged: Sequence[Judged]) -> list[Judged]:
+    """Return the cases whose withheld cause nothing left in the library can imitate."""
+    return [one for one in judged if one.is_withheld and not one.is_imitable]
+
+
 def _unknown(judged: Sequence[Judged]) -> Share:
     """Return the AUROC of P(unknown): withheld causes against the same with the full library."""
-    positive = [one for one in judged if one.is_withheld and not one.is_imitable]
+    positive = _unlisted(judged)
     negative = [one for one in judged if one.case.kind == "decoy" and one.truth != UNKNOWN]
     negative = negative or [one for one in judged if one.truth != UNKNOWN and one.is_clear]
     return auroc(
@@ -172,12 +199,21 @@ def _over_bound(parameters: Sequence[Parameter]) -> Share:
     return Share(middle, low, high, count)
 
 
-def _closed(judged: Sequence[Judged]) -> float | None:
-    """Return Σ(before − after)/Σ(before − floor) where before is twice the floor or more."""
+def _closed(judged: Sequence[Judged]) -> dict[str, Share]:
+    """Return what was closed of the gaps of twice their floor or more.
+
+    *gap_closed* is Σ(before − after)/Σ(before − floor), each gap in floors of its own, as metrics
+    differ in unit; *gap_closed_each* the mean of the same gaps' shares, so that none outweighs
+    another; *gap_closed_exact* that of gaps without a floor, which no sum in floors can hold.
+    """
     gaps = [one.gap for one in judged if one.gap is not None]
-    open_gaps = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f]
-    could = math.fsum((b - f) / max(f, 1e-12) for b, _, f in open_gaps)
-    return math.fsum((b - a) / max(f, 1e-12) for b, a, f in open_gaps) / could if could else None
+    large = [(b, a, f) for b, a, f in gaps if b >= _CLOSABLE * f > _CLOSABLE * _NO_FLOOR]
+    exact = [(b, a) for b, a, f in gaps if f <= _NO_FLOOR < b]
+    return {
+        "gap_closed": ratio([(b - a) / f for b, a, f in large], [(b - f) / f for b, _, f in large]),
+        "gap_closed_each": mean([(b - a) / (b - f) for b, a, f in large]),
+        "gap_closed_exact": mean([(b - a) / b for b, a in exact]),
+    }
 
 
 def _again(judged: Sequence[Judged]) -> dict[str, Share]:
@@ -195,75 +231,6 @@ def _again(judged: Sequence[Judged]) -> dict[str, Share]:
     }
 
 
-def _by_effect(judged: Sequence[Judged]) -> dict[str, Any]:
-    found = {}
-    names = sorted({name for one in judged for name in one.case.true_effects})
-    for name in names:
-        own = [one for one in judged if one.case.true_effects == {name}]
-        clear = [one for one in own if one.is_clear]
-        found[name] = {
-            "cases": len(own),
-            "clear": len(clear),
-            "group_top1": _plain(share([one.in_group for one in clear])),
-            "top1": _plain(share([one.top1 for one in clear])),
-            "stage": _plain(share([one.stage_right for one in clear if one.has_one_stage])),
-            "true_probability": _plain(mean([one.true_probability for one in clear], (0.0, 1.0))),
-            "like": _like(own),
-            "verdicts": _counted(one.verdict for one in own),
-        }
-    return found
-
-
-def _like(own: Sequence[Judged]) -> list[str]:
-    """Return the answers that nobody could tell from an effect in at least one of its cases."""
-    return sorted({_name(answer) for one in own for answer in one.oracle - {one.truth}})
-
-
-def _miss_curve(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return by magnitude over limit how often nothing was said, and how often not the truth."""
-    sized = [(one.over_limit, one) for one in judged if one.over_limit is not None]
-    found = []
-    for low, high in zip((0.0, *_CURVE[:-1]), _CURVE, strict=True):
-        bin_ = [(over, one) for over, one in sized if low <= over < high and one.case.effects]
-        inside = [one for _, one in bin_]
-        if inside:
-            found.append(
-                {
-                    "from": low,
-                    "to": high if math.isfinite(high) else None,
-                    "best": math.fsum(best_miss(over) for over, _ in bin_) / len(bin_),
-                    "missed": _plain(share([one.verdict == "no_gap" for one in inside])),
-                    "in_group": _plain(share([one.in_group for one in inside])),
-                }
-            )
-    return found
-
-
-def _confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
-    """Return for each truth how often each verdict was given, where one name is right."""
-    alone = [one for one in judged if len(one.oracle) == 1 and (one.is_null or one.is_clear)]
-    names = sorted({_name(one.truth) for one in alone})
-    return {
-        name: _counted(
-            "error" if one.error else _name(canonical(one.verdict.split("+")))
-            for one in alone
-            if _name(one.truth) == name
-        )
-        for name in names
-    }
-
-
-def _name(answer: Answer) -> str:
-    return "+".join(sorted(answer)) or "no_gap"
-
-
-def _counted(values: Iterable[str]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for value in values:
-        counts[value] = counts.get(value, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-
-
 def _wrong(judged: Sequence[Judged]) -> list[Judged]:
     """Return the cases that went wrong, the most certain first."""
     found = [
@@ -275,7 +242,7 @@ def _wrong(judged: Sequence[Judged]) -> list[Judged]:
 def _told_wrong(one: Judged) -> dict[str, Any]:
     return {
         "case": one.case.name,
-        "truth": _name(one.truth),
+        "truth": name_of(one.truth),
         "effects": {name: dict(values) for name, values in one.case.effects.items()},
         "over_limit": one.over_limit,
         "verdict": one.verdict,

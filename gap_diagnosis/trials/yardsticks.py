@@ -5,7 +5,8 @@ Sources: Wilson, *Probable inference, the law of succession, and statistical inf
 78, 1950); Naeini, Cooper and Hauskrecht, *Obtaining well calibrated probabilities using Bayesian
 binning* (AAAI 2015); Hanley and McNeil, *The meaning and use of the area under a receiver operating
 characteristic curve* (Radiology 143, 1982); Talts et al., *Validating Bayesian inference algorithms
-with simulation-based calibration* (2018).
+with simulation-based calibration* (2018); Efron, *Bootstrap methods: another look at the jackknife*
+(Annals of Statistics 7, 1979).
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import binom, chi2, norm
 
 Floats = NDArray[np.float64]
 
 _Z: Final = 1.959963984540054
+_RATIO_DRAWS: Final = 2000
 BINS: Final = 15
 RANK_EDGES: Final = (0.0, 0.025, 0.1, 0.25, 0.75, 0.9, 0.975, 1.0)
 """Ranks of a true value among its posterior, as far as the three intervals tell them."""
@@ -60,6 +62,27 @@ def mean(values: Sequence[float], within: tuple[float, float] = (-math.inf, math
     return Share(centre, max(within[0], centre - half), min(within[1], centre + half), count)
 
 
+def ratio(upper: Sequence[float], lower: Sequence[float]) -> Share:
+    """Return the sum of *upper* over that of *lower*, a pair of each case; *lower* is positive.
+
+    The 95 % interval is of the same ratio over cases drawn anew, both numbers of a case together.
+    """
+    count = len(upper)
+    if count == 0:
+        return Share(None, None, None, 0)
+    value = math.fsum(upper) / math.fsum(lower)
+    if count == 1:
+        return Share(value, None, None, 1)
+    above, below = np.asarray(upper, dtype=np.float64), np.asarray(lower, dtype=np.float64)
+    draw = np.random.default_rng(3)
+    ratios = []
+    for _ in range(_RATIO_DRAWS):
+        rows = draw.integers(count, size=count)
+        ratios.append(above[rows].sum() / below[rows].sum())
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return Share(value, float(low), float(high), count)
+
+
 @dataclass(frozen=True)
 class CalibrationBin:
     """Cases of like probability: what was said, and how often it was so."""
@@ -85,6 +108,12 @@ def calibration(
     )
     total = math.fsum(one.count * abs(one.said - one.true) for one in found)
     return total / len(said), found
+
+
+def perfect_share(one: CalibrationBin) -> tuple[float, float]:
+    """Return between which shares a perfect forecaster is right in a bin 19 times in 20."""
+    low, high = binom.ppf([0.025, 0.975], one.count, min(one.said, 1.0)) / one.count
+    return float(low), float(high)
 
 
 _DRAWS: Final = 400

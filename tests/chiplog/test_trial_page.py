@@ -72,6 +72,14 @@ def test_beside_a_calibration_error_stands_what_chance_alone_makes_of_so_many_ca
     assert figure({"ece_by_chance": None, "cases": 0}, by_chance) == NOT_MEASURED
 
 
+def test_only_all_of_them_is_one() -> None:
+    stage = next(one for one in FIGURES if one.key == "stage")
+    nearly = {"stage": {"value": 0.9986, "low": 0.9968, "high": 0.9994, "count": 2041}}
+    assert figure(nearly, stage) == "0.999 (0.997 to 0.999), 2041"
+    every = {"stage": {"value": 1.0, "low": 0.9968, "high": 1.0, "count": 2041}}
+    assert figure(every, stage) == "1.00 (1.00 to 1.00), 2041"
+
+
 def test_the_page_is_whole_offline_and_without_scripts() -> None:
     page = trial_page("t", "chiplog", {"chiplog": RIGHT})
     assert page.count("<svg") == 6

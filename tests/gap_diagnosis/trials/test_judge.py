@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.trials.case import Case, Kind
+from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
 from gap_diagnosis.trials.judge import Judged, judge
 from gap_diagnosis.trials.kept import keep, kept
 from gap_diagnosis.trials.opening import Opened, together
@@ -120,6 +120,35 @@ def test_what_the_library_can_imitate_is_counted_apart() -> None:
     assert scores(Opened((judged,), 0))["parts"]["all"]["imitable"] == 1
 
 
+def test_confident_wrong_names_are_a_share_of_what_the_library_cannot_imitate() -> None:
+    """How those fare that it can, and how often what imitates them is named, is told apart."""
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    told = [{"gyro_temperature_bias": 1.0}, {"unknown": 1.0}, {"gyro_scale": 1.0}]
+    imitable = [judge(hidden, answer(one), group, 5.0) for one in told]
+    boast = seen(hidden, answer({"gyro_scale": 1.0}))
+    found = scores(Opened((*imitable, boast, *SEER), 0))["parts"]["all"]
+    assert (found["confident_wrong"]["value"], found["confident_wrong"]["count"]) == (0.5, 2)
+    assert found["imitable_right"]["value"] == pytest.approx(2 / 3)
+    assert found["imitable_named"]["value"] == pytest.approx(1 / 3)
+    assert found["imitable_named"]["count"] == 3
+
+
+def test_of_a_withheld_cause_the_stage_is_right_where_it_acts() -> None:
+    """As far as it was told as unknown, and nothing left can imitate it."""
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    unknown = {"unknown": 1.0}
+    made = (
+        seen(hidden, answer(unknown, stage="gyro")),
+        seen(hidden, answer(unknown, stage="wheel")),
+        seen(hidden, answer({"gyro_scale": 1.0}, stage="gyro")),
+        judge(hidden, answer(unknown, stage="wheel"), group, 5.0),
+    )
+    found = scores(Opened(made, 0))["parts"]["all"]["unknown_stage"]
+    assert (found["value"], found["count"]) == (0.5, 2)
+
+
 def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> None:
     load = {"payload": {"compression_left": 0.01, "compression_right": 0.02}}
     hidden = case(load, "withheld", without=("payload",))
@@ -141,6 +170,100 @@ def test_inside_its_tolerance_an_effect_is_no_gap() -> None:
     assert judged.is_null
     assert judged.top1
     assert judged.in_group
+
+
+def test_only_what_is_beyond_its_tolerance_can_be_missed() -> None:
+    """Of an effect inside it no gap is the right answer, as the best of all tests knows."""
+    silent = answer({"no_gap": 1.0})
+    within = seen(case({"gyro_bias": {"bias": 0.0002}}), silent, 0.5)
+    beyond = seen(case(BIAS), silent, 2.5)
+    (found,) = scores(Opened((within, beyond), 0))["miss_curve"]
+    assert (found["from"], found["to"], found["missed"]["count"]) == (2.0, 3.0, 1)
+    assert found["missed"]["value"] == 1.0
+
+
+def test_the_curve_is_of_one_effect_that_has_a_size() -> None:
+    """Beside a large effect a small one is not what was missed; a noise has no limit."""
+    both = case({**BIAS, "gyro_scale": {"scale": 0.1}}, "pair")
+    noise = case({"gyro_noise": {"density": 0.01}})
+    told = answer({"no_gap": 1.0})
+    assert scores(Opened((seen(both, told, 0.5), seen(noise, told, 0.0)), 0))["miss_curve"] == []
+
+
+def test_an_effects_own_scores_are_of_the_cases_that_the_whole_is_scored_on() -> None:
+    """Top-1 and the probability of the truth where one name is right; a cause that was withheld is
+    no case of its name, and one inside its tolerance none that could be told."""
+    alike = frozenset({canonical(["gyro_bias"]), canonical(["gyro_temperature_bias"])})
+    made = (
+        seen(case(BIAS), answer({"gyro_bias": 0.9, "no_gap": 0.1}, stage="gyro")),
+        judge(case(BIAS), answer({"gyro_temperature_bias": 1.0}, stage="gyro"), alike, 5.0),
+        seen(case(BIAS, "withheld", without=("adc_offset", "gyro_bias")), answer({"unknown": 1.0})),
+        seen(case({"gyro_bias": {"bias": 0.0002}}), answer({"no_gap": 1.0}), 0.5),
+    )
+    found = scores(Opened(made, 0))["effects"]["gyro_bias"]
+    assert (found["cases"], found["clear"]) == (3, 2)
+    assert (found["group_top1"]["value"], found["group_top1"]["count"]) == (0.5, 2)
+    assert (found["stage"]["value"], found["stage"]["count"]) == (1.0, 2)
+    assert (found["top1"]["value"], found["top1"]["count"]) == (1.0, 1)
+    assert found["true_probability"]["value"] == pytest.approx(0.9)
+    assert found["like"] == {"gyro_temperature_bias": 1}
+    assert found["verdicts"] == {"gyro_bias": 1, "gyro_temperature_bias": 1}
+
+
+def test_a_cause_without_a_name_has_a_stage_of_its_own_all_the_same() -> None:
+    poles = case({"drive_cogging": {"side": "left", "amplitude": 0.1, "order": 6, "phase": 0.0}})
+    told = [seen(poles, answer({"unknown": 1.0}, stage=stage)) for stage in ("actuation", "gyro")]
+    found = scores(Opened(tuple(told), 0))["effects"]["drive_cogging"]
+    assert found["stage"] == found["stage"] | {"value": 0.5, "count": 2}
+    assert found["top1"]["value"] == 1.0
+
+
+def test_stages_that_were_told_stand_beside_those_that_nobody_could_tell_apart() -> None:
+    told = answer({"gyro_bias": 1.0}, stage="gyro")
+    alike = frozenset({canonical(["gyro_bias"]), canonical(["wheelbase_scale"])})
+    wrong = answer({"wheelbase_scale": 1.0}, stage="wheel")
+    made = (
+        judge(case(BIAS), wrong, alike, 5.0),
+        *(seen(case(BIAS), told) for _ in range(3)),
+        seen(case(BIAS, "withheld", without=("adc_offset", "gyro_bias")), answer({"unknown": 1.0})),
+        seen(case({}, "null"), answer({"no_gap": 1.0}), None),
+        seen(case(BIAS), told, 1.0),
+    )
+    rows = {row["stage"]: row for row in scores(Opened(made, 0))["stages"]}
+    assert rows.keys() == {"gyro", "unknown", "none"}
+    assert rows["gyro"]["told"] == {"gyro": 3, "wheel": 1}
+    assert rows["gyro"]["alike"] == {"wheel": 0.25}
+    assert rows["unknown"]["told"] == {"unknown": 1}
+
+
+def test_a_pair_in_two_stages_is_not_taken_for_stages_that_look_alike() -> None:
+    both = case({**BIAS, "radius_scale": {"scale": 0.01}}, "pair")
+    made = seen(both, answer({"gyro_bias+radius_scale": 1.0}, stage="gyro"))
+    (row,) = scores(Opened((made,), 0))["stages"]
+    assert (row["stage"], row["told"], row["alike"]) == ("gyro", {"gyro": 1}, {})
+
+
+def test_what_the_other_engine_triggers_is_told_by_name() -> None:
+    null = case({}, "null", engine=OTHER_ENGINE)
+    slip = answer({"one_sided_slip": 0.9, "no_gap": 0.1})
+    slip["which"][0]["ambiguous_with"] = [["backlash"]]
+    rest = [seen(null, answer({"no_gap": 1.0}), None), seen(case({}), slip, None)]
+    found = scores(Opened((seen(null, slip, None), *rest), 0))["other_engine_alarms"]
+    assert found == [
+        {"verdict": "one_sided_slip", "count": 1, "probabilities": [0.9], "with": ["backlash"]}
+    ]
+
+
+def test_false_alarms_of_a_stratum_stand_apart_by_what_is_new() -> None:
+    """Their goals differ, in one stratum as in all."""
+    alarm = answer({"gyro_bias": 1.0}, stage="gyro")
+    made = (
+        seen(case({}, "null"), answer({"no_gap": 1.0}), None),
+        seen(case({}, "null", engine=OTHER_ENGINE), alarm, None),
+    )
+    found = scores(Opened(made, 0))["alarms"]["limit"]
+    told = {name: one["false_alarms"]["value"] for name, one in found.items()}
+    assert (told["familiar"], told["other engine"], told["new robot"]) == (0.0, 1.0, None)
 
 
 def test_twins_count_as_one_name_and_either_stage_is_right() -> None:
@@ -270,6 +393,47 @@ def test_a_forecaster_is_held_to_its_probabilities_where_sizes_are_as_it_believe
     assert part["forecast"]["cases"] == 2
     assert part["forecast"]["error"] == 0.0
     assert part["ece"] == pytest.approx(1 / 3)
+
+
+def closing(before: float, after: float, floor: float) -> Judged:
+    gap = {"before": before, "after": after, "floor": floor}
+    return seen(case(BIAS), answer({"gyro_bias": 1.0}, stage="gyro", gap=gap))
+
+
+def test_only_gaps_of_twice_their_floor_count_as_closed_or_not() -> None:
+    """Each in floors of its own: metres and radians do not add up."""
+    gaps = [closing(3.0, 1.0, 1.0), closing(0.05, 0.03, 0.01), closing(1.9, 1.9, 1.0)]
+    found = scores(Opened(tuple(gaps), 0))["parts"]["all"]["gap_closed"]
+    assert found["value"] == pytest.approx((2 + 2) / (2 + 4))
+    assert found["count"] == 2
+    assert found["low"] == pytest.approx(0.5)
+    assert found["high"] == pytest.approx(1.0)
+
+
+def test_a_gap_without_a_floor_does_not_outweigh_all_that_have_one() -> None:
+    """Arithmetic replayed bit for bit leaves nothing: in floors, such a gap is as large as the
+    least number that stands for nought is small."""
+    gaps = (closing(1e-3, 0.0, 0.0), closing(3.0, 2.0, 1.0), closing(0.0, 0.0, 0.0))
+    found = scores(Opened(gaps, 0))["parts"]["all"]
+    assert (found["gap_closed"]["value"], found["gap_closed"]["count"]) == (0.5, 1)
+    assert (found["gap_closed_exact"]["value"], found["gap_closed_exact"]["count"]) == (1.0, 1)
+
+
+def test_one_huge_gap_closed_does_not_hide_case_by_case_that_others_were_not() -> None:
+    gaps = (closing(1e6, 1.0, 1.0), closing(3.0, 3.0, 1.0))
+    found = scores(Opened(gaps, 0))["parts"]["all"]
+    assert found["gap_closed"]["value"] == pytest.approx(1.0, abs=1e-5)
+    assert found["gap_closed_each"]["value"] == pytest.approx(0.5)
+
+
+def test_the_ratio_of_groups_is_that_of_their_sums() -> None:
+    wide = answer({"gyro_bias": 1.0}, stage="gyro")
+    wide["which"][0]["ambiguous_with"] = [["gyro_scale"]]
+    group = frozenset({canonical(["gyro_bias"]), canonical(["gyro_lag"])})
+    made = (seen(case(BIAS), wide), judge(case(BIAS), answer({"gyro_bias": 1.0}), group, 5.0))
+    found = scores(Opened(made, 0))["parts"]["all"]["group_ratio"]
+    assert (found["value"], found["count"]) == (1.0, 2)
+    assert (found["low"], found["high"]) == (0.5, 2.0)
 
 
 def test_what_is_kept_of_a_trial_scores_as_it_did_and_cannot_be_made_again(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.trials.yardsticks import (
+    CalibrationBin,
+    Share,
     auroc,
     best_miss,
     brier,
@@ -15,8 +17,10 @@ from gap_diagnosis.trials.yardsticks import (
     calibration_interval,
     mean,
     perfect_calibration,
+    perfect_share,
     rank_bin,
     rank_test,
+    ratio,
     share,
 )
 
@@ -46,6 +50,29 @@ def test_wilsons_interval_holds_the_true_share_about_95_times_in_100() -> None:
     assert 0.92 < held / 2000 < 0.98
 
 
+def test_a_ratio_that_is_the_same_in_every_case_is_certain_however_the_cases_differ() -> None:
+    """An interval of one sum alone would be as wide as that sum is uncertain."""
+    lower = np.random.default_rng(7).exponential(size=50) + 0.01
+    found = ratio((3 * lower).tolist(), lower.tolist())
+    assert (found.value, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
+    assert ratio([], []).value is None
+    assert ratio([1.0], [2.0]) == Share(0.5, None, None, 1)
+
+
+def test_a_ratios_interval_holds_the_true_ratio_about_95_times_in_100() -> None:
+    draw = np.random.default_rng(8)
+    held = 0
+    for _ in range(200):
+        lower = draw.exponential(size=100)
+        upper = 0.9 * lower + 0.3 * draw.standard_normal(100)
+        found = ratio(upper.tolist(), lower.tolist())
+        assert found.low is not None
+        assert found.high is not None
+        held += found.low <= 0.9 <= found.high
+    # Four standard deviations of 200 draws about 0.95.
+    assert held / 200 > 0.95 - 4 * math.sqrt(0.95 * 0.05 / 200)
+
+
 def test_a_calibrated_forecaster_has_no_calibration_error_but_that_of_chance() -> None:
     draw = np.random.default_rng(2)
     said = draw.random(CASES)
@@ -54,6 +81,16 @@ def test_a_calibrated_forecaster_has_no_calibration_error_but_that_of_chance() -
     assert error is not None
     assert error < 0.8 * 0.5 / math.sqrt(CASES / 15)
     assert {one.count for one in bins} <= {CASES // 15, CASES // 15 + 1}
+
+
+def test_a_perfect_forecaster_is_right_in_a_bin_as_often_as_it_is_said_to_be() -> None:
+    draw = np.random.default_rng(9)
+    low, high = perfect_share(CalibrationBin(0.9, 0.5, 200))
+    shares = draw.binomial(200, 0.9, size=CASES) / 200
+    within = float(np.mean((low <= shares) & (shares <= high)))
+    # Both ends are counts of 200, none of which is as likely as 0.1.
+    assert 0.95 - 4 * math.sqrt(0.95 * 0.05 / CASES) < within < 0.98
+    assert perfect_share(CalibrationBin(1.0 + 1e-12, 1.0, 10)) == (1.0, 1.0)
 
 
 def test_an_overconfident_forecaster_is_caught_by_as_much_as_it_exaggerates() -> None:
