@@ -272,18 +272,19 @@ def _beside(first: Candidate, candidate: Candidate) -> str:
 
 def _said_before(first: Candidate, candidate: Candidate) -> list[str]:
     """Return the parameters that were told of the first candidate, as they are here."""
-    alike = []
-    for key, here in candidate.parameters.items():
-        there = first.parameters.get(key)
-        if isinstance(here, ChoiceEstimate) or isinstance(there, ChoiceEstimate):
-            is_alike = isinstance(here, ChoiceEstimate) and isinstance(there, ChoiceEstimate)
-            if is_alike and here.estimate == there.estimate:
-                alike.append(key)
-        elif there is not None:
-            low, high = there.ci95
-            if abs(here.estimate - there.estimate) < _ALIKE * (high - low):
-                alike.append(key)
+    alike = [
+        key
+        for key, here in candidate.parameters.items()
+        if key in first.parameters and _is_alike(first.parameters[key], here)
+    ]
     return alike if len(alike) >= _LARGE else []
+
+
+def _is_alike(there: ParameterEstimate, here: ParameterEstimate) -> bool:
+    if isinstance(here, ChoiceEstimate) or isinstance(there, ChoiceEstimate):
+        return here.estimate == there.estimate
+    low, high = there.ci95
+    return abs(here.estimate - there.estimate) < _ALIKE * (high - low)
 
 
 def parameter_words(key: str, parameter: ParameterEstimate) -> tuple[str, str]:
