@@ -39,7 +39,7 @@ from hil_harness.rig_assembly import (
     channel_for,
     check_kind,
     checked_seed,
-    effect_texts,
+    given_effects,
     microseconds,
     no_plant,
     signal_map_of,
@@ -74,7 +74,9 @@ class Rig:
         robot: a robot description or its file; None: the shipped one.
         device: the firmware under test: a text as ``--device`` takes it, an object with
             ``step(now_us, frames)``, or None for the shipped firmware.
-        effects: what differs from the description, such as ``"gyro_bias.bias=0.005"``: one or many.
+        effects: what differs from the description: texts such as ``"gyro_bias.bias=0.005"``, and
+            files as ``chiplog diagnose --write-effects`` writes them, such as
+            ``"explained.toml"``; one or many, and a text wins over a file.
         scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
             the signal map says instead) that the test sends.
         seed: seed of the plant's noise and of faults with a probability.
@@ -95,7 +97,7 @@ class Rig:
         *,
         robot: Robot | str | Path | None = None,
         device: Any = None,
-        effects: str | Iterable[str] = (),
+        effects: str | Path | Iterable[str | Path] = (),
         scenario: str | Path | None = None,
         seed: int = 1,
         force: bool = False,
@@ -111,7 +113,7 @@ class Rig:
     ) -> None:
         """Assemble the rig; in real time it starts at once."""
         seed = checked_seed(seed)
-        effects = effect_texts(effects)
+        given = given_effects(effects)
         check_kind("force", force, (bool,), "True or False")
         check_kind("plant", plant, (bool,), "True or False")
         check_kind("scenario", scenario, (str, Path, NoneType), "a name or a file")
@@ -146,7 +148,7 @@ class Rig:
                 self.signal_map,
                 tick_period_us=self.tick_period_us,
                 scenario=scenario,
-                effects=effects,
+                effects=given,
                 seed=seed,
             )
         self._firmware_message_names: frozenset[str] = frozenset()

@@ -106,6 +106,59 @@ def test_a_marker_configures_the_rig_of_one_test(pytester: pytest.Pytester) -> N
     result.assert_outcomes(passed=3)
 
 
+def test_a_file_of_effects_acts_as_its_texts_and_is_found_beside_the_test(
+    pytester: pytest.Pytester,
+) -> None:
+    folder = pytester.mkdir("robots")
+    (folder / "explained.toml").write_text("[gyro_bias]\nbias = 0.05  # 95 %: 0.04 to 0.06\n")
+    (folder / "conftest.py").write_text(
+        """
+import pytest
+
+@pytest.fixture
+def chiplog_settings():
+    return {"effects": "explained.toml"}
+"""
+    )
+    (folder / "test_it.py").write_text(
+        """
+from pathlib import Path
+import pytest
+
+TEXT = "gyro_bias.bias=0.05"
+FILE = "explained.toml"
+ENDS = {}
+
+
+@pytest.mark.parametrize("given", [
+    pytest.param(given, marks=pytest.mark.chiplog(effects=given), id=repr(given))
+    for given in (TEXT, [TEXT], FILE, [FILE], Path(FILE), ("gyro_bias.bias=0", ), [FILE, TEXT],
+                  ["gyro_bias.bias=0", FILE])
+])
+def test_of_a_marker(chiplog_rig, given):
+    ENDS[repr(given)] = drive(chiplog_rig)
+
+
+def test_of_the_project(chiplog_rig):
+    ENDS["project"] = drive(chiplog_rig)
+
+
+def drive(rig):
+    rig.send("COMMAND", v_m_s=0.2)
+    rig.run_for(1.0)
+    return rig.odometry.heading_rad
+
+
+def test_all_are_the_same_but_for_a_text_that_wins_over_the_file():
+    overridden = {key for key, end in ENDS.items() if end != ENDS[repr(TEXT)]}
+    assert overridden == {"('gyro_bias.bias=0',)", f"['gyro_bias.bias=0', '{FILE}']"}
+    assert len(ENDS) == 9
+"""
+    )
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "robots")
+    result.assert_outcomes(passed=10)
+
+
 def test_a_project_configures_its_rigs_by_overriding_the_settings_fixture(
     pytester: pytest.Pytester,
 ) -> None:
@@ -216,6 +269,7 @@ def test_a_missing_interface_fails_the_test_with_the_lines_that_make_one(
         ('devise="lib:x.so"', "chiplog: @pytest.mark.chiplog: no setting 'devise'; *device*"),
         ('"lib:x.so"', "chiplog: @pytest.mark.chiplog takes keywords only: robot, device*"),
         ('effects=["gravity.on=1"]', "chiplog: effect *gravity*"),
+        ('effects="no.toml"', "chiplog: *no.toml: *"),
         ('seed="x"', "chiplog: seed = 'x': expected a whole number, 0 or more"),
         ('device="none"', "chiplog: device none: *; use --chiplog-interface with socketcan, *"),
     ],

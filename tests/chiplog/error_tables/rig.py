@@ -144,9 +144,10 @@ SETTINGS: tuple[Row, ...] = (
         "seed = 'seven': expected a whole number, 0 or more",
     ),
     _marked(
-        "effects that are no texts",
+        "effects that are neither texts nor files",
         "effects=[0.5]",
-        'effects = [0.5]: expected texts such as "gyro_bias.bias=0.005"',
+        'effects = [0.5]: expected texts such as "gyro_bias.bias=0.005", or files such as '
+        '"explained.toml"',
     ),
     _marked(
         "a plant that is neither there nor not",
