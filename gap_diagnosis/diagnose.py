@@ -223,7 +223,8 @@ def diagnose_recordings(
         ),
         contradicting=tuple(one.parameter for one in split),
         logs=tuple(
-            log_facts(one.recording, robot, own) for one, own in zip(analyses, metrics, strict=True)
+            log_facts(one.recording, robot, own, found.unmeasured.get(place))
+            for place, (one, own) in enumerate(zip(analyses, metrics, strict=True))
         ),
         inputs=tuple(inputs),
         version=version("chiplog"),

@@ -75,8 +75,13 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric]) -> LogFacts:
-    """Return what a log holds, with its own gap, where it has one."""
+def log_facts(
+    recording: Recording,
+    robot: Robot,
+    metrics: Mapping[str, Metric],
+    unmeasured: str | None = None,
+) -> LogFacts:
+    """Return what a log holds, with its own gap, where it has one, or why it has none."""
     rad = 2 * np.pi / robot.plant.encoder.ticks_per_rev
     steps = [
         np.abs(np.diff(ticks[np.isfinite(ticks)])).sum() * rad * robot.plant.wheels.radius_m
@@ -100,6 +105,7 @@ def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric])
         lost_ticks=int(recording.tick[-1] - recording.tick[0] + 1 - len(recording.tick))
         + int(np.isnan(recording.left_ticks).sum()),
         metrics=dict(metrics),
+        unmeasured=unmeasured,
     )
 
 
