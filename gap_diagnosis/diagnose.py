@@ -221,6 +221,9 @@ def diagnose_recordings(
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),
         ),
+        doubts=tuple(
+            f"{one.recording.name}: {doubt}" for one in analyses for doubt in one.recording.doubts
+        ),
         contradicting=tuple(one.parameter for one in split),
         logs=tuple(
             log_facts(one.recording, robot, own, found.unmeasured.get(place))
