@@ -25,6 +25,7 @@ from gap_diagnosis.facts import (
     input_files,
     log_facts,
     makes_worse,
+    not_looked_for,
     notes_on,
 )
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
@@ -216,6 +217,7 @@ def diagnose_recordings(
                     *found.notes,
                     *no_news.notes(blocks, prior, ranking.best.effects, ranking.small),
                     *without_advice,
+                    *not_looked_for(library),
                 ),
                 unlisted_in=stage if verdict == UNKNOWN else "",
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,

@@ -18,6 +18,7 @@ from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Gap, InputFile, LogFacts, Metric
+from hil_harness.effects import Effect, catalogue
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
@@ -195,6 +196,19 @@ def notes_on(
         if unlisted_in == "encoder":
             notes += _on_standstills(analysis)
     return (*notes, *more, *_missing(recordings))
+
+
+def not_looked_for(library: Mapping[str, Effect]) -> list[str]:
+    """Say which effects of *library* that are a user's own are simulated only."""
+    names = [
+        name
+        for name, effect in library.items()
+        if name not in catalogue() and effect.explain is None
+    ]
+    if not names:
+        return []
+    were = "which was" if len(names) == 1 else "which were"
+    return [f"The effect library does not explain {', '.join(names)}, {were} not looked for."]
 
 
 def _missing(recordings: Sequence[Recording]) -> list[str]:
