@@ -21,9 +21,10 @@ SHOWN_FRAMES: Final = 30
 """How many frames before a failure its report shows."""
 
 _OF_A_TEST: Final = (
-    *("robot", "device", "effects", "scenario", "seed", "force", "plant", "dbc", "signals"),
+    *("robot", "device", "effects", "effect_library", "scenario", "seed", "force", "plant"),
+    *("dbc", "signals"),
 )
-_PATHS: Final = ("robot", "dbc", "signals", "scenario")
+_PATHS: Final = ("robot", "effect_library", "dbc", "signals", "scenario")
 
 
 class BusWatch:

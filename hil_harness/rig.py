@@ -77,6 +77,7 @@ class Rig:
         effects: what differs from the description: texts such as ``"gyro_bias.bias=0.005"``, and
             files as ``chiplog diagnose --write-effects`` writes them, such as
             ``"explained.toml"``; one or many, and a text wins over a file.
+        effect_library: effects of your own (a Python file, which is run) beside Chiplog's.
         scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
             the signal map says instead) that the test sends.
         seed: seed of the plant's noise and of faults with a probability.
@@ -98,6 +99,7 @@ class Rig:
         robot: Robot | str | Path | None = None,
         device: Any = None,
         effects: str | Path | Iterable[str | Path] = (),
+        effect_library: str | Path | None = None,
         scenario: str | Path | None = None,
         seed: int = 1,
         force: bool = False,
@@ -118,6 +120,7 @@ class Rig:
         check_kind("plant", plant, (bool,), "True or False")
         check_kind("scenario", scenario, (str, Path, NoneType), "a name or a file")
         check_kind("robot", robot, (Robot, str, Path, NoneType), "a robot or its file")
+        check_kind("effect_library", effect_library, (str, Path, NoneType), "a Python file")
         check_kind("dbc", dbc, (Database, str, Path, NoneType), "a database or its file")
         check_kind("signals", signals, (SignalMap, str, Path, NoneType), "a signal map or its file")
         self.database = dbc if isinstance(dbc, Database) else load_database(dbc)
@@ -149,6 +152,7 @@ class Rig:
                 tick_period_us=self.tick_period_us,
                 scenario=scenario,
                 effects=given,
+                effect_library=effect_library,
                 seed=seed,
             )
         self._firmware_message_names: frozenset[str] = frozenset()

@@ -16,7 +16,13 @@ import can
 from can_bus import IN_PROCESS_INTERFACES, Database
 from firmware_model import KernelConfig
 from hil_harness.assembly import Wire, commands_on_the_wire
-from hil_harness.effects import Settings, apply_effects, combine_effects, read_effects
+from hil_harness.effects import (
+    Settings,
+    apply_effects,
+    combine_effects,
+    load_effect_library,
+    read_effects,
+)
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import unique_channel
 from hil_harness.nodes import Node, PlantNode
@@ -66,22 +72,25 @@ def simulated_plant(
     tick_period_us: int,
     scenario: str | Path | None,
     effects: GivenEffects,
+    effect_library: str | Path | None = None,
     seed: int,
 ) -> RigPlant:
     """Return a simulated robot: driven by a scenario, or by the command frames of the test.
 
-    Raises HarnessError or PlantError for a scenario, an effect or a seed that does not exist.
+    Raises HarnessError or PlantError for a scenario, an effect, a library or a seed that does not
+    exist.
     """
     drive = None if scenario is None else find_scenario(scenario, seed=seed)
-    settings = read_effects(effects.texts, effects.files)
+    known = None if effect_library is None else load_effect_library(effect_library)
+    settings = read_effects(effects.texts, effects.files, known)
     roles: tuple[Role, ...] = SENSOR_ROLES
     wire = Wire(database, signal_map)
     commands = None
     if drive is not None:
-        settings = combine_effects(drive.effects, settings)
+        settings = combine_effects(drive.effects, settings, known=known)
         roles += COMMAND_ROLES
         commands = commands_on_the_wire(drive, drive.tick_count(tick_period_us), wire)
-    applied = apply_effects(settings)
+    applied = apply_effects(settings, known)
     plant = Plant(
         robot.plant,
         applied.plant_over_time,

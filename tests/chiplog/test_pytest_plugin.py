@@ -159,6 +159,54 @@ def test_all_are_the_same_but_for_a_text_that_wins_over_the_file():
     result.assert_outcomes(passed=10)
 
 
+def test_effects_of_ones_own_are_taken_with_their_library(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        mine="""
+        from hil_harness.effects import Effect, EffectParameter
+
+        def apply(settings, values):
+            rate_rad_s = settings.plant.gyro_bias_rad_s + values["rate"]
+            return settings.with_plant(gyro_bias_rad_s=rate_rad_s)
+
+        EFFECTS = [
+            Effect(
+                name="draught",
+                stage="gyro",
+                parameters=(EffectParameter("rate", "rad/s", 0.0, "how it blows"),),
+                signature="The gyro turns.",
+                apply=apply,
+            )
+        ]
+        """
+    )
+    (pytester.path / "explained.toml").write_text("[draught]\nrate = 0.05\n")
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        ENDS = []
+
+        @pytest.mark.parametrize("given", [
+            pytest.param(None, marks=pytest.mark.chiplog(effects="gyro_bias.bias=0.05")),
+            *(
+                pytest.param(None, marks=pytest.mark.chiplog(effects=own, effect_library="mine.py"))
+                for own in ("draught.rate=0.05", "explained.toml")
+            ),
+        ])
+        def test_drive(chiplog_rig, given):
+            chiplog_rig.send("COMMAND", v_m_s=0.2)
+            chiplog_rig.run_for(1.0)
+            ENDS.append(chiplog_rig.odometry.heading_rad)
+
+        def test_all_are_the_same():
+            assert len(ENDS) == 3
+            assert len(set(ENDS)) == 1
+        """,
+    )
+    result.assert_outcomes(passed=4)
+
+
 def test_a_project_configures_its_rigs_by_overriding_the_settings_fixture(
     pytester: pytest.Pytester,
 ) -> None:
@@ -270,6 +318,7 @@ def test_a_missing_interface_fails_the_test_with_the_lines_that_make_one(
         ('"lib:x.so"', "chiplog: @pytest.mark.chiplog takes keywords only: robot, device*"),
         ('effects=["gravity.on=1"]', "chiplog: effect *gravity*"),
         ('effects="no.toml"', "chiplog: *no.toml: *"),
+        ('effect_library="no.py"', "chiplog: *no.py: cannot read this effect library: *"),
         ('seed="x"', "chiplog: seed = 'x': expected a whole number, 0 or more"),
         ('device="none"', "chiplog: device none: *; use --chiplog-interface with socketcan, *"),
     ],

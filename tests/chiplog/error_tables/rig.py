@@ -135,8 +135,8 @@ SETTINGS: tuple[Row, ...] = (
     _marked(
         "a setting without its name",
         '"none"',
-        "@pytest.mark.chiplog takes keywords only: robot, device, effects, scenario, "
-        "seed, force, plant, dbc, signals",
+        "@pytest.mark.chiplog takes keywords only: robot, device, effects, "
+        "effect_library, scenario, seed, force, plant, dbc, signals",
     ),
     _marked(
         "a seed that is no number",
