@@ -26,6 +26,9 @@ def show_diagnosis(
     found = from_log_start(found)
     show_line(words.headline(found))
     show_line()
+    for doubt in found.doubts:
+        show_line(fill(doubt, _WIDTH))
+        show_line()
     show_line(fill("".join(part.text for part in words.verdict(found)), _WIDTH))
     for sentence in (words.gap_sentence(found), words.unknown_sentence(found)):
         if sentence:

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 _RIG_OF_TEST: pytest.StashKey[RigOfTest] = pytest.StashKey()
 
 _MARKER = (
-    "chiplog(robot=None, device=None, effects=(), scenario=None, seed=1, force=False, plant=True, "
-    "dbc=None, signals=None): configure this test's chiplog_rig; relative paths start at the "
-    "test's file."
+    "chiplog(robot=None, device=None, effects=(), effect_library=None, scenario=None, seed=1, "
+    "force=False, plant=True, dbc=None, signals=None): configure this test's chiplog_rig; "
+    "relative paths start at the test's file."
 )
 
 

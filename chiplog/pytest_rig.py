@@ -15,14 +15,16 @@ from can_bus import IN_PROCESS_INTERFACES
 from hil_harness.errors import HarnessError
 from hil_harness.nearest import did_you_mean
 from hil_harness.rig import Rig
+from hil_harness.rig_assembly import given_effects
 
 SHOWN_FRAMES: Final = 30
 """How many frames before a failure its report shows."""
 
 _OF_A_TEST: Final = (
-    *("robot", "device", "effects", "scenario", "seed", "force", "plant", "dbc", "signals"),
+    *("robot", "device", "effects", "effect_library", "scenario", "seed", "force", "plant"),
+    *("dbc", "signals"),
 )
-_PATHS: Final = ("robot", "dbc", "signals", "scenario")
+_PATHS: Final = ("robot", "effect_library", "dbc", "signals", "scenario")
 
 
 class BusWatch:
@@ -157,6 +159,9 @@ def _of_a_test(values: dict[str, Any], source: str, folder: Path) -> dict[str, A
         value = arguments.get(name)
         if isinstance(value, str | Path) and (name != "scenario" or str(value).endswith(".toml")):
             arguments[name] = folder / value
+    if "effects" in arguments:
+        effects = given_effects(arguments["effects"])
+        arguments["effects"] = (*effects.texts, *(folder / file for file in effects.files))
     if isinstance(arguments.get("device"), str):
         arguments["folder"] = folder
     return arguments

@@ -144,12 +144,16 @@ def judge(bound: Bound, diagnosis: Diagnosis) -> Judgement:
     """
     if any(log.metrics for log in diagnosis.logs):
         found = [
-            _held_against(bound, log.metrics, [log], name)
+            _held_against(bound, log.metrics, [log], log.has_reference, name)
             for log, name in zip(diagnosis.logs, _told_apart(diagnosis.logs), strict=True)
         ]
         return max(found, key=lambda one: one.value)
     metrics = {} if diagnosis.gap is None else diagnosis.gap.all
-    return _held_against(bound, metrics, diagnosis.logs)
+    roles = {one.role for one in diagnosis.inputs}
+    has_reference = any(log.has_reference for log in diagnosis.logs)
+    if "holdout" in roles:
+        has_reference = "holdout_reference" in roles
+    return _held_against(bound, metrics, diagnosis.logs, has_reference)
 
 
 def _told_apart(logs: Sequence[LogFacts]) -> list[str]:
@@ -162,21 +166,45 @@ def _told_apart(logs: Sequence[LogFacts]) -> list[str]:
 
 
 def _held_against(
-    bound: Bound, metrics: Mapping[str, Metric], logs: Sequence[LogFacts], log: str = ""
+    bound: Bound,
+    metrics: Mapping[str, Metric],
+    logs: Sequence[LogFacts],
+    has_reference: bool,
+    log: str = "",
 ) -> Judgement:
     name = METRICS[bound.metric]
     if name not in metrics:
-        needs = " (it needs a reference)" if name.startswith("odometry") else ""
-        known = [word for word, metric in METRICS.items() if metric in metrics]
-        has = f"it has {', '.join(known)}" if known else "nothing was held out to measure on"
         where = f"{log}: " if log else ""
-        raise DiagnosisError(f"{where}this data has no gap in {bound.metric}{needs}: {has}")
+        raise DiagnosisError(
+            f"{where}this data has no gap in {bound.metric}{_needs(name, metrics, has_reference)}: "
+            f"{_instead(metrics, logs)}"
+        )
     metric = metrics[name]
     if bound.per is None:
         return Judgement(bound, metric.before, metric.before <= bound.limit, None, log)
     window = _window(bound, metric, logs)
     value = metric.before * bound.per / window
     return Judgement(bound, value, value <= bound.limit, window, log)
+
+
+def _needs(name: str, metrics: Mapping[str, Metric], has_reference: bool) -> str:
+    """Return what of the reference a missing metric needs, in brackets; "" where it is not that."""
+    if not name.startswith("odometry"):
+        return ""
+    if not has_reference:
+        return " (it needs a reference)"
+    if METRICS["position"] in metrics:
+        return " (its reference has no headings)"
+    return " (its reference tells too little of what was held out)" if metrics else ""
+
+
+def _instead(metrics: Mapping[str, Metric], logs: Sequence[LogFacts]) -> str:
+    """Return which metrics there are, or why there are none."""
+    known = [word for word, metric in METRICS.items() if metric in metrics]
+    if known:
+        return f"it has {', '.join(known)}"
+    reasons = [log.unmeasured for log in logs if log.unmeasured is not None]
+    return reasons[0].rstrip(".") if reasons else "nothing was held out to measure on"
 
 
 def _window(bound: Bound, metric: Metric, logs: Sequence[LogFacts]) -> float:

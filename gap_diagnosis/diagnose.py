@@ -25,6 +25,7 @@ from gap_diagnosis.facts import (
     input_files,
     log_facts,
     makes_worse,
+    not_looked_for,
     notes_on,
     untrusted,
 )
@@ -219,14 +220,19 @@ def diagnose_recordings(
                     *found.notes,
                     *no_news.notes(blocks, prior, ranking.best.effects, ranking.small),
                     *without_advice,
+                    *not_looked_for(library),
                 ),
                 unlisted_in=stage if verdict == UNKNOWN else "",
                 beside=() if verdict in (NO_GAP, UNKNOWN) else ranking.beside,
             ),
         ),
+        doubts=tuple(
+            f"{one.recording.name}: {doubt}" for one in analyses for doubt in one.recording.doubts
+        ),
         contradicting=tuple(one.parameter for one in split),
         logs=tuple(
-            log_facts(one.recording, robot, own) for one, own in zip(analyses, metrics, strict=True)
+            log_facts(one.recording, robot, own, found.unmeasured.get(place))
+            for place, (one, own) in enumerate(zip(analyses, metrics, strict=True))
         ),
         inputs=tuple(inputs),
         version=version("chiplog"),

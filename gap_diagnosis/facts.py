@@ -19,6 +19,7 @@ from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Candidate, Gap, InputFile, LogFacts, Metric
+from hil_harness.effects import Effect, catalogue
 from hil_harness.robot import Robot
 
 ASSUMPTIONS: Final = (
@@ -76,8 +77,13 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric]) -> LogFacts:
-    """Return what a log holds, with its own gap, where it has one."""
+def log_facts(
+    recording: Recording,
+    robot: Robot,
+    metrics: Mapping[str, Metric],
+    unmeasured: str | None = None,
+) -> LogFacts:
+    """Return what a log holds, with its own gap, where it has one, or why it has none."""
     rad = 2 * np.pi / robot.plant.encoder.ticks_per_rev
     steps = [
         np.abs(np.diff(ticks[np.isfinite(ticks)])).sum() * rad * robot.plant.wheels.radius_m
@@ -101,6 +107,7 @@ def log_facts(recording: Recording, robot: Robot, metrics: Mapping[str, Metric])
         lost_ticks=int(recording.tick[-1] - recording.tick[0] + 1 - len(recording.tick))
         + int(np.isnan(recording.left_ticks).sum()),
         metrics=dict(metrics),
+        unmeasured=unmeasured,
     )
 
 
@@ -203,6 +210,19 @@ def notes_on(
         if unlisted_in == "encoder":
             notes += _on_standstills(analysis)
     return (*notes, *more, *_missing(recordings))
+
+
+def not_looked_for(library: Mapping[str, Effect]) -> list[str]:
+    """Say which effects of *library* that are a user's own are simulated only."""
+    names = [
+        name
+        for name, effect in library.items()
+        if name not in catalogue() and effect.explain is None
+    ]
+    if not names:
+        return []
+    were = "which was" if len(names) == 1 else "which were"
+    return [f"The effect library does not explain {', '.join(names)}, {were} not looked for."]
 
 
 def _missing(recordings: Sequence[Recording]) -> list[str]:

@@ -44,6 +44,7 @@ class Shrink:
         segments: the same, manoeuvre by manoeuvre; none without a gap.
         pictures: to draw from.
         notes: what could not be measured.
+        unmeasured: by place, the logs on which nothing was, each with the reason.
         modelled: the gap with a model of what an unlisted cause goes with; None with listed ones.
         why_not: in a few words why it is not known how far that closes the gap; None if it is.
     """
@@ -54,6 +55,7 @@ class Shrink:
     segments: tuple[Segment, ...] = ()
     pictures: Pictures = field(default_factory=Pictures)
     notes: tuple[str, ...] = ()
+    unmeasured: Mapping[int, str] = field(default_factory=dict)
     modelled: Modelled | None = None
     why_not: str | None = NO_GAP_MEASURED
 
@@ -72,7 +74,7 @@ def shrink(
     """
     one = measured(analysis, effects, stage, robot, wire, held)
     if isinstance(one, Unmeasured):
-        return Shrink(notes=(one.why,), pictures=one.pictures)
+        return Shrink(notes=(one.why,), unmeasured={0: one.why}, pictures=one.pictures)
     shrunk = _shrink([one], analysis.motion_of(effects), stage, is_other_log=held is not None)
     return replace(shrunk, notes=(_unmet(one),)) if one.unmet else shrunk
 
@@ -107,23 +109,20 @@ def shrink_each(
     """
     names = [one.recording.name for one in analyses]
     found = [measured(one, effects, stage, robot, wire, None) for one in analyses]
-    notes = [
-        f"{name}: {one.why}"
-        for name, one in zip(names, found, strict=True)
-        if isinstance(one, Unmeasured)
-    ]
+    unmeasured = {place: one.why for place, one in enumerate(found) if isinstance(one, Unmeasured)}
+    notes = [f"{names[place]}: {why}" for place, why in unmeasured.items()]
     parts = {place: one for place, one in enumerate(found) if isinstance(one, Measured)}
     metrics = [one.metrics if isinstance(one, Measured) else {} for one in found]
     if not parts:
         first = found[0]
         pictures = first.pictures if isinstance(first, Unmeasured) else Pictures()
-        return Shrink(notes=tuple(notes), pictures=pictures), metrics
+        return Shrink(notes=tuple(notes), unmeasured=unmeasured, pictures=pictures), metrics
     own = frozenset[str]().union(*(analyses[place].motion_of(effects) for place in parts))
     shrunk = _shrink(list(parts.values()), own, stage, is_other_log=False)
     notes += [f"{names[place]}: {_unmet(one)}" for place, one in parts.items() if one.unmet]
     if shrunk.gap is not None:
         notes.append(_which(shrunk.gap, names, metrics))
-    return replace(shrunk, notes=tuple(notes)), metrics
+    return replace(shrunk, notes=tuple(notes), unmeasured=unmeasured), metrics
 
 
 def _which(gap: Gap, names: Sequence[str], metrics: Sequence[dict[str, Metric]]) -> str:

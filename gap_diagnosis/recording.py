@@ -116,6 +116,8 @@ class Recording:
         stamps_late_s: by how much the stamps of a table's rows were taken to be late on average,
             because they jitter: so much it may be off itself.
         notes: what was read otherwise than it may be meant, each a sentence.
+        doubts: where the log and the robot's description contradict each other, and which was
+            believed, each a sentence.
     """
 
     name: str
@@ -145,6 +147,7 @@ class Recording:
     unsure_ticks2: Floats | None = None
     stamps_late_s: float = 0.0
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def tick_s(self) -> float:

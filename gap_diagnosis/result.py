@@ -68,6 +68,11 @@ class Diagnosis(Part):
     notes: tuple[str, ...] = Field(
         default=(), description="what this data cannot tell, and what was odd about it"
     )
+    doubts: tuple[str, ...] = Field(
+        default=(),
+        description="where a log and the robot's description contradict each other, and which was "
+        "believed",
+    )
     contradicting: tuple[str, ...] = Field(
         default=(),
         description="parameters that logs given together know differently: verdict and "

@@ -341,6 +341,11 @@ class LogFacts(Part):
         description="every gap metric on its held-out stretches, where several logs are given and "
         "none is held out",
     )
+    unmeasured: str | None = Field(
+        default=None,
+        description="why no gap was measured on it; null where one was, and beside another log "
+        "that is held out",
+    )
 
 
 class InputFile(Part):

@@ -3,7 +3,8 @@
 The log holds what the firmware received and sent, in its order. Each block of frames that the
 firmware sent is one step: the frames before it are the step's input, and its stamp is the step's
 time, so that every decision (age, loss, order) falls as it did on the day. Where the odometry is
-slower than the tick, the stamps of a lockstep run tell the steps apart.
+slower than the tick, the stamps of a lockstep run tell the steps apart. Messages that the log has
+not at all are not compared.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import can
 
@@ -22,6 +24,11 @@ from hil_harness.nodes import FirmwareNode
 from hil_harness.nodes.reports import firmware_messages
 from hil_harness.odometry_frames import ODOMETRY_ROLES
 from hil_harness.robot import Robot
+
+_Key = tuple[int, bool]
+
+_LONGEST_SILENCE_US: Final = 3_600_000_000
+"""No stamp of a lockstep run lies so far behind the one before; one by wall clock is behind 0."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +43,20 @@ class Difference:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """What a replay found. `ticks` steps were run and `fields` raw values compared."""
+    """What a replay found.
+
+    Attributes:
+        ticks, fields: how many steps were run, and how many raw values compared.
+        missing: the messages of the firmware that the log has not at all: nothing to compare.
+        rejected: received frames that the firmware did not take, by reason.
+        state: the kernel's at the end.
+    """
 
     log: Path
     ticks: int
     fields: int
     first_difference: Difference | None
+    missing: tuple[str, ...]
     rejected: Mapping[str, int]
     state: Mapping[str, int]
 
@@ -56,8 +71,8 @@ def replay(log: str | Path, robot: Robot, wire: Wire, *, force: bool = False) ->
 
     Stops comparing at the first difference. A log that ends inside a tick is compared as far as it
     goes. `force` takes formats that overflow in normal use; the state counts how often. Raises
-    CanBusError for a log that cannot be read, HarnessError for one without odometry frames, or
-    whose steps cannot be told apart, or for formats that overflow.
+    CanBusError for a log that cannot be read, HarnessError for one without any frame of the
+    firmware, or whose steps cannot be told apart, or for formats that overflow.
     """
     path = Path(log)
     node = FirmwareNode(
@@ -69,23 +84,24 @@ def replay(log: str | Path, robot: Robot, wire: Wire, *, force: bool = False) ->
         program=FirmwareProgram(robot, wire.signal_map, wire.tick_period_us, allow_overflow=force),
     )
     wire.signal_map.require(ODOMETRY_ROLES[:1], "a replay")
-    messages = firmware_messages(wire.database, wire.signal_map)
-    ours = {(spec.frame_id, spec.is_extended): spec for spec in messages}
-    fields = compared_frames = 0
-    difference: Difference | None = None
-    for step in _with_last(_steps(path, ours, wire)):
-        computed = node.step(step.now_us, step.received)
-        compared_frames += len(step.sent)
-        if difference is None:
-            compared, difference = _compare(path, node.ticks - 1, step, computed, ours)
-            fields += compared
-    if compared_frames == 0:
-        names = ", ".join(spec.name for spec in ours.values())
+    sent = _by_key(firmware_messages(wire.database, wire.signal_map))
+    ours = _in_the_log(path, sent)
+    if not ours:
+        names = ", ".join(spec.name for spec in sent.values())
         raise HarnessError(
             f"{path}: no odometry frames: expected {names} in the log, to compare the replay with"
         )
+    fields = 0
+    difference: Difference | None = None
+    for step in _with_last(_steps(path, ours, wire)):
+        computed = node.step(step.now_us, step.received)
+        if difference is None:
+            compared, difference = _compare(path, node.ticks - 1, step, computed, ours)
+            fields += compared
+    missing = tuple(spec.name for key, spec in sent.items() if key not in ours)
     rejected = {str(why): count for why, count in node.checker.rejected.items()}
-    return ReplayResult(path, node.ticks, fields, difference, rejected, node.kernel.state())
+    state = node.kernel.state()
+    return ReplayResult(path, node.ticks, fields, difference, missing, rejected, state)
 
 
 def logged_steps(path: Path, wire: Wire) -> Iterator[LoggedStep]:
@@ -93,12 +109,22 @@ def logged_steps(path: Path, wire: Wire) -> Iterator[LoggedStep]:
 
     Raises as `replay` does.
     """
-    messages = firmware_messages(wire.database, wire.signal_map)
-    ours = {(spec.frame_id, spec.is_extended): spec for spec in messages}
-    return _steps(path, ours, wire)
+    return _steps(path, _by_key(firmware_messages(wire.database, wire.signal_map)), wire)
 
 
-_Key = tuple[int, bool]
+def _by_key(messages: Iterable[MessageSpec]) -> dict[_Key, MessageSpec]:
+    return {(spec.frame_id, spec.is_extended): spec for spec in messages}
+
+
+def _in_the_log(path: Path, sent: Mapping[_Key, MessageSpec]) -> dict[_Key, MessageSpec]:
+    """Return which of these messages a log has; it is read no farther than until all were seen."""
+    seen: set[_Key] = set()
+    for message in read_log(path):
+        if not message.is_error_frame:
+            seen.add((message.arbitration_id, message.is_extended_id))
+        if sent.keys() <= seen:
+            break
+    return {key: spec for key, spec in sent.items() if key in seen}
 
 
 @dataclass
@@ -167,12 +193,13 @@ def _steps_by_stamps(
     step = LoggedStep(0, [], [])
     for message in read_log(path):
         stamp_us = timestamp_us(message)
-        if stamp_us % period_us or stamp_us < step.now_us:
+        late_us = stamp_us - step.now_us
+        if stamp_us % period_us or not 0 <= late_us <= _LONGEST_SILENCE_US:
             slow = next(iter(ours.values()))
             raise HarnessError(
                 f"{path}: {slow.name} comes every {slow.cycle_time_us} µs, a tick lasts "
-                f"{period_us} µs, and the stamps are not those of whole ticks: expected the log of "
-                "a lockstep run, or odometry at every tick"
+                f"{period_us} µs, and the stamps are not those of whole ticks from 0 on: expected "
+                "the log of a lockstep run, or odometry at every tick"
             )
         while stamp_us > step.now_us:
             yield step

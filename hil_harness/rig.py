@@ -39,7 +39,7 @@ from hil_harness.rig_assembly import (
     channel_for,
     check_kind,
     checked_seed,
-    effect_texts,
+    given_effects,
     microseconds,
     no_plant,
     signal_map_of,
@@ -74,7 +74,10 @@ class Rig:
         robot: a robot description or its file; None: the shipped one.
         device: the firmware under test: a text as ``--device`` takes it, an object with
             ``step(now_us, frames)``, or None for the shipped firmware.
-        effects: what differs from the description, such as ``"gyro_bias.bias=0.005"``: one or many.
+        effects: what differs from the description: texts such as ``"gyro_bias.bias=0.005"``, and
+            files as ``chiplog diagnose --write-effects`` writes them, such as
+            ``"explained.toml"``; one or many, and a text wins over a file.
+        effect_library: effects of your own (a Python file, which is run) beside Chiplog's.
         scenario: a name or file that drives the plant; None: it obeys the COMMAND frames (or what
             the signal map says instead) that the test sends.
         seed: seed of the plant's noise and of faults with a probability.
@@ -95,7 +98,8 @@ class Rig:
         *,
         robot: Robot | str | Path | None = None,
         device: Any = None,
-        effects: str | Iterable[str] = (),
+        effects: str | Path | Iterable[str | Path] = (),
+        effect_library: str | Path | None = None,
         scenario: str | Path | None = None,
         seed: int = 1,
         force: bool = False,
@@ -111,11 +115,12 @@ class Rig:
     ) -> None:
         """Assemble the rig; in real time it starts at once."""
         seed = checked_seed(seed)
-        effects = effect_texts(effects)
+        given = given_effects(effects)
         check_kind("force", force, (bool,), "True or False")
         check_kind("plant", plant, (bool,), "True or False")
         check_kind("scenario", scenario, (str, Path, NoneType), "a name or a file")
         check_kind("robot", robot, (Robot, str, Path, NoneType), "a robot or its file")
+        check_kind("effect_library", effect_library, (str, Path, NoneType), "a Python file")
         check_kind("dbc", dbc, (Database, str, Path, NoneType), "a database or its file")
         check_kind("signals", signals, (SignalMap, str, Path, NoneType), "a signal map or its file")
         self.database = dbc if isinstance(dbc, Database) else load_database(dbc)
@@ -146,7 +151,8 @@ class Rig:
                 self.signal_map,
                 tick_period_us=self.tick_period_us,
                 scenario=scenario,
-                effects=effects,
+                effects=given,
+                effect_library=effect_library,
                 seed=seed,
             )
         self._firmware_message_names: frozenset[str] = frozenset()

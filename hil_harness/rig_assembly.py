@@ -9,14 +9,20 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import can
 
 from can_bus import IN_PROCESS_INTERFACES, Database
 from firmware_model import KernelConfig
 from hil_harness.assembly import Wire, commands_on_the_wire
-from hil_harness.effects import Settings, apply_effects, combine_effects, parse_effect
+from hil_harness.effects import (
+    Settings,
+    apply_effects,
+    combine_effects,
+    load_effect_library,
+    read_effects,
+)
 from hil_harness.errors import HarnessError
 from hil_harness.lockstep import unique_channel
 from hil_harness.nodes import Node, PlantNode
@@ -65,23 +71,26 @@ def simulated_plant(
     *,
     tick_period_us: int,
     scenario: str | Path | None,
-    effects: Iterable[str],
+    effects: GivenEffects,
+    effect_library: str | Path | None = None,
     seed: int,
 ) -> RigPlant:
     """Return a simulated robot: driven by a scenario, or by the command frames of the test.
 
-    Raises HarnessError or PlantError for a scenario, an effect or a seed that does not exist.
+    Raises HarnessError or PlantError for a scenario, an effect, a library or a seed that does not
+    exist.
     """
     drive = None if scenario is None else find_scenario(scenario, seed=seed)
-    settings = combine_effects(*((parse_effect(text),) for text in effects))
+    known = None if effect_library is None else load_effect_library(effect_library)
+    settings = read_effects(effects.texts, effects.files, known)
     roles: tuple[Role, ...] = SENSOR_ROLES
     wire = Wire(database, signal_map)
     commands = None
     if drive is not None:
-        settings = combine_effects(drive.effects, settings)
+        settings = combine_effects(drive.effects, settings, known=known)
         roles += COMMAND_ROLES
         commands = commands_on_the_wire(drive, drive.tick_count(tick_period_us), wire)
-    applied = apply_effects(settings)
+    applied = apply_effects(settings, known)
     plant = Plant(
         robot.plant,
         applied.plant_over_time,
@@ -161,14 +170,32 @@ def checked_seed(seed: object) -> int:
     return int(seed)
 
 
-def effect_texts(effects: object) -> tuple[str, ...]:
-    """Return the effects, of which a lone text is one. Raises HarnessError for anything else."""
-    texts = (effects,) if isinstance(effects, str) else effects
-    if isinstance(texts, Iterable):
-        texts = tuple(texts)
-        if all(isinstance(text, str) for text in texts):
-            return texts
-    raise HarnessError(f'effects = {effects!r}: expected texts such as "gyro_bias.bias=0.005"')
+class GivenEffects(NamedTuple):
+    """The effects of a rig as they are given: texts as ``--effect`` takes them, and files."""
+
+    texts: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+def given_effects(effects: object) -> GivenEffects:
+    """Return the effects; a path, or a text that ends in ``.toml``, is a file.
+
+    One alone need not stand in a list. Raises HarnessError for what is neither text nor path.
+    """
+    given = (effects,) if isinstance(effects, str | Path) else effects
+    texts: list[str] = []
+    files: list[Path] = []
+    for one in given if isinstance(given, Iterable) else (None,):
+        if isinstance(one, Path) or (isinstance(one, str) and one.endswith(".toml")):
+            files.append(Path(one))
+        elif isinstance(one, str):
+            texts.append(one)
+        else:
+            raise HarnessError(
+                f'effects = {effects!r}: expected texts such as "gyro_bias.bias=0.005", or files '
+                'such as "explained.toml"'
+            )
+    return GivenEffects(tuple(texts), tuple(files))
 
 
 def check_kind(name: str, value: object, kinds: tuple[type, ...], expected: str) -> None:

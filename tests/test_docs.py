@@ -8,6 +8,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -164,6 +165,14 @@ def test_the_demo_script_ends_in_the_command_that_the_readme_shows() -> None:
         for c in commands_of(b)
     ]
     assert words in shown
+
+
+def test_the_layout_of_the_readme_names_every_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    layout = (ROOT / "README.md").read_text(encoding="utf-8").partition("\n## Layout\n")[2]
+    named = re.findall(r"^([a-z_]+)/  ", layout.partition("\n## ")[0], re.MULTILINE)
+    assert set(packages) <= set(named)
 
 
 def test_the_first_line_of_the_demo_script_is_the_demos(tmp_path: Path) -> None:

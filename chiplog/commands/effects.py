@@ -20,10 +20,15 @@ if TYPE_CHECKING:
     from hil_harness.effects import Effect, EffectParameter
 
 _WIDEST = 32
+_LAW = 48
 _FACTS = ("unit", "neutral", "typical", "tolerance", "prior")
 _PRIOR_SAID = (
     "For `chiplog diagnose`, without sign: up to the tolerance is no news (robot.toml's own where "
     "it states one), and the prior is even over orders of magnitude."
+)
+_NO_PRIOR_SAID = (
+    "A law in words goes on in `chiplog effects NAME`; an effect without prior and law is not "
+    "named by a diagnosis."
 )
 _NESTED = ("apply", "explain", "parameters", "twins")
 
@@ -88,16 +93,18 @@ def _show_all(effects: Sequence[Effect], prior: Prior) -> None:
     for effect in effects:
         heads = [effect.stage if effect.stage != stage else "", effect.name]
         stage = effect.stage
-        believed = _believed(effect, prior)
+        believed = _with_law(_believed(effect, prior), effect, prior)
         for parameter in effect.parameters:
             facts = [*_facts(parameter, _WIDEST), *believed[parameter.name]]
             rows.append([*heads, parameter.name, *facts])
             heads = ["", ""]
         if not effect.parameters:
-            rows.append([*heads, "none", *[""] * len(_FACTS)])
+            law = _shortened(prior.laws.get(effect.name, ""))
+            rows.append([*heads, "none", *[""] * (len(_FACTS) - 1), law])
     show_table(["stage", "effect", "parameter", *_FACTS], rows, words=4)
     show_line()
     show_line(_PRIOR_SAID)
+    show_line(_NO_PRIOR_SAID)
     show_line("A ratio is real over described, minus 1. `chiplog effects NAME` tells more of one.")
     show_line("Any effect takes start_s and stop_s besides: it then acts in this part of the log.")
 
@@ -137,6 +144,26 @@ def _believed(effect: Effect, prior: Prior) -> dict[str, list[str]]:
         seldom = "" if one.most is None else f", seldom to {_text(one.most)}"
         cells[name] = ["" if one.tolerance is None else _text(one.tolerance), span + seldom]
     return cells
+
+
+def _with_law(cells: dict[str, list[str]], effect: Effect, prior: Prior) -> dict[str, list[str]]:
+    """Return the cells with the beginning of the effect's law, where it has one: with the first
+    number without a range, else with the first choice."""
+    law = prior.laws.get(effect.name)
+    without = [one for one in effect.parameters if not cells[one.name][1]]
+    if law is None or not without:
+        return cells
+    numbers = [one for one in without if one.kind in ("real", "whole")]
+    name = (numbers or without)[0].name
+    return {**cells, name: [cells[name][0], _shortened(law)]}
+
+
+def _shortened(law: str) -> str:
+    """Return a law until a comma near the width of the column, or until a blank."""
+    if len(law) <= _LAW:
+        return law
+    until = max(law.rfind(mark, 0, _LAW) for mark in (",", ";", ":"))
+    return law[: until if until > 0 else law.rindex(" ", 0, _LAW)] + " …"
 
 
 def _facts(parameter: EffectParameter, widest: int = 1000) -> list[str]:

@@ -97,7 +97,7 @@ def command(
     from chiplog.commands.output import write_json
     from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import RunConfig
-    from hil_harness.effects import combine_effects, load_effects, parse_effect
+    from hil_harness.effects import read_effects
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
     from hil_harness.stopping import stoppable
@@ -105,9 +105,7 @@ def command(
     config = RunConfig(
         scenario=find_scenario(scenario or _DEFAULT_SCENARIO, seed=seed),
         robot=load_robot(robot),
-        effects=combine_effects(
-            () if effects is None else load_effects(effects), map(parse_effect, effect or ())
-        ),
+        effects=read_effects(effect or (), () if effects is None else (effects,)),
         seed=seed,
         duration_s=duration_s,
         time="real",

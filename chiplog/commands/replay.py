@@ -59,16 +59,19 @@ def sentence(result: ReplayResult) -> str:
     """Return the outcome in words."""
     difference = result.first_difference
     overflows = result.state["overflow_count"]
-    counted = f"; {q.overflows(overflows)}" if overflows else ""
+    more = f"; {q.overflows(overflows)}" if overflows else ""
+    if result.missing:
+        names = ", ".join(result.missing)
+        more += f"; nothing of {names} to compare: the log has no such frames"
     if difference is None:
         return (
             f"equal, bit for bit: {q.count(result.fields)} raw values in "
-            f"{q.count(result.ticks)} ticks{counted}"
+            f"{q.count(result.ticks)} ticks{more}"
         )
     logged, computed = map(_raw, (difference.logged_raw, difference.computed_raw))
     return (
         f"differs at tick {difference.tick}: {difference.field} is {logged} in the log, "
-        f"{computed} in the replay{counted}"
+        f"{computed} in the replay{more}"
     )
 
 

@@ -89,12 +89,7 @@ def command(
     """
     from chiplog.run_folder import BUS_LOG, RunFolder
     from hil_harness.assembly import RunConfig
-    from hil_harness.effects import (
-        combine_effects,
-        load_effect_library,
-        load_effects,
-        parse_effect,
-    )
+    from hil_harness.effects import load_effect_library, read_effects
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
 
@@ -104,11 +99,7 @@ def command(
     config = RunConfig(
         scenario=found,
         robot=load_robot(robot),
-        effects=combine_effects(
-            () if effects is None else load_effects(effects, known),
-            [parse_effect(text, known) for text in effect or ()],
-            known=known,
-        ),
+        effects=read_effects(effect or (), () if effects is None else (effects,), known),
         known=known,
         seed=seed,
         duration_s=duration_s,

@@ -52,6 +52,7 @@ def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) ->
             "title": ", ".join(log.name for log in found.logs) or "diagnosis",
             "facts": _facts(found),
             "verdict": words.verdict(found),
+            "doubts": found.doubts,
             "gap_sentence": words.gap_sentence(found),
             "unknown_sentence": words.unknown_sentence(found),
             "opened": [(name, [text]) for name, text in opened],

@@ -220,8 +220,7 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     """Return what the recording means with these effects at work.
 
     They are applied stage by stage, and in a stage as they are declared here: what is added after
-    a factor is not multiplied by it. An effect that a user's library explains without a rank of
-    its own acts last.
+    a factor is not multiplied by it. An effect of a user's library acts last in its stage.
     """
     prediction = Prediction(motion)
     ordered = sorted(settings, key=lambda one: (rank_of(one[0]), _declared(one[0])))
@@ -254,10 +253,13 @@ def _declared(variant: Variant) -> int:
 
 
 def explanation_of(effect: Effect) -> Explanation | None:
-    """Return how an effect of a user's library acts; None where the library does not say."""
+    """Return how an effect of a user's library acts; None where the library does not say.
+
+    Its stage is one that can be explained: `load_effect_library` refuses others.
+    """
     if effect.explain is None:
         return None
-    rank = _RANK.get(effect.stage, _RANK["reference"])
+    rank = _RANK[effect.stage]
     variant = Variant(
         effect.name,
         effect.explain,

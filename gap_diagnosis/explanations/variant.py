@@ -38,7 +38,7 @@ class Variant:
         polar: catalogue names (amplitude, phase) that two coefficients a, b stand for, with
             a = A cos(phase), b = A sin(phase); None where coefficients are parameters.
         is_positive: coefficients are sizes that cannot be negative.
-        stage_rank: order of acting, for effects of a user's library.
+        stage_rank: order of acting, for effects of a user's library: as of an `Explanation`.
         unbent: the size whose effect is about that of a straight line of another size, where lines
             lead far astray; a fit starts there.
         exact: how it acts in every detail, if `act` makes it smooth so that its column is free of

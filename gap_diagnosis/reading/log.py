@@ -87,8 +87,8 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         notes=(
             *faulty_messages(log.wire.database),
             *_boundless(log),
-            *_beyond_the_counter(log, robot),
         ),
+        doubts=_beyond_the_counter(log, robot),
     )
     return recording, _reference(log)
 

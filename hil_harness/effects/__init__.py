@@ -21,6 +21,7 @@ from hil_harness.effects.settings import (
     effects_from_toml,
     load_effects,
     parse_effect,
+    read_effects,
 )
 from hil_harness.effects.user_effects import load_effect_library
 
@@ -41,4 +42,5 @@ __all__ = [
     "load_effect_library",
     "load_effects",
     "parse_effect",
+    "read_effects",
 ]

@@ -54,6 +54,21 @@ def load_effects(path: str | Path, known: Known | None = None) -> tuple[EffectSe
     return effects_from_toml(load_toml(path), known=known)
 
 
+def read_effects(
+    texts: Iterable[str], files: Iterable[str | Path] = (), known: Known | None = None
+) -> tuple[EffectSetting, ...]:
+    """Return what a person gives: texts ``NAME.PARAMETER=VALUE`` and TOML files.
+
+    A later file overrides an earlier one, and a text any file, parameter by parameter. Raises
+    HarnessError for what `parse_effect` and `load_effects` refuse, and for a text given twice.
+    """
+    return combine_effects(
+        *(load_effects(path, known) for path in files),
+        [parse_effect(text, known) for text in texts],
+        known=known,
+    )
+
+
 def effects_from_toml(
     source: TomlSource, table: KeyPath = (), *, known: Known | None = None
 ) -> tuple[EffectSetting, ...]:

@@ -16,6 +16,8 @@ from hil_harness.errors import HarnessError
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,59}")
 _MODULE: Final = "chiplog_effect_library"
+EXPLAINABLE: Final[tuple[Stage, ...]] = ("wheel", "encoder", "gyro", "reference")
+"""The stages whose data a prediction of the diagnosis holds: counts, ways, turns and poses."""
 _LARGEST_BYTES: Final = 1 << 20
 _EXPECTED: Final = (
     "EFFECTS = [Effect(...)], with Effect from hil_harness.effects; see docs/how-to/my-effect.md"
@@ -96,6 +98,12 @@ def _mistake(effect: Effect, own: Mapping[str, Effect]) -> str | None:
             return f"tolerance of {name!r}: expected one of its parameters, {', '.join(names)}"
     if effect.explain is not None and not callable(effect.explain):
         return "explain: expected a function explain(prediction, **values), or None"
+    if effect.explain is not None and effect.stage not in EXPLAINABLE:
+        return (
+            f"explain in stage {effect.stage}: expected one of stage {', '.join(EXPLAINABLE)}, "
+            "whose data a prediction holds, or no explain: the effect is then simulated and not "
+            "diagnosed"
+        )
     return _mistake_of_apply(effect)
 
 

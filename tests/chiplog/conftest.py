@@ -1,12 +1,16 @@
-"""The command line as a test calls it: in this process for speed, in its own where it matters."""
+"""The command line as a test calls it, in this process for speed, in its own where it matters; and
+a real browser.
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from browser import NAMES, Browser, find_browser, running
 from command_line import Chiplog, Outcome
 
 from chiplog.cli import main
@@ -43,3 +47,13 @@ def chiplog_process(tmp_path: Path) -> Chiplog:
         return Outcome(done.returncode, done.stdout, done.stderr)
 
     return call
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Start a real browser for the tests of a module."""
+    program = find_browser()
+    if program is None:
+        pytest.skip(f"none of {', '.join(NAMES)} here; scripts/setup.sh test installs the first")
+    with running(program) as started:
+        yield started

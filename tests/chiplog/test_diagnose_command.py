@@ -79,6 +79,17 @@ def test_what_to_drive_next_and_what_is_ambiguous_are_told(asked: Asked, chiplog
     assert "note          The log has no odometry frames" in said
 
 
+def test_where_log_and_description_contradict_each_other_stands_before_the_sentence_of_the_verdict(
+    asked: Asked, chiplog: Chiplog
+) -> None:
+    """As the last of many notes nobody saw it: the terminal shows three."""
+    doubt = "run.log: ENCODER.left_count counts to 65535, encoder.counter_bits = 12 to 4095."
+    with_diagnosis(asked, samples.diagnosis(doubts=(doubt,)))
+    first, _, then = chiplog("diagnose", "run.log").out.partition("\n")
+    assert first.startswith("radius_mismatch")
+    assert then.lstrip().replace("\n", " ").startswith(doubt)
+
+
 def test_flags_reach_the_diagnosis(asked: Asked, chiplog: Chiplog, tmp_path: Path) -> None:
     words = "a.log b.log --robot r.toml --dbc d.dbc --signals m.toml --reference a.tum"
     more = "--reference b.tum --holdout c.log --holdout-reference c.tum --effect-library my.py"

@@ -193,6 +193,7 @@ def test_the_browser_runs_the_one_script_that_the_policy_names(page: str) -> Non
 def test_a_strangers_text_stays_text() -> None:
     report = samples.report(
         notes=(HOSTILE,),
+        doubts=(HOSTILE,),
         assumptions=(HOSTILE,),
         logs=(LogFacts(name=HOSTILE, duration_s=1.0, ticks=1),),
     )

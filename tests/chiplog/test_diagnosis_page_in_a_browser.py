@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import diagnosis_samples as samples
 import pytest
-from browser import NAMES, Browser, Tab, find_browser, running
+from browser import Browser, Tab
 
 from chiplog.pages.diagnosis import diagnosis_page
 from gap_diagnosis.pictures import Report
@@ -16,15 +15,6 @@ from gap_diagnosis.result import Diagnosis
 EVERY = [samples.diagnosis(), samples.single(), samples.nothing(), samples.unlisted()]
 TIME_TICKS = "#residual-0 text[text-anchor=middle]"
 AFTER = '#path path.line[style*="--green"]'
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip(f"none of {', '.join(NAMES)} here; scripts/setup.sh test installs the first")
-    with running(program) as started:
-        yield started
 
 
 def opened(browser: Browser, folder: Path, page: str, width: int = 1000) -> Tab:

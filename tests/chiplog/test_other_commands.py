@@ -61,6 +61,25 @@ def test_effects_show_tolerance_and_prior(
     assert believed.search(chiplog("effects").out)
 
 
+def test_the_list_shows_the_beginning_of_each_law_in_one_row_of_its_effect(
+    chiplog: Chiplog,
+) -> None:
+    lines = chiplog("effects").out.splitlines()
+    column = lines[0].index("prior") + len("prior")
+    stops = len("stage") + 7
+    name, blocks = "", dict[str, list[str]]()
+    for line in lines[1 : lines.index("")]:
+        name = line[stops:].split("  ")[0].strip() or name
+        blocks.setdefault(name, []).append(line)
+    assert blocks.keys() == catalogue().keys()
+    for name, law in default_prior().laws.items():
+        cells = [re.split("  +", line[:column])[-1] for line in blocks[name]]
+        (told,) = (cell for cell in cells if law.startswith(cell.removesuffix(" …")) and cell)
+        assert len(told) > 10
+        assert told.endswith(" …") == (told != law)
+    assert "not named by a diagnosis" in lines[-3]
+
+
 def test_an_angle_of_an_effect_has_no_size(chiplog: Chiplog) -> None:
     listed = json.loads(chiplog("effects", "wheel_eccentricity", "--json", "-").out)
     believed = {one["name"]: one["prior"] for one in listed[0]["parameters"]}

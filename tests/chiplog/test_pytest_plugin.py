@@ -106,6 +106,107 @@ def test_a_marker_configures_the_rig_of_one_test(pytester: pytest.Pytester) -> N
     result.assert_outcomes(passed=3)
 
 
+def test_a_file_of_effects_acts_as_its_texts_and_is_found_beside_the_test(
+    pytester: pytest.Pytester,
+) -> None:
+    folder = pytester.mkdir("robots")
+    (folder / "explained.toml").write_text("[gyro_bias]\nbias = 0.05  # 95 %: 0.04 to 0.06\n")
+    (folder / "conftest.py").write_text(
+        """
+import pytest
+
+@pytest.fixture
+def chiplog_settings():
+    return {"effects": "explained.toml"}
+"""
+    )
+    (folder / "test_it.py").write_text(
+        """
+from pathlib import Path
+import pytest
+
+TEXT = "gyro_bias.bias=0.05"
+FILE = "explained.toml"
+ENDS = {}
+
+
+@pytest.mark.parametrize("given", [
+    pytest.param(given, marks=pytest.mark.chiplog(effects=given), id=repr(given))
+    for given in (TEXT, [TEXT], FILE, [FILE], Path(FILE), ("gyro_bias.bias=0", ), [FILE, TEXT],
+                  ["gyro_bias.bias=0", FILE])
+])
+def test_of_a_marker(chiplog_rig, given):
+    ENDS[repr(given)] = drive(chiplog_rig)
+
+
+def test_of_the_project(chiplog_rig):
+    ENDS["project"] = drive(chiplog_rig)
+
+
+def drive(rig):
+    rig.send("COMMAND", v_m_s=0.2)
+    rig.run_for(1.0)
+    return rig.odometry.heading_rad
+
+
+def test_all_are_the_same_but_for_a_text_that_wins_over_the_file():
+    overridden = {key for key, end in ENDS.items() if end != ENDS[repr(TEXT)]}
+    assert overridden == {"('gyro_bias.bias=0',)", f"['gyro_bias.bias=0', '{FILE}']"}
+    assert len(ENDS) == 9
+"""
+    )
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "robots")
+    result.assert_outcomes(passed=10)
+
+
+def test_effects_of_ones_own_are_taken_with_their_library(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        mine="""
+        from hil_harness.effects import Effect, EffectParameter
+
+        def apply(settings, values):
+            rate_rad_s = settings.plant.gyro_bias_rad_s + values["rate"]
+            return settings.with_plant(gyro_bias_rad_s=rate_rad_s)
+
+        EFFECTS = [
+            Effect(
+                name="draught",
+                stage="gyro",
+                parameters=(EffectParameter("rate", "rad/s", 0.0, "how it blows"),),
+                signature="The gyro turns.",
+                apply=apply,
+            )
+        ]
+        """
+    )
+    (pytester.path / "explained.toml").write_text("[draught]\nrate = 0.05\n")
+    result = run(
+        pytester,
+        """
+        import pytest
+
+        ENDS = []
+
+        @pytest.mark.parametrize("given", [
+            pytest.param(None, marks=pytest.mark.chiplog(effects="gyro_bias.bias=0.05")),
+            *(
+                pytest.param(None, marks=pytest.mark.chiplog(effects=own, effect_library="mine.py"))
+                for own in ("draught.rate=0.05", "explained.toml")
+            ),
+        ])
+        def test_drive(chiplog_rig, given):
+            chiplog_rig.send("COMMAND", v_m_s=0.2)
+            chiplog_rig.run_for(1.0)
+            ENDS.append(chiplog_rig.odometry.heading_rad)
+
+        def test_all_are_the_same():
+            assert len(ENDS) == 3
+            assert len(set(ENDS)) == 1
+        """,
+    )
+    result.assert_outcomes(passed=4)
+
+
 def test_a_project_configures_its_rigs_by_overriding_the_settings_fixture(
     pytester: pytest.Pytester,
 ) -> None:
@@ -216,6 +317,8 @@ def test_a_missing_interface_fails_the_test_with_the_lines_that_make_one(
         ('devise="lib:x.so"', "chiplog: @pytest.mark.chiplog: no setting 'devise'; *device*"),
         ('"lib:x.so"', "chiplog: @pytest.mark.chiplog takes keywords only: robot, device*"),
         ('effects=["gravity.on=1"]', "chiplog: effect *gravity*"),
+        ('effects="no.toml"', "chiplog: *no.toml: *"),
+        ('effect_library="no.py"', "chiplog: *no.py: cannot read this effect library: *"),
         ('seed="x"', "chiplog: seed = 'x': expected a whole number, 0 or more"),
         ('device="none"', "chiplog: device none: *; use --chiplog-interface with socketcan, *"),
     ],

@@ -52,6 +52,21 @@ def test_one_bit_of_odometry_is_found(log: Path, chiplog: Chiplog) -> None:
     assert difference["logged_raw"] != difference["computed_raw"]
 
 
+def test_frames_that_a_log_has_not_are_named_in_both_answers(log: Path, chiplog: Chiplog) -> None:
+    frame = f" {load_database().message('ODOMETRY_Y').frame_id:03X}#"
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(line for line in lines if frame not in line))
+    nothing = "; nothing of ODOMETRY_Y to compare: the log has no such frames\n"
+    equal = chiplog("replay", str(log))
+    assert (equal.status, equal.out.startswith("equal, bit for bit: ")) == (0, True)
+    assert equal.out.endswith(nothing)
+    (log.parent / "other.toml").write_text("schema = 1\n[wheels]\nradius_m = 0.0503\n")
+    other = chiplog("replay", str(log), "--robot", "out/other.toml", "--json", "replay.json")
+    assert (other.status, other.out.startswith("differs at tick ")) == (1, True)
+    assert other.out.endswith(nothing)
+    assert json.loads((log.parents[1] / "replay.json").read_text())["missing"] == ["ODOMETRY_Y"]
+
+
 def test_json_on_standard_output_is_all_there_is(log: Path, chiplog: Chiplog) -> None:
     said = chiplog("replay", str(log), "--json", "-")
     assert json.loads(said.out)["ticks"] == 100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Literal
 
 import diagnosis_samples as samples
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from gap_diagnosis.criterion import METRICS, Bound, judge, parse_bound, parse_criterion
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
-from gap_diagnosis.result_parts import LogFacts, Metric
+from gap_diagnosis.result_parts import InputFile, LogFacts, Metric
 
 SIZES = st.floats(1e-9, 1e9)
 BOUNDS = st.builds(
@@ -148,16 +149,68 @@ def test_a_log_that_does_not_have_the_metric_does_not_pass_in_silence() -> None:
         judge(parse_bound("position", "1 m"), _on_logs(samples.gap().all, {}))
 
 
+SHORT = "nothing is held out: the log lasts 12 s, and a held-out stretch needs at least 25 s"
+
+
+def _facts(**known: Any) -> LogFacts:
+    return LogFacts(name="run.log", duration_s=12.0, ticks=1200, **known)
+
+
+def _short(*, has_reference: bool) -> Diagnosis:
+    """Return a diagnosis of a log of which nothing could be held out."""
+    facts = _facts(has_reference=has_reference, unmeasured=SHORT)
+    return samples.nothing().model_copy(update={"logs": (facts,)})
+
+
+def _held_out(roles: tuple[Literal["holdout", "holdout_reference"], ...]) -> Diagnosis:
+    """Return a diagnosis without an odometry gap on another log that was held out."""
+    inputs = tuple(InputFile(role=one, name="b", sha256=samples.SHA256) for one in roles)
+    found = _without("odometry_position_m", "odometry_heading_rad")
+    return found.model_copy(update={"inputs": inputs})
+
+
+def _without(*missing: str) -> Diagnosis:
+    """Return a diagnosis of a log with a reference, and with a gap but in these metrics."""
+    whole = samples.gap()
+    timing = whole.all["odometry_heading_rad"].model_copy(update={"unit": "s"})
+    there = whole.all | {"timing_s": timing}
+    kept = {name: one for name, one in there.items() if name not in missing}
+    gap = whole.model_copy(update={"all": kept})
+    return samples.diagnosis(gap=gap, logs=(_facts(has_reference=True),))
+
+
+def test_of_several_logs_the_one_that_is_too_short_is_named_with_its_reason() -> None:
+    both = _on_logs(samples.gap().all, {})
+    short = both.logs[1].model_copy(update={"unmeasured": SHORT, "has_reference": True})
+    found = both.model_copy(update={"logs": (both.logs[0], short)})
+    with pytest.raises(DiagnosisError) as error:
+        judge(parse_bound("position", "1 m"), found)
+    assert str(error.value) == f"b.log: this data has no gap in position: {SHORT}"
+
+
 @pytest.mark.parametrize(
     ("metric", "found", "line"),
     [
         ("firmware", samples.diagnosis(), "no gap in firmware: it has position, heading"),
         ("position", samples.nothing(), "needs a reference): nothing was held out"),
+        ("position", _short(has_reference=True), f"no gap in position: {SHORT}"),
+        ("position", _short(has_reference=False), f"position (it needs a reference): {SHORT}"),
+        ("turn", _short(has_reference=True), f"no gap in turn: {SHORT}"),
+        ("heading", _without("odometry_heading_rad"), "(its reference has no headings): it has"),
+        (
+            "position",
+            _without("odometry_position_m", "odometry_heading_rad", "turn_difference_rad"),
+            "(its reference tells too little of what was held out): it has timing",
+        ),
+        ("position", _held_out(("holdout",)), "position (it needs a reference): it has timing"),
+        ("position", _held_out(("holdout", "holdout_reference")), "(its reference tells too"),
     ],
 )
 def test_a_metric_that_the_data_does_not_have_is_an_error(
     metric: str, found: Diagnosis, line: str
 ) -> None:
     with pytest.raises(DiagnosisError) as error:
-        judge(parse_bound(metric, "1 mm"), found)
+        judge(
+            parse_bound(metric, "1 mm" if metric in {"position", "firmware"} else "1 mrad"), found
+        )
     assert line in str(error.value)

@@ -16,6 +16,7 @@ from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
+from hil_harness.effects import catalogue
 from hil_harness.errors import HarnessError
 
 
@@ -154,6 +155,15 @@ def test_a_log_with_nothing_to_compare_the_wheels_with_is_refused() -> None:
     )
     with pytest.raises(DiagnosisError, match="nothing to compare the wheels with"):
         diagnose_recordings([bare], ROBOT, WIRE)
+
+
+def test_an_effect_of_a_library_that_does_not_explain_it_is_noted_as_not_looked_for() -> None:
+    sag = replace(catalogue()["gyro_scale"], name="battery_sag", explain=None)
+    known = {**catalogue(), "battery_sag": sag}
+    found = diagnose_recordings([recording("sign")], ROBOT, WIRE, library=known).diagnosis
+    (note,) = (one for one in found.notes if "looked for" in one)
+    assert note == "The effect library does not explain battery_sag, which was not looked for."
+    assert not any("looked for" in one for one in diagnosed("sign").notes)
 
 
 def test_how_far_a_model_of_an_unlisted_cause_closes_the_gap_was_measured() -> None:

@@ -184,6 +184,8 @@ def test_a_log_on_which_nothing_is_held_out_takes_no_part_in_the_gap_and_says_so
         [analysis_of(log, *FEW) for log in logs], frozenset(), "none", ROBOT, WIRE
     )
     assert not short
+    assert found.unmeasured.keys() == {0}
+    assert "lasts 12 s" in found.unmeasured[0]
     assert found.gap is not None
     assert found.gap.all == long
     assert found.notes[0].startswith("12s.log: ")

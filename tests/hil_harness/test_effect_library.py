@@ -2,11 +2,19 @@
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from hil_harness.assembly import RunConfig
-from hil_harness.effects import catalogue, combine_effects, load_effect_library, parse_effect
+from hil_harness.effects import (
+    Stage,
+    catalogue,
+    combine_effects,
+    load_effect_library,
+    parse_effect,
+)
+from hil_harness.effects.user_effects import EXPLAINABLE
 from hil_harness.errors import HarnessError
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
@@ -106,6 +114,27 @@ def test_a_mistake_is_said_in_one_line(tmp_path: Path, text: str, message: str) 
         load_effect_library(library(tmp_path, text))
     assert str(caught.value).startswith(f"{tmp_path}/{message}")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("stage", get_args(Stage))
+def test_a_stage_whose_data_no_prediction_holds_takes_no_explanation(
+    tmp_path: Path, stage: Stage
+) -> None:
+    """An `explain` there was never asked, or moved what the effect does not touch."""
+    written = f"Effect('sag', '{stage}', (), 'x.', {KEEP}"
+    simulated = library(tmp_path, HEAD + f"EFFECTS = [{written})]")
+    assert load_effect_library(simulated)["sag"].stage == stage
+    explained = library(tmp_path, HEAD + f"EFFECTS = [{written}, explain=lambda prediction: None)]")
+    if stage in EXPLAINABLE:
+        assert load_effect_library(explained)["sag"].explain is not None
+        return
+    with pytest.raises(HarnessError) as caught:
+        load_effect_library(explained)
+    assert str(caught.value).endswith(
+        f"effect 'sag': explain in stage {stage}: expected one of stage wheel, encoder, gyro, "
+        "reference, whose data a prediction holds, or no explain: the effect is then simulated and "
+        "not diagnosed"
+    )
 
 
 def test_a_file_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from hil_harness.effects import (
     combine_effects,
     load_effects,
     parse_effect,
+    read_effects,
 )
 from hil_harness.errors import HarnessError
 from sim_plant import Mechanisms
@@ -273,6 +274,18 @@ def test_one_source_may_not_say_a_thing_twice() -> None:
     twice = [parse_effect("gyro_bias.bias=1"), parse_effect("gyro_bias.bias=2")]
     with pytest.raises(HarnessError, match=r"^effect gyro_bias\.bias is given twice$"):
         apply_effects(twice)
+
+
+def test_a_text_wins_over_a_file_and_a_later_file_over_an_earlier_one(tmp_path: Path) -> None:
+    earlier, later = tmp_path / "earlier.toml", tmp_path / "later.toml"
+    earlier.write_text("[gyro_bias]\nbias = 0.1\n[one_sided_slip]\nside = 'left'\nratio = 0.1\n")
+    later.write_text("[one_sided_slip]\nratio = 0.2\n[gyro_scale]\nscale = 0.3\n")
+    found = read_effects(["gyro_scale.scale=0.4"], [earlier, later])
+    assert [str(setting) for setting in found] == [
+        "one_sided_slip.side=left one_sided_slip.ratio=0.2",
+        "gyro_bias.bias=0.1",
+        "gyro_scale.scale=0.4",
+    ]
 
 
 def test_settings_made_in_code_are_checked_too() -> None:

@@ -126,6 +126,67 @@ def test_a_status_message_of_another_node_is_neither_sent_nor_compared(tmp_path:
     assert replay(log, load_robot(None), load_wire(dbc)).is_equal
 
 
+def without_frames(path: Path, *names: str) -> Path:
+    """Leave all frames of these messages out of a log."""
+    frame_ids = tuple(f" {load_database().message(name).frame_id:03X}#" for name in names)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if not any(one in line for one in frame_ids)))
+    return path
+
+
+POSE = ("ODOMETRY_X", "ODOMETRY_Y", "ODOMETRY_HEADING")
+REPORTS = ("ODOMETRY_VELOCITY", "STATUS")
+
+
+@pytest.mark.parametrize("names", [POSE, ("ODOMETRY_Y",), REPORTS, (*POSE, "STATUS")])
+def test_what_a_log_has_not_at_all_is_named_and_the_rest_is_compared_as_ever(
+    tmp_path: Path, names: tuple[str, ...]
+) -> None:
+    path = tmp_path / "bus.log"
+    recorded = record(path)
+    whole = replay(path, load_robot(None), load_wire())
+    assert whole.missing == ()
+    found = replay(without_frames(path, *names), load_robot(None), load_wire())
+    assert found.is_equal
+    assert found.missing == names
+    assert 0 < found.fields < whole.fields
+    assert (found.ticks, found.state) == (recorded.ticks, recorded.kernel_state)
+
+
+def test_without_poses_the_velocity_still_tells_another_robot(tmp_path: Path) -> None:
+    path, other = tmp_path / "bus.log", tmp_path / "robot.toml"
+    record(path)
+    other.write_text("schema = 1\n[wheels]\nradius_m = 0.0503\n")
+    found = replay(without_frames(path, *POSE), load_robot(other), load_wire())
+    assert found.missing == POSE
+    assert found.first_difference is not None
+    assert found.first_difference.field == "ODOMETRY_VELOCITY.v_m_s"
+
+
+def test_poses_that_come_later_than_at_first_are_no_missing_ones(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    record(path, duration_s=1.0)
+    head, tail = path.read_text().split("(0.500000)", 1)
+    path.write_text(head)
+    without_frames(path, "ODOMETRY_X")
+    path.write_text(f"{path.read_text()}(0.500000){tail}")
+    found = replay(path, load_robot(None), load_wire())
+    assert found.missing == ()
+    assert found.first_difference is not None
+    assert found.first_difference.field == "ODOMETRY_X.x_m"
+    assert found.first_difference.logged_raw is None
+
+
+def test_a_log_by_wall_clock_whose_steps_cannot_be_told_apart_is_refused(tmp_path: Path) -> None:
+    """Its stamps may be whole ticks by chance: those since 1970 would be run one by one."""
+    path = tmp_path / "bus.log"
+    record(path, duration_s=1.0)
+    without_frames(path, *POSE)
+    path.write_text(path.read_text().replace("(0.", "(1700000000."))
+    with pytest.raises(HarnessError, match="the stamps are not those of whole ticks from 0 on"):
+        replay(path, load_robot(None), load_wire())
+
+
 def test_a_log_without_odometry_is_refused_and_says_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     path.write_text("(0.000000) vcan0 0C1#4600000000000000 R\n")

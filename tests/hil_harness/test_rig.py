@@ -53,6 +53,7 @@ def test_a_duration_that_is_no_number_is_refused(rig: Rig, duration_s: Any) -> N
         ({"seed": 1.5}, "seed = 1.5: expected a whole number, 0 or more"),
         ({"effects": 3}, "effects = 3: expected texts such as"),
         ({"effects": [3]}, "effects = [3]: expected texts such as"),
+        ({"effect_library": 3}, "effect_library = 3: expected a Python file"),
         ({"plant": "no"}, "plant = 'no': expected True or False"),
         ({"scenario": 3}, "scenario = 3: expected a name or a file"),
         ({"robot": 3}, "robot = 3: expected a robot or its file"),

@@ -74,6 +74,18 @@ EFFECT_LIBRARIES: tuple[Row, ...] = (
         {"mine.py": _EFFECT.replace("NAME", "Fog bank")},
     ),
     Row(
+        "an effect of one's own explained where no prediction holds its data",
+        "chiplog effects --effect-library mine.py",
+        "mine.py: effect 'drag': explain in stage bus: expected one of stage wheel, encoder, gyro, "
+        "reference, whose data a prediction holds, or no explain: the effect is then simulated and "
+        "not diagnosed",
+        {
+            "mine.py": _EFFECT.replace("NAME", "drag")
+            .replace("gyro", "bus")
+            .replace("settings,\n    )", "settings,\n        explain=lambda p: None,\n    )")
+        },
+    ),
+    Row(
         "a clock's rate for a part of the time",
         "chiplog run --effect clock_skew.skew=0.001 --effect clock_skew.start_s=3",
         "effect clock_skew.start_s: a clock has one rate for the whole log: expected no "

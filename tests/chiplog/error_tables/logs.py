@@ -220,10 +220,10 @@ LOGS += (
         "a real-time log with slow odometry",
         _SLOW_REPLAY,
         "bus.log: POSITION comes every 20000 µs, a tick lasts 10000 µs, and the stamps "
-        "are not those of whole ticks: expected the log of a lockstep run, or odometry "
+        "are not those of whole ticks from 0 on: expected the log of a lockstep run, or odometry "
         "at every tick",
         {
-            "bus.log": "(0.001234) vcan0 100#0000000000000000\n",
+            "bus.log": "(0.001234) vcan0 200#0000000000000000\n",
             "mine.dbc": _SLOW + 'BA_ "GenMsgCycleTime" BO_ 512 20;\n',
             "map.toml": _SLOW_MAP,
         },

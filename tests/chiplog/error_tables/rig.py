@@ -135,8 +135,8 @@ SETTINGS: tuple[Row, ...] = (
     _marked(
         "a setting without its name",
         '"none"',
-        "@pytest.mark.chiplog takes keywords only: robot, device, effects, scenario, "
-        "seed, force, plant, dbc, signals",
+        "@pytest.mark.chiplog takes keywords only: robot, device, effects, "
+        "effect_library, scenario, seed, force, plant, dbc, signals",
     ),
     _marked(
         "a seed that is no number",
@@ -144,9 +144,10 @@ SETTINGS: tuple[Row, ...] = (
         "seed = 'seven': expected a whole number, 0 or more",
     ),
     _marked(
-        "effects that are no texts",
+        "effects that are neither texts nor files",
         "effects=[0.5]",
-        'effects = [0.5]: expected texts such as "gyro_bias.bias=0.005"',
+        'effects = [0.5]: expected texts such as "gyro_bias.bias=0.005", or files such as '
+        '"explained.toml"',
     ),
     _marked(
         "a plant that is neither there nor not",

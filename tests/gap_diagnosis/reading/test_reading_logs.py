@@ -273,7 +273,7 @@ def test_a_robot_made_for_another_tick_than_the_dbcs_is_the_sentence_that_a_run_
     assert read_recording(log, robot=load_robot(description)).tick_period_s == TICK_S
 
 
-def test_counts_beyond_the_described_counter_are_a_note_for_a_narrow_counter_may_run_on_the_bus(
+def test_counts_beyond_the_described_counter_are_a_doubt_for_a_narrow_counter_may_run_on_the_bus(
     lines: list[Line], folder: Path
 ) -> None:
     """Described with 12 bits, counts up to 65535 were diagnosed without a word.
@@ -281,14 +281,16 @@ def test_counts_beyond_the_described_counter_are_a_note_for_a_narrow_counter_may
     `run` writes such a log of a robot of 12 bits: its counter goes on in the wider signal.
     """
     log = write_lines(folder / "bus.log", lines)
-    assert read_recording(log, robot=ROBOT).notes == ()
+    assert read_recording(log, robot=ROBOT).doubts == ()
     description = folder / "robot.toml"
     description.write_text("[encoder]\ncounter_bits = 12\n")
-    (note,) = read_recording(log, robot=load_robot(description)).notes
+    found = read_recording(log, robot=load_robot(description))
+    assert found.notes == ()
+    (doubt,) = found.doubts
     assert re.fullmatch(
         r".*robot\.toml:2: ENCODER\.left_count counts from \d+ to 655\d\d, encoder\.counter_bits = "
         r"12 to 4095: .* expected encoder\.counter_bits = 16 if it is the counter itself\.",
-        note,
+        doubt,
     )
 
 
