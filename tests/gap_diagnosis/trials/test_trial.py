@@ -19,12 +19,14 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.trials import drives
-from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
+from gap_diagnosis.trials.case import OTHER_ENGINE, OWN_ENGINE, STRATA, Case, Kind, Stratum
+from gap_diagnosis.trials.judge import judge
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
-from gap_diagnosis.trials.opening import open_trial
+from gap_diagnosis.trials.opening import Opened, open_trial
 from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.reference_noise import draw_levels
 from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import SEALED, seal, unseal
@@ -229,8 +231,53 @@ def test_the_plan_covers_every_effect_and_withholds_whole_classes() -> None:
         if one.kind == "decoy":
             assert one.without
             assert not set(one.without) & class_of(one.effects[0])
-        if one.kind in ("null", "single", "pair"):
+        if one.kind in ("single", "pair"):
             assert one.without == ()
+
+
+@pytest.mark.parametrize("strata", [("limit", "field"), STRATA])
+def test_that_names_are_withheld_does_not_say_that_something_is_there(
+    strata: tuple[Stratum, ...],
+) -> None:
+    """No null went without a name: a task that withholds some was as good as an alarm."""
+    counts = Counts(600, nulls=150, pairs=40, withheld=60, other_engine=50, strata=strata)
+    plan = planned(counts, np.random.default_rng(1))
+    short = [one for one in plan if one.without]
+    nulls = [one for one in plan if one.kind == "null"]
+    share = sum(one in nulls for one in short) / len(short)
+    # of whole cases
+    assert share == pytest.approx(len(nulls) / len(plan), abs=1 / len(short))
+    gone = {one.without for one in short if one.kind == "null"}
+    assert len(gone) > 20
+    assert gone <= {tuple(sorted(class_of(name))) for name in SIZES if name not in UNLISTED}
+    assert {one.engine for one in short if one.kind == "null"} == {OWN_ENGINE, OTHER_ENGINE}
+
+
+def test_without_withheld_effects_no_task_withholds_a_name() -> None:
+    plan = planned(Counts(100, nulls=50), np.random.default_rng(1))
+    assert all(one.without == () for one in plan)
+
+
+def test_a_null_short_of_names_is_a_false_alarm_or_none_and_no_negative_of_unknown() -> None:
+    case = Case(
+        name="0001", stratum="limit", kind="null", effects={}, over_limit={},
+        without=tuple(sorted(class_of("gyro_scale"))), nominal={}, surroundings={},
+        drive="tour", robot="familiar",
+        noise=draw_levels("white", np.random.default_rng(1)), steps=2, secret="00" * 16,
+    )  # fmt: skip
+
+    def told(verdict: str) -> dict[str, Any]:
+        which = [{"effects": [verdict], "probability": 0.9, "group_probability": 0.9}]
+        which += [{"effects": ["unknown"], "probability": 0.1, "group_probability": 0.1}]
+        return {"verdict": verdict, "stage": "none", "which": which, "seconds": 1.0, "gap": None}
+
+    oracle = frozenset({canonical(case.true_effects)})
+    judged = [judge(case, told(verdict), oracle, None) for verdict in ("no_gap", "gyro_bias")]
+    assert [one.is_null for one in judged] == [True, True]
+    part = scores(Opened(tuple(judged), 0))["parts"]["all"]
+    assert (part["false_alarms"]["value"], part["false_alarms"]["count"]) == (0.5, 2)
+    assert part["unknown_auroc"]["count"] == 0
+    assert part["confident_wrong"]["count"] == 0
 
 
 def test_what_a_trial_takes_for_no_gap_the_diagnosis_takes_for_none() -> None:
