@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gap_diagnosis.trials import reference_noise
 from gap_diagnosis.trials.case import OTHER_ENGINE, Case
+from gap_diagnosis.trials.draw import Values, draw_surroundings
 from gap_diagnosis.trials.layout import ROBOT
 from gap_diagnosis.trials.mujoco_cases import calibrate, gentle_drive, nominal_world
 from gap_diagnosis.trials.mujoco_sensors import Engine
@@ -41,9 +42,6 @@ def driven_null(
     file.write_text(text, encoding="ascii")
     robot = load_robot(file)
     scenario = gentle_drive(one.drive, [secret.seed("drive")], world.friction)
-    (run,) = run_with_effects(
-        scenario, robot, wire, [((), secret.seed("plant"))], simulator=Engine(world)
-    )
     case = Case(
         name=home.name,
         stratum=one.stratum,
@@ -52,7 +50,7 @@ def driven_null(
         over_limit={},
         without=one.without,
         nominal={},
-        surroundings={},
+        surroundings=_surroundings(secret),
         drive=one.drive,
         robot=one.robot,
         noise=reference_noise.draw_levels(one.noise, secret.generator("noise")),
@@ -60,4 +58,13 @@ def driven_null(
         secret=secret.word.hex(),
         engine=OTHER_ENGINE,
     )
+    (run,) = run_with_effects(
+        scenario, robot, wire, [(case.settings, secret.seed("plant"))], simulator=Engine(world)
+    )
     return case, run, robot
+
+
+def _surroundings(secret: Secret) -> dict[str, Values]:
+    """Return what warms up and sags as in any case; how the wheels slip is the engine's own."""
+    found = draw_surroundings(secret.generator("surroundings"))
+    return {name: values for name, values in found.items() if name != "micro_slip"}

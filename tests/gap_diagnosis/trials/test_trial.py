@@ -18,6 +18,7 @@ import pytest
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
+from gap_diagnosis.recording import Recording
 from gap_diagnosis.trials import drives
 from gap_diagnosis.trials.case import OTHER_ENGINE, OWN_ENGINE, STRATA, Case, Kind, Stratum
 from gap_diagnosis.trials.judge import judge
@@ -328,6 +329,33 @@ def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) 
     radius_m, rolling_m = (tomllib.loads(one)["wheels"]["radius_m"] for one in texts)
     assert rolling_m == pytest.approx(radius_m, rel=0.002)
     assert rolling_m != radius_m
+
+
+def test_rooms_warm_up_and_batteries_sag_in_the_other_engine_as_in_our_own(tmp_path: Path) -> None:
+    """Thermometer and voltmeter stood still there, and so they told the engine."""
+    read: dict[tuple[str, int], Recording] = {}
+    for seed in range(3):
+        for engine in (OWN_ENGINE, OTHER_ENGINE):
+            home = tmp_path / f"{engine}{seed}" / CASES / "0001"
+            home.mkdir(parents=True)
+            one = Planned("field", "null", drive=drives.SHORT, engine=engine)
+            secret = SECRET.child(str(seed))
+            made = make_case(one, home, load_wire(), COUNTS, secret)
+            assert {"warm_up", "supply_change"} >= made.surroundings.keys() - {"micro_slip"}
+            robot = load_robot(home / ROBOT)
+            (read[engine, seed],) = read_recordings(
+                [home / LOG], robot=robot, references=[home / REFERENCE]
+            )
+    moved = set()
+    for seed in range(3):
+        own, other = read[OWN_ENGINE, seed], read[OTHER_ENGINE, seed]
+        count = min(len(own.t_s), len(other.t_s))
+        # a code, and the half of one by which ties are rounded
+        step_k, step_v = 1.5 / 340.0, 1.5 / 4096.0
+        assert other.temperature_k[:count] == pytest.approx(own.temperature_k[:count], abs=step_k)
+        assert other.supply_v[:count] == pytest.approx(own.supply_v[:count], abs=step_v)
+        moved |= {np.ptp(other.temperature_k) > 1.0, np.ptp(other.supply_v) > 0.01}
+    assert moved == {False, True}
 
 
 def test_without_the_other_engine_its_cases_are_refused_in_one_line(
