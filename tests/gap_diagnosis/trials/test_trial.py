@@ -110,6 +110,27 @@ def test_every_case_has_what_a_lab_has_and_no_more(trial: Path) -> None:
     assert {path.name for path in trial.iterdir()} == {CASES, SEALED, "seal.json"}
 
 
+def test_how_long_a_case_took_to_make_is_not_told_by_since_when_its_files_are_as_they_are(
+    tmp_path: Path,
+) -> None:
+    """A date of change cannot be set, and a size that is sought takes its time."""
+    folder = tmp_path / "trial"
+    last_made: list[int] = []
+
+    def changed() -> list[int]:
+        return [one.stat().st_ctime_ns for one in (folder / CASES).rglob("*")]
+
+    make_trial(
+        COUNTS,
+        folder,
+        tmp_path / "key",
+        SECRET,
+        lambda done, total: last_made.append(max(changed())) if done == total else None,
+        PLAN,
+    )
+    assert min(changed()) >= last_made[0]
+
+
 def test_a_trial_that_is_still_being_made_is_not_diagnosed(trial: Path, tmp_path: Path) -> None:
     making = tmp_path / "making"
     copytree(trial / CASES, making / CASES)
