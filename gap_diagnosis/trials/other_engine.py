@@ -41,7 +41,7 @@ def driven_null(
     text = robot_text(one.robot, secret.generator("robot"), described_m=described)
     file.write_text(text, encoding="ascii")
     robot = load_robot(file)
-    scenario = gentle_drive(one.drive, [secret.seed("drive")], world.friction)
+    scenario = gentle_drive(one.drive, [secret.seed("drive")], world, robot.plant, wire)
     case = Case(
         name=home.name,
         stratum=one.stratum,

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.diagnose import diagnose
+from gap_diagnosis.trials import drives
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
-from gap_diagnosis.trials.mujoco_cases import write_case
-from gap_diagnosis.trials.mujoco_engine import drive_through
+from gap_diagnosis.trials.mujoco_cases import gentle_drive, write_case
+from gap_diagnosis.trials.mujoco_engine import drive_through, highest_hold_share, hold_share
 from gap_diagnosis.trials.mujoco_truth import calibrated
 from gap_diagnosis.trials.mujoco_world import World
+from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.robot import load_robot
 
 PLANT = load_robot().plant
@@ -45,6 +47,37 @@ def test_a_load_on_the_left_makes_the_left_wheel_smaller() -> None:
     turned = driven.pose[-1, 2] * 0.30
     rolled = 0.05 * driven.wheel_rad[-1].mean()
     assert turned / rolled == pytest.approx(1.2e-5 * (left_n - right_n) / 0.05, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", [*drives.FAMILIAR, *drives.NEW, drives.SHORT])
+def test_wheels_of_a_null_gain_less_than_a_tenth_of_what_the_floor_gives(kind: str) -> None:
+    """Turning gained 0.07 beside the way's 0.09, and each step of a command twice what its ramp
+    does. The motors are as quick and the track as wide as trials have them."""
+    wire, wide = load_wire(), World(track_m=0.455, radius_left_m=0.065, radius_right_m=0.065)
+    plant = PLANT.model_copy(
+        update={
+            "wheels": PLANT.wheels.model_copy(update={"radius_m": 0.065, "wheelbase_m": 0.455}),
+            "drive": PLANT.drive.model_copy(update={"time_constant_s": 0.02}),
+        }
+    )
+    scenario = gentle_drive(kind, [5], wide, plant, wire)
+    ticks = scenario.tick_count(wire.tick_period_us)
+    asked = commands_on_the_wire(scenario, ticks, wire)
+    driven = drive_through(wide, plant, asked, wire.tick_period_us)
+    assert 0.05 < highest_hold_share(driven, wide) < 0.1
+
+
+def test_a_hold_share_is_that_of_the_wheel_that_gains_most() -> None:
+    """A speed and a turn that rise together, and an arc: by hand."""
+    time_s = np.arange(200) * 0.01
+    world = World(track_m=0.4, friction=0.5)
+    rising = hold_share(0.6 * time_s, 0 * time_s, 1.0 * time_s, 0.01, world)
+    across = 0.6 * time_s[-11] * 1.0 * time_s[-11]  # ten values at either end are left out
+    # means of squares are beyond the square of the mean by the width of five steps
+    assert rising * 0.5 * 9.81 == pytest.approx(np.hypot(0.6 + 0.2 * 1.0, across), rel=0.001)
+    steady = np.full(200, 0.5)
+    arc = hold_share(steady, 0 * steady, 2 * steady, 0.01, world)
+    assert arc * 0.5 * 9.81 == pytest.approx(0.5 * 1.0)
 
 
 def test_motors_of_too_little_torque_are_told_as_a_limit_and_nothing_else(tmp_path: Path) -> None:
