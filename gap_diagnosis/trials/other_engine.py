@@ -11,6 +11,7 @@ from gap_diagnosis.trials.draw import Values, draw_surroundings
 from gap_diagnosis.trials.layout import ROBOT
 from gap_diagnosis.trials.mujoco_cases import calibrate, gentle_drive, nominal_world
 from gap_diagnosis.trials.mujoco_sensors import Engine
+from gap_diagnosis.trials.mujoco_truth import Calibrated, news_of, truth_of
 from gap_diagnosis.trials.plan import Planned
 from gap_diagnosis.trials.robots import robot_text
 from gap_diagnosis.trials.secret import Secret
@@ -21,8 +22,11 @@ from hil_harness.robot import Robot, load_robot
 
 def driven_null(
     one: Planned, home: Path, wire: Wire, secret: Secret
-) -> tuple[Case, EffectRun, Robot]:
+) -> tuple[Case, EffectRun | None, Robot]:
     """Return a case without an effect, its run and its robot, described in *home*.
+
+    No run where what the engine did, measured from its state, is more than the description's
+    tolerances allow: that is no null.
 
     Matched: radius and wheelbase are those that a calibration drive gives, as a lab would measure
     them, and commands are so gentle that the wheels hold.
@@ -58,10 +62,15 @@ def driven_null(
         secret=secret.word.hex(),
         engine=OTHER_ENGINE,
     )
+    engine = Engine(world)
     (run,) = run_with_effects(
-        scenario, robot, wire, [(case.settings, secret.seed("plant"))], simulator=Engine(world)
+        scenario, robot, wire, [(case.settings, secret.seed("plant"))], simulator=engine
     )
-    return case, run, robot
+    assert engine.driven is not None  # it was driven just now
+    wheels = robot.plant.wheels
+    did = truth_of(engine.driven, world, Calibrated(wheels.radius_m, 0.0, wheels.wheelbase_m))
+    is_null = not news_of(did, robot.tolerance)
+    return replace(case, measured=did), run if is_null else None, robot
 
 
 def _surroundings(secret: Secret) -> dict[str, Values]:

@@ -12,7 +12,7 @@ from gap_diagnosis.trials import drives
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
 from gap_diagnosis.trials.mujoco_cases import gentle_drive, write_case
 from gap_diagnosis.trials.mujoco_engine import drive_through, highest_hold_share, hold_share
-from gap_diagnosis.trials.mujoco_truth import calibrated
+from gap_diagnosis.trials.mujoco_truth import calibrated, news_of, truth_of
 from gap_diagnosis.trials.mujoco_world import World
 from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.robot import load_robot
@@ -47,6 +47,33 @@ def test_a_load_on_the_left_makes_the_left_wheel_smaller() -> None:
     turned = driven.pose[-1, 2] * 0.30
     rolled = 0.05 * driven.wheel_rad[-1].mean()
     assert turned / rolled == pytest.approx(1.2e-5 * (left_n - right_n) / 0.05, rel=0.1)
+
+
+def test_wheels_that_are_alike_are_measured_alike_in_a_drive_with_one_arc() -> None:
+    """It was told by the way alone: an arc of a robot whose caster drags fell short, and its wheels
+    were 4 in 1,000 apart."""
+    world = World(scrub_m=0.002, trail_m=0.02, caster_friction=0.8, mass_kg=10.0)
+    arc = np.concatenate([commands(0.3, 0.0), commands(0.0, 1.0), commands(0.2, -0.5)])
+    found = calibrated(drive_through(world, PLANT, arc, TICK_US))
+    assert abs(found.mismatch) < 0.0001
+
+
+@pytest.mark.parametrize(
+    ("truth", "news"),
+    [
+        ({}, set()),
+        ({"radius_scale": -0.0021}, {"radius_scale"}),
+        ({"radius_mismatch": 0.0006, "grade_slip": 0.0009}, {"radius_mismatch"}),
+        ({"lateral_slip": 0.003, "creep_lag_s": -0.003}, {"lateral_slip", "creep_lag_s"}),
+        ({"slides_left": 0.01, "share_of_hold": 0.11}, {"slides_left", "share_of_hold"}),
+    ],
+)
+def test_what_is_beyond_the_tolerances_of_a_description_is_news(
+    truth: dict[str, float], news: set[str]
+) -> None:
+    driven = drive_through(World(), PLANT, commands(0.3, 0.5), TICK_US)
+    nothing = dict.fromkeys(truth_of(driven, World(), calibrated(driven)), 0.0)
+    assert news_of(nothing | truth, load_robot().tolerance).keys() == news
 
 
 @pytest.mark.parametrize("kind", [*drives.FAMILIAR, *drives.NEW, drives.SHORT])

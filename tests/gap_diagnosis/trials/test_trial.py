@@ -19,7 +19,7 @@ from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.trials import drives
+from gap_diagnosis.trials import drives, make, mujoco_cases, other_engine
 from gap_diagnosis.trials.case import OTHER_ENGINE, OWN_ENGINE, STRATA, Case, Kind, Stratum
 from gap_diagnosis.trials.judge import judge
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
@@ -350,6 +350,38 @@ def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) 
     radius_m, rolling_m = (tomllib.loads(one)["wheels"]["radius_m"] for one in texts)
     assert rolling_m == pytest.approx(radius_m, rel=0.002)
     assert rolling_m != radius_m
+
+
+def test_a_null_of_the_other_engine_is_measured_and_driven_anew_where_it_is_none(
+    tmp_path: Path,
+) -> None:
+    """Its answer was "no effect", whatever the engine had done."""
+    for kind in ("one_way", "squares"):
+        home = tmp_path / kind / CASES / "0001"
+        home.mkdir(parents=True)
+        one = Planned("field", "null", drive=kind, engine=OTHER_ENGINE)
+        made = make_case(one, home, load_wire(), COUNTS, SECRET)
+        assert abs(made.measured["radius_scale"]) < 0.002
+        assert abs(made.measured["radius_mismatch"]) < 0.0005
+        assert abs(made.measured["wheelbase_scale"]) < 0.003
+        assert abs(made.measured["creep_lag_s"]) < 0.002
+        assert made.measured["slides_left"] == made.measured["slides_right"] == 0
+        assert made.measured["share_of_hold"] < 0.1
+        assert Case.from_json(json.loads(json.dumps(made.as_json()))) == made
+
+
+def test_where_no_draw_of_the_other_engine_is_a_null_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On soft tyres every robot slides outward."""
+    world = mujoco_cases.nominal_world
+    monkeypatch.setattr(
+        other_engine, "nominal_world", lambda seed: replace(world(seed), soft_s=0.02)
+    )
+    monkeypatch.setattr(make, "_TRIES", 2)
+    one = Planned("field", "null", drive=drives.SHORT, engine=OTHER_ENGINE)
+    with pytest.raises(DiagnosisError, match="the engine did more than a description's tolerances"):
+        make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
 
 
 def test_rooms_warm_up_and_batteries_sag_in_the_other_engine_as_in_our_own(tmp_path: Path) -> None:
