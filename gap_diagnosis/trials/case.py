@@ -42,6 +42,7 @@ class Case:
         like: by effect that no library has, those that nobody could tell from it.
         engine: whose physics moved the robot.
         again, of: which manoeuvre was driven besides, after what was said of which case.
+        measured: of another engine what it did, from its state, in the catalogue's terms.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Case:
     engine: str = OWN_ENGINE
     again: str = ""
     of: str = ""
+    measured: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def true_effects(self) -> frozenset[str]:

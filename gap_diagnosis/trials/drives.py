@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,9 +24,15 @@ SHORT: Final = "short"
 _RAMP_S: Final = 0.8
 
 
-def drive(kind: str, draw: Draw, fastest_m_s: float) -> Scenario:
-    """Return a drive of about a minute: *kind* of `FAMILIAR` or `NEW`, or `SHORT`."""
+def drive(kind: str, draw: Draw, fastest_m_s: float, *, pace: float = 1.0) -> Scenario:
+    """Return a drive of about a minute: *kind* of `FAMILIAR` or `NEW`, or `SHORT`.
+
+    *pace*: by which all its speeds and turn rates are multiplied; it takes as long.
+    """
     segments = [_rest(draw.uniform(3, 6)), *_KINDS[kind](draw, fastest_m_s), _rest(3.0)]
+    segments = [
+        replace(one, v_m_s=pace * one.v_m_s, w_rad_s=pace * one.w_rad_s) for one in segments
+    ]
     profile = SegmentProfile(segments, final_ramp_s=_RAMP_S)
     return Scenario(
         name="drive",

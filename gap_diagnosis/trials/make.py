@@ -60,7 +60,7 @@ _SAME_DRIVE: Final = 3
 """After so many draws without a trace another drive is tried: a play needs a reversal."""
 
 
-Drive = Callable[[Planned, Path, Wire, Secret], tuple[Case, EffectRun, Robot]]
+Drive = Callable[[Planned, Path, Wire, Secret], tuple[Case, EffectRun | None, Robot]]
 
 
 def make_trial(
@@ -91,6 +91,8 @@ def make_trial(
     for case in as_done(_make_alone, todo, jobs):
         cases[case.name] = case
         progress(len(cases), len(plan))
+    for _, _, home, _ in todo:
+        date_alike(home)  # at once: since when a file is as it is would say how long its case took
     answers = [cases[home.name].as_json() for _, _, home, _ in todo]
     return seal({"schema": SCHEMA, "cases": answers}, folder, key)
 
@@ -108,34 +110,44 @@ def new_trial(folder: Path) -> None:
 
 
 def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secret) -> Case:
-    """Draw until every effect acts, at a size that occurs: what nothing crosses is no case."""
+    """Draw until every effect acts, at a size that occurs: what nothing crosses is no case.
+
+    Of the other engine, until nothing does.
+    """
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
         if attempt >= _SAME_DRIVE:
             one = replace(one, drive=drives.FAMILIAR[attempt % len(drives.FAMILIAR)])
         if one.engine != OWN_ENGINE:
-            return _other_engine(one, home, wire, own)
-        maker = _Maker(one, home, wire, counts, own)
-        case, run = maker.drawn()
+            case, run, robot = _other_engine(one, home, wire, own)
+        else:
+            maker = _Maker(one, home, wire, counts, own)
+            case, run = maker.drawn()
+            robot = maker.robot
         if run is not None:
-            write_case(home, run, case, maker.robot, wire)
+            write_case(home, run, case, robot, wire)
             return case
+    if one.engine != OWN_ENGINE:
+        raise DiagnosisError(
+            f"no effect in the other engine: {_TRIES} draws in a row of which the engine did more "
+            "than a description's tolerances: expected a robot whose wheels roll as calibrated"
+        )
     raise DiagnosisError(
         f"{' + '.join(one.effects)}: {_TRIES} draws in a row without a trace in the log: expected "
         "an effect that a drive of this kind can show"
     )
 
 
-def _other_engine(one: Planned, home: Path, wire: Wire, secret: Secret) -> Case:
+def _other_engine(
+    one: Planned, home: Path, wire: Wire, secret: Secret
+) -> tuple[Case, EffectRun | None, Robot]:
     try:
         engine = import_module("gap_diagnosis.trials.other_engine")
     except ModuleNotFoundError as error:
         raise DiagnosisError(
             f'cases of the other engine need {error.name}: pip install "chiplog[mujoco]"'
         ) from error
-    case, run, robot = cast(Drive, engine.driven_null)(one, home, wire, secret)
-    write_case(home, run, case, robot, wire)
-    return case
+    return cast(Drive, engine.driven_null)(one, home, wire, secret)
 
 
 def write_case(home: Path, run: EffectRun, case: Case, robot: Robot, wire: Wire) -> None:
@@ -152,6 +164,11 @@ def write_drive(home: Path, run: EffectRun, case: Case, robot: Robot, wire: Wire
     draw = secret.generator("reference")
     reference = measured(run, case.noise, draw, secret.seed("reference"))
     (home / REFERENCE).write_text("".join(tum_lines(reference)), encoding="ascii")
+    date_alike(home)
+
+
+def date_alike(home: Path) -> None:
+    """Give a case's files and folder the one date that says nothing."""
     for path in (*home.iterdir(), home):
         os.utime(path, (_STAMP_S, _STAMP_S))
 

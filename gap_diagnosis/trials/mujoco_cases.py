@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,14 +17,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from gap_diagnosis.trials.drives import FAMILIAR, NEW, drive
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
 from gap_diagnosis.trials.logs import measured, tum_lines, write_log
-from gap_diagnosis.trials.mujoco_engine import drive_through
+from gap_diagnosis.trials.mujoco_engine import drive_through, hold_share
 from gap_diagnosis.trials.mujoco_sensors import Engine
 from gap_diagnosis.trials.mujoco_truth import Calibrated, calibrated, truth_of
-from gap_diagnosis.trials.mujoco_world import GRAVITY_M_S2, Patch, World
+from gap_diagnosis.trials.mujoco_world import Patch, World
 from gap_diagnosis.trials.reference_noise import draw_levels
 from hil_harness.assembly import Wire, commands_on_the_wire, load_wire
 from hil_harness.effect_runs import run_with_effects
@@ -84,25 +86,41 @@ def world_with(cause: str, seed: int) -> tuple[World, World]:
     return nominal, replace(nominal, **CAUSES[cause])
 
 
-def gentle_drive(kind: str, seed: Sequence[int], friction: float) -> Scenario:
-    """Return a drive of a kind, slow enough that the wheels hold."""
-    fastest = _FASTEST_M_S
-    while True:
-        scenario = drive(kind, np.random.default_rng(list(seed)), fastest)
-        time_s = np.arange(0, scenario.duration_s, 0.01)
-        speed, turn_rate = scenario.profile.rates(time_s).T
-        asked = np.hypot(np.gradient(speed, time_s), speed * turn_rate).max()
-        share = float(asked) / (friction * GRAVITY_M_S2)
-        if share <= _HOLD_SHARE:
-            return scenario
-        fastest *= 0.98 * _HOLD_SHARE / share
+def gentle_drive(
+    kind: str, seed: Sequence[int], world: World, plant: PlantDescription, wire: Wire
+) -> Scenario:
+    """Return a drive of a kind, at so slow a pace that the wheels hold.
+
+    What either wheel is asked to gain goes with the pace, turning's part in it too, and what its
+    arc takes with the square of the pace.
+    """
+    scenario = drive(kind, np.random.default_rng(list(seed)), _FASTEST_M_S)
+    pace = _HOLD_SHARE / asked_hold_share(scenario, world, plant, wire)
+    if pace >= 1.0:
+        return scenario
+    return drive(kind, np.random.default_rng(list(seed)), _FASTEST_M_S, pace=pace)
+
+
+def asked_hold_share(
+    scenario: Scenario, world: World, plant: PlantDescription, wire: Wire
+) -> float:
+    """Return the largest acceleration that a drive asks of either wheel over µ·g.
+
+    Commands come in steps, and the motors follow each with their lag: that asks for more than the
+    drive's own ramps.
+    """
+    step_s = wire.tick_period_us * 1e-6
+    commands = commands_on_the_wire(scenario, scenario.tick_count(wire.tick_period_us), wire)
+    kept = math.exp(-step_s / plant.drive.time_constant_s)
+    ahead, turn = lfilter([0.0, 1.0 - kept], [1.0, -kept], commands, axis=0).T
+    return hold_share(ahead, np.zeros(len(ahead)), turn, step_s, world)
 
 
 def calibrate(
     world: World, plant: PlantDescription, wire: Wire, seconds: float = 40.0
 ) -> Calibrated:
     """Return what a lab's calibration drive in this engine gives."""
-    scenario = gentle_drive("calibration", [7], world.friction)
+    scenario = gentle_drive("calibration", [7], world, plant, wire)
     ticks = min(
         scenario.tick_count(wire.tick_period_us), round(seconds * 1e6) // wire.tick_period_us
     )
@@ -122,7 +140,7 @@ def write_case(
     (folder / ROBOT).write_text(text, encoding="ascii")
     robot: Robot = load_robot(folder / ROBOT)
     draw = np.random.default_rng([seed, 2])
-    scenario = gentle_drive(kind, [seed, 3], nominal.friction)
+    scenario = gentle_drive(kind, [seed, 3], nominal, robot.plant, wire)
     engine = Engine(world)
     (run,) = run_with_effects(scenario, robot, wire, [((), seed)], simulator=engine)
     write_log(folder / LOG, run, robot, wire)

@@ -159,7 +159,29 @@ def _from_start(pose: Floats) -> Floats:
 def highest_hold_share(driven: Driven, world: World) -> float:
     """Return the largest acceleration of the drive over what the floor could give, µ·g."""
     step_s = float(driven.time_s[1] - driven.time_s[0])
-    speed = np.gradient(driven.pose[:, :2], step_s, axis=0)
-    smooth = np.ones(5) / 5
-    found = [np.convolve(np.gradient(one, step_s), smooth, "same")[10:-10] for one in speed.T]
-    return float(np.hypot(*found).max()) / (world.friction * GRAVITY_M_S2)
+    heading = driven.pose[:, 2]
+    x_m_s, y_m_s = np.gradient(driven.pose[:, :2], step_s, axis=0).T
+    ahead = x_m_s * np.cos(heading) + y_m_s * np.sin(heading)
+    sideways = y_m_s * np.cos(heading) - x_m_s * np.sin(heading)
+    return hold_share(ahead, sideways, np.gradient(heading, step_s), step_s, world)
+
+
+def hold_share(
+    ahead_m_s: Floats, sideways_m_s: Floats, turn_rad_s: Floats, step_s: float, world: World
+) -> float:
+    """Return the largest acceleration of either wheel over µ·g, in means of five steps.
+
+    Along the way it is the wheel's own, so that turning has its part in it; across, the axle's.
+    """
+    half = 0.5 * world.track_m
+    across = _smooth(np.gradient(sideways_m_s, step_s) + turn_rad_s * ahead_m_s)
+    along = [
+        _smooth(np.gradient(ahead_m_s + place * turn_rad_s, step_s) - turn_rad_s * sideways_m_s)
+        for place in (-half, half)
+    ]
+    return float(np.hypot(along, across).max()) / (world.friction * GRAVITY_M_S2)
+
+
+def _smooth(values: Floats) -> Floats:
+    """Return the means of five values each, without the ends."""
+    return np.convolve(values, np.ones(5) / 5, "same")[10:-10]

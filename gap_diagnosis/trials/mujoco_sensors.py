@@ -22,7 +22,8 @@ class Engine:
     """A simulator as `run_with_effects` takes it; the last drive's states stay at hand.
 
     Attributes:
-        world: the robot and its floor; effects of the plant are not listened to.
+        world: the robot and its floor; of the plant's mechanisms only the room's warmth and
+            the battery's sag are listened to.
         driven: the states behind the last run.
     """
 
@@ -40,7 +41,7 @@ class Engine:
         **unused: Any,
     ) -> PlantRuns:
         """Drive once; each seed has its own noise of the sensors."""
-        del mechanisms, unused
+        del unused
         driven = drive_through(self.world, description, commands, tick_period_us)
         self.driven = driven
         draws = [np.random.Generator(np.random.Philox(key=seed)) for seed in seeds]
@@ -48,8 +49,7 @@ class Engine:
         rate = turn_rate(driven, tick_period_us * 1e-6)
         codes = [gyro_codes(rate, description, draw, tick_period_us * 1e-6) for draw in draws]
         still = np.ones((len(seeds), len(commands)), dtype=np.int64)
-        warm, supply = description.temperature, description.supply
-        heat = warm.code_at_298_k + warm.sensitivity_lsb_per_k * (warm.ambient_k - 298.15)
+        around = [one if isinstance(one, Mechanisms) else one.pieces[0][1] for one in mechanisms]
         return PlantRuns(
             truth=driven.pose[np.newaxis],
             left_count=np.stack([one[:, 0] for one in counts]),
@@ -58,8 +58,10 @@ class Engine:
             gyro_rate_rad_s=np.repeat(rate[np.newaxis], len(seeds), axis=0),
             accel_x_code=still * description.accelerometer.zero_code,
             accel_y_code=still * description.accelerometer.zero_code,
-            temperature_code=still * round(heat),
-            supply_code=still * round(supply.sensitivity_lsb_per_v * supply.nominal_v),
+            temperature_code=np.stack(
+                [temperature_codes(driven.time_s, description, one) for one in around]
+            ),
+            supply_code=np.stack([supply_codes(driven.time_s, description, one) for one in around]),
         )
 
 
@@ -82,5 +84,23 @@ def gyro_codes(rate_rad_s: Floats, description: PlantDescription, draw: Any, tic
     gyro = description.gyro
     noise = gyro.noise_density_rad_per_sqrt_s / np.sqrt(tick_s) * draw.normal(size=len(rate_rad_s))
     seen = np.clip(rate_rad_s + noise, -gyro.range_rad_s, gyro.range_rad_s)
-    codes = np.rint(gyro.zero_rate_code + gyro.sensitivity_lsb_per_rad_s * seen)
-    return np.asarray(np.clip(codes, 0, description.adc.max_code), dtype=np.int64)
+    return _nearest(gyro.zero_rate_code + gyro.sensitivity_lsb_per_rad_s * seen, description)
+
+
+def temperature_codes(time_s: Floats, description: PlantDescription, around: Mechanisms) -> Ints:
+    """Return int64[n]: of a thermometer that warms up from where it begins."""
+    warm = description.temperature
+    risen_k = around.temperature_rise_k * (1 - np.exp(-time_s / around.temperature_time_constant_s))
+    above_k = warm.ambient_k + around.temperature_offset_k + risen_k - 298.15
+    return _nearest(warm.code_at_298_k + warm.sensitivity_lsb_per_k * above_k, description)
+
+
+def supply_codes(time_s: Floats, description: PlantDescription, around: Mechanisms) -> Ints:
+    """Return int64[n]: of a voltmeter on a battery that runs down."""
+    supply = description.supply
+    left_v = supply.nominal_v + around.supply_offset_v + around.supply_drift_v_per_s * time_s
+    return _nearest(supply.sensitivity_lsb_per_v * left_v, description)
+
+
+def _nearest(level_lsb: Floats, description: PlantDescription) -> Ints:
+    return np.asarray(np.clip(np.rint(level_lsb), 0, description.adc.max_code), dtype=np.int64)

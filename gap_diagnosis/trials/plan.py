@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 from typing import Final
@@ -30,6 +30,7 @@ class Counts:
         cases: all of them; what is left beside the others has one effect each.
         nulls, pairs: without an effect, with two; None: a fifth, a tenth.
         withheld: whose effect is taken out of the library; as many decoys, where another one is.
+            Of the nulls as large a share goes without names as of all the others.
         other_engine: without an effect, in another engine's physics.
         strata: among which all are shared out evenly.
         factor: smallest and largest size in stratum *limit*, over the detection limit.
@@ -108,6 +109,7 @@ def planned(counts: Counts, draw: Draw) -> list[Planned]:
     found += [Planned("field", "null", engine=OTHER_ENGINE) for _ in range(counts.other_engine)]
     if "prior" in counts.strata:
         found = [_of_prior(one, names, draw) if one.stratum == "prior" else one for one in found]
+    found = _nulls_short_of_names(found, counts, draw)
     return [_world(found[place], counts, draw) for place in draw.permutation(len(found))]
 
 
@@ -144,15 +146,37 @@ def _withheld(
 ) -> list[Planned]:
     """Return cases whose effect is withheld, and for each one a decoy with the full truth in it."""
     found = []
-    listed = [one for one in (counts.effects or tuple(SIZES)) if one not in UNLISTED]
+    listed = _listed(counts.effects or SIZES)
     away: Stratum = "limit" if "limit" in counts.strata else next(strata)
     for _ in range(counts.withheld):
         effect = listed[int(draw.integers(len(listed)))]
-        others = [one for one in SIZES if one not in UNLISTED and one not in class_of(effect)]
+        others = [one for one in _listed(SIZES) if one not in class_of(effect)]
         other = others[int(draw.integers(len(others)))]
         found.append(Planned(away, "withheld", (effect,), tuple(sorted(class_of(effect)))))
         found.append(Planned(away, "decoy", (effect,), tuple(sorted(class_of(other)))))
     return found
+
+
+def _listed(names: Iterable[str]) -> list[str]:
+    return [one for one in names if one not in UNLISTED]
+
+
+def _nulls_short_of_names(found: Sequence[Planned], counts: Counts, draw: Draw) -> list[Planned]:
+    """Return the cases with names taken from as large a share of the nulls as of the rest: that
+    something is withheld must not say that something is there."""
+    nulls = [place for place, one in enumerate(found) if one.kind == "null"]
+    short = sum(bool(one.without) for one in found)
+    cases = list(found)
+    if not short:
+        return cases
+    count = round(len(nulls) * short / (len(found) - len(nulls)))
+    # in turn what a withheld effect may be, and what a decoy's may
+    libraries = cycle([_listed(counts.effects or SIZES), _listed(SIZES)])
+    for place in draw.permutation(nulls)[:count].tolist():
+        names = next(libraries)
+        gone = class_of(names[int(draw.integers(len(names)))])
+        cases[place] = replace(cases[place], without=tuple(sorted(gone)))
+    return cases
 
 
 def _of_prior(one: Planned, names: Sequence[str], draw: Draw) -> Planned:

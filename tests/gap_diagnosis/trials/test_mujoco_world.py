@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from gap_diagnosis.diagnose import diagnose
+from gap_diagnosis.trials import drives
 from gap_diagnosis.trials.layout import LOG, REFERENCE, ROBOT
-from gap_diagnosis.trials.mujoco_cases import write_case
-from gap_diagnosis.trials.mujoco_engine import drive_through
-from gap_diagnosis.trials.mujoco_truth import calibrated
+from gap_diagnosis.trials.mujoco_cases import gentle_drive, write_case
+from gap_diagnosis.trials.mujoco_engine import drive_through, highest_hold_share, hold_share
+from gap_diagnosis.trials.mujoco_truth import calibrated, news_of, truth_of
 from gap_diagnosis.trials.mujoco_world import World
+from hil_harness.assembly import commands_on_the_wire, load_wire
 from hil_harness.robot import load_robot
 
 PLANT = load_robot().plant
@@ -45,6 +47,64 @@ def test_a_load_on_the_left_makes_the_left_wheel_smaller() -> None:
     turned = driven.pose[-1, 2] * 0.30
     rolled = 0.05 * driven.wheel_rad[-1].mean()
     assert turned / rolled == pytest.approx(1.2e-5 * (left_n - right_n) / 0.05, rel=0.1)
+
+
+def test_wheels_that_are_alike_are_measured_alike_in_a_drive_with_one_arc() -> None:
+    """It was told by the way alone: an arc of a robot whose caster drags fell short, and its wheels
+    were 4 in 1,000 apart."""
+    world = World(scrub_m=0.002, trail_m=0.02, caster_friction=0.8, mass_kg=10.0)
+    arc = np.concatenate([commands(0.3, 0.0), commands(0.0, 1.0), commands(0.2, -0.5)])
+    found = calibrated(drive_through(world, PLANT, arc, TICK_US))
+    assert abs(found.mismatch) < 0.0001
+
+
+@pytest.mark.parametrize(
+    ("truth", "news"),
+    [
+        ({}, set()),
+        ({"radius_scale": -0.0021}, {"radius_scale"}),
+        ({"radius_mismatch": 0.0006, "grade_slip": 0.0009}, {"radius_mismatch"}),
+        ({"lateral_slip": 0.003, "creep_lag_s": -0.003}, {"lateral_slip", "creep_lag_s"}),
+        ({"slides_left": 0.01, "share_of_hold": 0.11}, {"slides_left", "share_of_hold"}),
+    ],
+)
+def test_what_is_beyond_the_tolerances_of_a_description_is_news(
+    truth: dict[str, float], news: set[str]
+) -> None:
+    driven = drive_through(World(), PLANT, commands(0.3, 0.5), TICK_US)
+    nothing = dict.fromkeys(truth_of(driven, World(), calibrated(driven)), 0.0)
+    assert news_of(nothing | truth, load_robot().tolerance).keys() == news
+
+
+@pytest.mark.parametrize("kind", [*drives.FAMILIAR, *drives.NEW, drives.SHORT])
+def test_wheels_of_a_null_gain_less_than_a_tenth_of_what_the_floor_gives(kind: str) -> None:
+    """Turning gained 0.07 beside the way's 0.09, and each step of a command twice what its ramp
+    does. The motors are as quick and the track as wide as trials have them."""
+    wire, wide = load_wire(), World(track_m=0.455, radius_left_m=0.065, radius_right_m=0.065)
+    plant = PLANT.model_copy(
+        update={
+            "wheels": PLANT.wheels.model_copy(update={"radius_m": 0.065, "wheelbase_m": 0.455}),
+            "drive": PLANT.drive.model_copy(update={"time_constant_s": 0.02}),
+        }
+    )
+    scenario = gentle_drive(kind, [5], wide, plant, wire)
+    ticks = scenario.tick_count(wire.tick_period_us)
+    asked = commands_on_the_wire(scenario, ticks, wire)
+    driven = drive_through(wide, plant, asked, wire.tick_period_us)
+    assert 0.05 < highest_hold_share(driven, wide) < 0.1
+
+
+def test_a_hold_share_is_that_of_the_wheel_that_gains_most() -> None:
+    """A speed and a turn that rise together, and an arc: by hand."""
+    time_s = np.arange(200) * 0.01
+    world = World(track_m=0.4, friction=0.5)
+    rising = hold_share(0.6 * time_s, 0 * time_s, 1.0 * time_s, 0.01, world)
+    across = 0.6 * time_s[-11] * 1.0 * time_s[-11]  # ten values at either end are left out
+    # means of squares are beyond the square of the mean by the width of five steps
+    assert rising * 0.5 * 9.81 == pytest.approx(np.hypot(0.6 + 0.2 * 1.0, across), rel=0.001)
+    steady = np.full(200, 0.5)
+    arc = hold_share(steady, 0 * steady, 2 * steady, 0.01, world)
+    assert arc * 0.5 * 9.81 == pytest.approx(0.5 * 1.0)
 
 
 def test_motors_of_too_little_torque_are_told_as_a_limit_and_nothing_else(tmp_path: Path) -> None:

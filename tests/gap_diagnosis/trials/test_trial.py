@@ -18,13 +18,16 @@ import pytest
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading import read_recordings
-from gap_diagnosis.trials import drives
-from gap_diagnosis.trials.case import OTHER_ENGINE, Case, Kind
+from gap_diagnosis.recording import Recording
+from gap_diagnosis.trials import drives, make, mujoco_cases, other_engine
+from gap_diagnosis.trials.case import OTHER_ENGINE, OWN_ENGINE, STRATA, Case, Kind, Stratum
+from gap_diagnosis.trials.judge import judge
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT, TASK
 from gap_diagnosis.trials.make import make_case, make_trial
-from gap_diagnosis.trials.opening import open_trial
+from gap_diagnosis.trials.opening import Opened, open_trial
 from gap_diagnosis.trials.oracle import Oracle
 from gap_diagnosis.trials.plan import Counts, Planned, planned
+from gap_diagnosis.trials.reference_noise import draw_levels
 from gap_diagnosis.trials.run import run_trial
 from gap_diagnosis.trials.score import scores
 from gap_diagnosis.trials.seal import SEALED, seal, unseal
@@ -105,6 +108,27 @@ def test_every_case_has_what_a_lab_has_and_no_more(trial: Path) -> None:
         home = trial / CASES / case.name
         assert {path.name for path in home.iterdir()} == {LOG, ROBOT, REFERENCE, TASK}
     assert {path.name for path in trial.iterdir()} == {CASES, SEALED, "seal.json"}
+
+
+def test_how_long_a_case_took_to_make_is_not_told_by_since_when_its_files_are_as_they_are(
+    tmp_path: Path,
+) -> None:
+    """A date of change cannot be set, and a size that is sought takes its time."""
+    folder = tmp_path / "trial"
+    last_made: list[int] = []
+
+    def changed() -> list[int]:
+        return [one.stat().st_ctime_ns for one in (folder / CASES).rglob("*")]
+
+    make_trial(
+        COUNTS,
+        folder,
+        tmp_path / "key",
+        SECRET,
+        lambda done, total: last_made.append(max(changed())) if done == total else None,
+        PLAN,
+    )
+    assert min(changed()) >= last_made[0]
 
 
 def test_a_trial_that_is_still_being_made_is_not_diagnosed(trial: Path, tmp_path: Path) -> None:
@@ -229,8 +253,53 @@ def test_the_plan_covers_every_effect_and_withholds_whole_classes() -> None:
         if one.kind == "decoy":
             assert one.without
             assert not set(one.without) & class_of(one.effects[0])
-        if one.kind in ("null", "single", "pair"):
+        if one.kind in ("single", "pair"):
             assert one.without == ()
+
+
+@pytest.mark.parametrize("strata", [("limit", "field"), STRATA])
+def test_that_names_are_withheld_does_not_say_that_something_is_there(
+    strata: tuple[Stratum, ...],
+) -> None:
+    """No null went without a name: a task that withholds some was as good as an alarm."""
+    counts = Counts(600, nulls=150, pairs=40, withheld=60, other_engine=50, strata=strata)
+    plan = planned(counts, np.random.default_rng(1))
+    short = [one for one in plan if one.without]
+    nulls = [one for one in plan if one.kind == "null"]
+    share = sum(one in nulls for one in short) / len(short)
+    # of whole cases
+    assert share == pytest.approx(len(nulls) / len(plan), abs=1 / len(short))
+    gone = {one.without for one in short if one.kind == "null"}
+    assert len(gone) > 20
+    assert gone <= {tuple(sorted(class_of(name))) for name in SIZES if name not in UNLISTED}
+    assert {one.engine for one in short if one.kind == "null"} == {OWN_ENGINE, OTHER_ENGINE}
+
+
+def test_without_withheld_effects_no_task_withholds_a_name() -> None:
+    plan = planned(Counts(100, nulls=50), np.random.default_rng(1))
+    assert all(one.without == () for one in plan)
+
+
+def test_a_null_short_of_names_is_a_false_alarm_or_none_and_no_negative_of_unknown() -> None:
+    case = Case(
+        name="0001", stratum="limit", kind="null", effects={}, over_limit={},
+        without=tuple(sorted(class_of("gyro_scale"))), nominal={}, surroundings={},
+        drive="tour", robot="familiar",
+        noise=draw_levels("white", np.random.default_rng(1)), steps=2, secret="00" * 16,
+    )  # fmt: skip
+
+    def told(verdict: str) -> dict[str, Any]:
+        which = [{"effects": [verdict], "probability": 0.9, "group_probability": 0.9}]
+        which += [{"effects": ["unknown"], "probability": 0.1, "group_probability": 0.1}]
+        return {"verdict": verdict, "stage": "none", "which": which, "seconds": 1.0, "gap": None}
+
+    oracle = frozenset({canonical(case.true_effects)})
+    judged = [judge(case, told(verdict), oracle, None) for verdict in ("no_gap", "gyro_bias")]
+    assert [one.is_null for one in judged] == [True, True]
+    part = scores(Opened(tuple(judged), 0))["parts"]["all"]
+    assert (part["false_alarms"]["value"], part["false_alarms"]["count"]) == (0.5, 2)
+    assert part["unknown_auroc"]["count"] == 0
+    assert part["confident_wrong"]["count"] == 0
 
 
 def test_what_a_trial_takes_for_no_gap_the_diagnosis_takes_for_none() -> None:
@@ -281,6 +350,65 @@ def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) 
     radius_m, rolling_m = (tomllib.loads(one)["wheels"]["radius_m"] for one in texts)
     assert rolling_m == pytest.approx(radius_m, rel=0.002)
     assert rolling_m != radius_m
+
+
+def test_a_null_of_the_other_engine_is_measured_and_driven_anew_where_it_is_none(
+    tmp_path: Path,
+) -> None:
+    """Its answer was "no effect", whatever the engine had done."""
+    for kind in ("one_way", "squares"):
+        home = tmp_path / kind / CASES / "0001"
+        home.mkdir(parents=True)
+        one = Planned("field", "null", drive=kind, engine=OTHER_ENGINE)
+        made = make_case(one, home, load_wire(), COUNTS, SECRET)
+        assert abs(made.measured["radius_scale"]) < 0.002
+        assert abs(made.measured["radius_mismatch"]) < 0.0005
+        assert abs(made.measured["wheelbase_scale"]) < 0.003
+        assert abs(made.measured["creep_lag_s"]) < 0.002
+        assert made.measured["slides_left"] == made.measured["slides_right"] == 0
+        assert made.measured["share_of_hold"] < 0.1
+        assert Case.from_json(json.loads(json.dumps(made.as_json()))) == made
+
+
+def test_where_no_draw_of_the_other_engine_is_a_null_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On soft tyres every robot slides outward."""
+    world = mujoco_cases.nominal_world
+    monkeypatch.setattr(
+        other_engine, "nominal_world", lambda seed: replace(world(seed), soft_s=0.02)
+    )
+    monkeypatch.setattr(make, "_TRIES", 2)
+    one = Planned("field", "null", drive=drives.SHORT, engine=OTHER_ENGINE)
+    with pytest.raises(DiagnosisError, match="the engine did more than a description's tolerances"):
+        make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
+
+
+def test_rooms_warm_up_and_batteries_sag_in_the_other_engine_as_in_our_own(tmp_path: Path) -> None:
+    """Thermometer and voltmeter stood still there, and so they told the engine."""
+    read: dict[tuple[str, int], Recording] = {}
+    for seed in range(3):
+        for engine in (OWN_ENGINE, OTHER_ENGINE):
+            home = tmp_path / f"{engine}{seed}" / CASES / "0001"
+            home.mkdir(parents=True)
+            one = Planned("field", "null", drive=drives.SHORT, engine=engine)
+            secret = SECRET.child(str(seed))
+            made = make_case(one, home, load_wire(), COUNTS, secret)
+            assert {"warm_up", "supply_change"} >= made.surroundings.keys() - {"micro_slip"}
+            robot = load_robot(home / ROBOT)
+            (read[engine, seed],) = read_recordings(
+                [home / LOG], robot=robot, references=[home / REFERENCE]
+            )
+    moved = set()
+    for seed in range(3):
+        own, other = read[OWN_ENGINE, seed], read[OTHER_ENGINE, seed]
+        count = min(len(own.t_s), len(other.t_s))
+        # a code, and the half of one by which ties are rounded
+        step_k, step_v = 1.5 / 340.0, 1.5 / 4096.0
+        assert other.temperature_k[:count] == pytest.approx(own.temperature_k[:count], abs=step_k)
+        assert other.supply_v[:count] == pytest.approx(own.supply_v[:count], abs=step_v)
+        moved |= {np.ptp(other.temperature_k) > 1.0, np.ptp(other.supply_v) > 0.01}
+    assert moved == {False, True}
 
 
 def test_without_the_other_engine_its_cases_are_refused_in_one_line(
