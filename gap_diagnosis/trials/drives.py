@@ -15,8 +15,12 @@ from hil_harness.scenarios.profile import Segment, SegmentProfile
 Draw = np.random.Generator
 
 FAMILIAR: Final = ("calibration", "tour", "squares")
-NEW: Final = ("weave", "delivery", "one_way")
-"""Never used while the diagnosis was developed: scored apart."""
+FRESH: Final = ("mowing", "eights", "docking")
+"""Nothing but a trial drives these, tests neither (a test sees to it): what was wrong in one is
+mended, and then it is none of these any more."""
+NEW: Final = ("weave", "delivery", "one_way", *FRESH)
+"""Scored apart. Not used while the diagnosis was developed; the first three came up in tests once
+mistakes of the first trials were read."""
 
 SHORT: Final = "short"
 """A third of a minute: enough for what shows in every motion, and for trials in a hurry."""
@@ -131,6 +135,40 @@ def _one_way(draw: Draw, fastest_m_s: float) -> list[Segment]:
     return found
 
 
+def _mowing(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return rows side by side, with a half turn to either side in turn at their ends."""
+    v, w = _speed(draw, fastest_m_s), _turn(draw)
+    row_s, side = draw.uniform(5, 7), float(draw.choice([-1.0, 1.0]))
+    found = []
+    for _ in range(6):
+        found += [_go(v, 0.0, row_s), _go(0.5 * v, side * w, math.pi / w)]
+        side = -side
+    return found
+
+
+def _eights(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return circles to the left and to the right in turn, each at a speed of its own."""
+    found = []
+    for step in range(8):
+        w = 0.5 * (1.0 + _turn(draw))
+        found.append(_go(_speed(draw, fastest_m_s), w if step % 2 else -w, math.tau / w))
+    return found
+
+
+def _docking(draw: Draw, fastest_m_s: float) -> list[Segment]:
+    """Return creeping up to something and back again, with long waits and small corrections."""
+    found = []
+    for _ in range(6):
+        creep = 0.3 * _speed(draw, fastest_m_s)
+        found += [
+            _go(creep, 0.0, draw.uniform(2, 4)),
+            _rest(draw.uniform(2, 4)),
+            _go(0.0, float(draw.choice([-0.3, 0.3])) * _turn(draw), draw.uniform(1, 2)),
+            _go(-creep, 0.1 * float(draw.choice([-1.0, 1.0])) * _turn(draw), draw.uniform(2, 4)),
+        ]
+    return found
+
+
 def _short(draw: Draw, fastest_m_s: float) -> list[Segment]:
     """Return a line, a spin, an arc the other way and a reverse."""
     v, w = _speed(draw, fastest_m_s), _turn(draw)
@@ -149,5 +187,8 @@ _KINDS: Final[Mapping[str, Callable[[Draw, float], list[Segment]]]] = {
     "weave": _weave,
     "delivery": _delivery,
     "one_way": _one_way,
+    "mowing": _mowing,
+    "eights": _eights,
+    "docking": _docking,
     SHORT: _short,
 }

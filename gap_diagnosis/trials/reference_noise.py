@@ -18,10 +18,20 @@ Floats = NDArray[np.float64]
 Draw = np.random.Generator
 
 FAMILIAR: Final = ("white",)
-NEW: Final = ("heavy_tails", "correlated", "steps_in_level")
-"""Never used while the diagnosis was developed: scored apart."""
+FRESH: Final = ("occlusions", "shaking")
+"""Nothing but a trial has these, as `drives.FRESH`."""
+NEW: Final = ("heavy_tails", "correlated", "steps_in_level", *FRESH)
+"""Not used while the diagnosis was developed: scored apart."""
 
 _FREEDOM: Final = 3.0
+_OCCLUDED: Final = 0.05
+"""Of its samples a reference takes so many with fewer cameras, and is off by"""
+_TIMES_WORSE: Final = 4.0
+"""times as much there, for"""
+_OCCLUDED_S: Final = 0.5
+"""at a time, on average."""
+_SHAKES_HZ: Final = (3.0, 9.0)
+"""A marker on a mast swings between these rates."""
 _RATES_HZ: Final = (50.0, 100.0, 120.0)
 
 
@@ -117,7 +127,26 @@ def _fast(count: int, levels: ReferenceLevels, draw: Draw) -> Floats:
         return np.asarray(draw.standard_t(_FREEDOM, count) * scale)
     if levels.kind == "correlated":
         return _wandering(count, levels, draw, share=0.1)
+    if levels.kind == "occlusions":
+        worse = np.where(_occluded(count, levels.rate_hz, draw), _TIMES_WORSE, 1.0)
+        return np.asarray(draw.standard_normal(count) * worse / math.sqrt(np.mean(worse**2)))
+    if levels.kind == "shaking":
+        turns = np.arange(count) / levels.rate_hz * draw.uniform(*_SHAKES_HZ) + draw.random()
+        return np.asarray(np.sin(math.tau * turns) + draw.standard_normal(count) / math.sqrt(2))
     return draw.standard_normal(count)
+
+
+def _occluded(count: int, rate_hz: float, draw: Draw) -> NDArray[np.bool_]:
+    """Return which samples were taken with fewer cameras: a chain of two states."""
+    ends = 1.0 / max(_OCCLUDED_S * rate_hz, 1.0)
+    begins = ends * _OCCLUDED / (1.0 - _OCCLUDED)
+    chance = draw.random(count)
+    occluded = np.zeros(count, dtype=np.bool_)
+    now = False
+    for place in range(count):
+        now = bool(chance[place] >= ends) if now else bool(chance[place] < begins)
+        occluded[place] = now
+    return occluded
 
 
 def _wandering(count: int, levels: ReferenceLevels, draw: Draw, share: float = 1.0) -> Floats:

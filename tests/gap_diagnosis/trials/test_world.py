@@ -117,9 +117,21 @@ def test_every_kind_of_reference_noise_has_the_level_that_was_drawn(kind: str) -
     assert errors[:, 0].std() == pytest.approx(expected, rel=0.25)
     assert not errors[:, 2].any()
     kurtosis = np.mean(errors[:, 0] ** 4) / np.mean(errors[:, 0] ** 2) ** 2
-    assert (kurtosis > 3.2) == (kind in {"heavy_tails", "steps_in_level"})
+    assert (kurtosis > 3.2) == (kind in {"heavy_tails", "steps_in_level", "occlusions"})
     lag = np.corrcoef(errors[1:, 0], errors[:-1, 0])[0, 1]
     assert (lag > 0.8) == (kind == "correlated")
+
+
+@pytest.mark.parametrize("kind", [*drives.FRESH, *reference_noise.FRESH])
+def test_what_is_fresh_in_a_trial_is_used_by_nothing_else(kind: str) -> None:
+    """A manoeuvre that a test of the diagnosis drives is one that it was developed on."""
+    root = Path(__file__).parents[3]
+    own = {root / "gap_diagnosis/trials" / name for name in ("drives.py", "reference_noise.py")}
+    own.add(Path(__file__))  # how a noise is spread
+    rooms = ("gap_diagnosis", "tests", "benchmarks", "examples")
+    files = [one for room in rooms for one in (root / room).rglob("*.py") if one not in own]
+    assert len(files) > 300
+    assert [one.name for one in files if f'"{kind}"' in one.read_text(encoding="utf-8")] == []
 
 
 def test_noise_that_is_believed_is_log_normal_about_what_the_diagnosis_expects() -> None:
