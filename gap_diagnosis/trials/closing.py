@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from gap_diagnosis.trials.seal import SEALED
+from gap_diagnosis.trials.seal import BLOCK
 
 _PATHS: Final = frozenset(
     {
@@ -67,8 +67,9 @@ def close_all_but(case: Path, out: Path, key: Path) -> None:
     """From now on refuse to open what lies beside the case: other cases, answers, their key.
 
     *case*, *out*: absolute, the case's folder and where its result goes. *key*: where the key of
-    the answers lies, if it is on this machine; a file of its length that nobody may read is one as
-    well, wherever it lies. To start another process, which has no hook, is refused too.
+    the answers lies, if it is on this machine; a file that nobody may read, of a key's length, is
+    one of some trial, wherever it lies. To start another process, which has no hook, is refused
+    too.
     """
     sealed = _Sealed(case, out, key)
 
@@ -105,8 +106,6 @@ class _Sealed:
         self._own = {self._case, str(out), str(out.with_suffix(".part"))}
         self._key_path = os.path.realpath(key)
         self._key = _identity(key)
-        answers = trial / SEALED
-        self._length = answers.stat().st_size if answers.exists() else -1
 
     def refuse(self, path: str) -> None:
         """Raise PermissionError where a path, all its links followed, is sealed."""
@@ -125,7 +124,7 @@ class _Sealed:
         if self._key is not None and (found.st_dev, found.st_ino) == self._key:
             return True
         is_shut = stat.S_ISREG(found.st_mode) and not stat.S_IMODE(found.st_mode)
-        return is_shut and found.st_size == self._length
+        return is_shut and found.st_size > 0 and found.st_size % BLOCK == 0
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

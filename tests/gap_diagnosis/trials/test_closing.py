@@ -17,7 +17,7 @@ from gap_diagnosis.trials.make import make_trial
 from gap_diagnosis.trials.plan import Counts, Planned
 from gap_diagnosis.trials.rivals import whitened_bic
 from gap_diagnosis.trials.run import run_trial
-from gap_diagnosis.trials.seal import SEALED
+from gap_diagnosis.trials.seal import BLOCK
 from gap_diagnosis.trials.secret import Secret
 
 SECRET: Final = Secret(bytes(range(48, 64)))
@@ -69,8 +69,8 @@ FILES: Final = {
     "the key's bytes": "lambda: key.read_bytes()",
     "the key by a link": "lambda: open(LINK)",
     "the key under another name": "lambda: open(HARD)",
-    "a copy that nobody may read": "lambda: open(COPY)",
-    "a copy made readable": "lambda: os.chmod(COPY, 0o600)",
+    "another key that nobody may read": "lambda: open(COPY)",
+    "another key made readable": "lambda: os.chmod(COPY, 0o600)",
     "the key, copied": "lambda: shutil.copy(key, key.with_name('mine'))",
     "the key, renamed": "lambda: key.rename(key.with_name('mine'))",
     "the key, linked": "lambda: os.link(key, key.with_name('mine'))",
@@ -122,7 +122,7 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make_trial(Counts(2, nulls=2, pairs=0), folder, key_of(folder), SECRET, plan=plan)
     (elsewhere / "link").symlink_to(key_of(folder))
     (elsewhere / "hard").hardlink_to(key_of(folder))
-    (elsewhere / "copy").write_bytes(bytes((folder / SEALED).stat().st_size))
+    (elsewhere / "copy").write_bytes(bytes(3 * BLOCK))  # another trial's
     (elsewhere / "copy").chmod(0)
     return folder
 
