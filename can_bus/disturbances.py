@@ -29,6 +29,7 @@ SENSORS: Final = "sensors"
 
 _DRAWS: Final = 5
 _BLOCK: Final = 256
+_WORD: Final = 2**64 - 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +125,9 @@ class _Stream:
     ) -> None:
         self._schedule = schedule
         self._own = (name, SENSORS) if is_sensor else (name,)
-        words = np.array([seed & (2**64 - 1), 0x62757300_00000000 + key], dtype=np.uint64)
-        self._generator = np.random.Generator(np.random.Philox(key=words))
+        words = np.array([seed & _WORD, 0x62757300_00000000 + key], dtype=np.uint64)
+        high = np.array([0, 0, seed >> 64 & _WORD, 0], dtype=np.uint64)
+        self._generator = np.random.Generator(np.random.Philox(key=words, counter=high))
         self._draws: list[list[float]] = []
         self.number = -1
         self._in_burst = False

@@ -37,7 +37,7 @@ Ints = NDArray[np.int64]
 _US: Final = 1e-6
 _PLACE_STREAM: Final = 16
 
-FIRST_SEALED_SEED: Final = 1 << 63
+FIRST_SEALED_SEED: Final = 1 << 64
 """From here on seeds belong to blind trials: nobody who diagnoses can draw their noise again."""
 
 

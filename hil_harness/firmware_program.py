@@ -28,6 +28,7 @@ from hil_harness.errors import HarnessError
 from hil_harness.kernel_inputs import KernelInputs
 from hil_harness.robot import Robot
 from hil_harness.signal_map import SignalMap
+from sim_plant import stream_generator
 
 FirmwareSchedule: TypeAlias = tuple[tuple[float, FirmwareChanges], ...]
 """(from_s, changes) in ascending order; the first holds from power-on."""
@@ -108,8 +109,7 @@ class FirmwareProgram:
         self._changes = pieces[0][2]
         self._tick_s = tick_s
         self._tick = 0
-        key = np.array([seed & (2**64 - 1), _STREAM], dtype=np.uint64)
-        self._generator = np.random.Generator(np.random.Philox(key=key))
+        self._generator = stream_generator(seed, _STREAM)
         self._draws: list[float] = []
         self._kept: tuple[int, int, int, int, int] | None = None
         self._code_sum = 0

@@ -6,7 +6,7 @@ from sim_plant.errors import PlantError
 from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.plant import NoiseModel, Plant, SensorCounts
 from sim_plant.records import DriveModel, EncoderModel
-from sim_plant.streams import BLOCK_TICKS
+from sim_plant.streams import BLOCK_TICKS, stream_generator
 
 __all__ = [
     "BLOCK_TICKS",
@@ -22,4 +22,5 @@ __all__ = [
     "PlantRuns",
     "SensorCounts",
     "simulate",
+    "stream_generator",
 ]

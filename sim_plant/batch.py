@@ -19,7 +19,7 @@ from sim_plant.generators import SOURCE
 from sim_plant.mechanisms import Mechanisms, MechanismSchedule
 from sim_plant.plant import MAX_COMMAND, NoiseModel, check_choices, check_seed
 from sim_plant.records import DriveModel, EncoderModel
-from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream
+from sim_plant.streams import BLOCK_TICKS, MOTION_STREAMS, NORMALS, Noise, Stream, seed_words
 
 Outputs = Literal["all", "odometry"]
 
@@ -75,7 +75,7 @@ def simulate(
             run.
         commands: float64[ticks, 2], rows (v_m_s, w_rad_s); row k drives (t_k, t_{k+1}], so the last
             one is not used.
-        seeds: one whole number from 0 to 2^64 − 1 per run.
+        seeds: one whole number from 0 to 2^128 − 1 per run.
         tick_period_us, encoder_model, noise, drive: as for `Plant`.
         outputs: "odometry" leaves out all but truth, both counters and the gyro's code.
         workers: threads over runs; default: as many as this process has processors.
@@ -146,8 +146,10 @@ class Batch:
         if workers is not None and workers < 1:
             raise PlantError(f"workers = {workers}: expected a whole number of at least 1")
         self._commands = _check_commands(commands)
-        self._seeds = np.array([check_seed(seed) for seed in seeds], np.uint64)
-        runs = len(self._seeds)
+        runs = len(seeds)
+        self._seeds = np.zeros((runs, 2), np.uint64)
+        for row, seed in zip(self._seeds, seeds, strict=True):
+            row[:] = seed_words(check_seed(seed))
         per_run: list[Mechanisms | MechanismSchedule]
         if isinstance(mechanisms, Mechanisms | MechanismSchedule):
             per_run = [mechanisms] * runs

@@ -20,13 +20,14 @@ from numba.extending import intrinsic
 
 from sim_plant.compiled import inlined
 
-# One generator. PCG64: 128-bit state and increment. Philox: the lower counter words and the key.
+# One generator. PCG64: 128-bit state and increment. Philox: three counter words and the key.
 SOURCE = np.dtype(
     [
         ("philox", "i8"),
         ("position", "i8"),  # of the next raw word in the buffer
         ("state_low", "u8"),
         ("state_high", "u8"),
+        ("state_third", "u8"),
         ("fixed_low", "u8"),
         ("fixed_high", "u8"),
     ]
@@ -93,9 +94,11 @@ def _pcg_word(low: Any, high: Any) -> Any:
 
 
 @inlined
-def _philox_words(low: Any, high: Any, key_low: Any, key_high: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the four words of a counter (low, high, 0, 0): ten rounds."""
-    c0, c1, c2, c3 = low, high, _ZERO, _ZERO
+def _philox_words(
+    low: Any, high: Any, third: Any, key_low: Any, key_high: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return the four words of a counter (low, high, third, 0): ten rounds."""
+    c0, c1, c2, c3 = low, high, third, _ZERO
     for _ in range(10):
         high0, high1 = _high_word(_PHILOX_M0, c0), _high_word(_PHILOX_M1, c2)
         low0, low1 = _PHILOX_M0 * c0, _PHILOX_M1 * c2
@@ -109,7 +112,11 @@ def _philox_words(low: Any, high: Any, key_low: Any, key_high: Any) -> tuple[Any
 def _refill_philox(source: Any, raws: Any) -> None:
     source.state_low += _ONE  # a block of ticks never gets near 2^64 draws
     raws[0], raws[1], raws[2], raws[3] = _philox_words(
-        source.state_low, source.state_high, source.fixed_low, source.fixed_high
+        source.state_low,
+        source.state_high,
+        source.state_third,
+        source.fixed_low,
+        source.fixed_high,
     )
     source.position = 0
 
@@ -177,10 +184,13 @@ def draw_pcg(source: Any, raws: Any, table: Any, row: int, columns: int) -> None
 def draw_philox(
     source: Any, raws: Any, table: Any, column: int, seed: Any, stream: int, block: int
 ) -> None:
-    """Fill `table[:, column]` from `Philox(key=[seed, stream], counter=[0, block, 0, 0])`."""
+    """Fill `table[:, column]` from `Philox(key=[low, stream], counter=[0, block, high, 0])`.
+
+    `seed` is (low, high), the two words of a seed of 128 bits.
+    """
     source.philox = 1
-    source.state_low, source.state_high = _ZERO, _U(block)
-    source.fixed_low, source.fixed_high = seed, _U(stream)
+    source.state_low, source.state_high, source.state_third = _ZERO, _U(block), seed[1]
+    source.fixed_low, source.fixed_high = seed[0], _U(stream)
     k = 0
     while k < table.shape[0]:
         _refill_philox(source, raws)
@@ -207,9 +217,10 @@ def _hash(value: Any, constant: Any, factor: Any) -> tuple[Any, Any]:
 
 @njit(error_model="numpy")
 def seed_pcg64(source: Any, seed: Any) -> None:
-    """Set a source to the state of numpy's `default_rng(seed)`, `seed` being one 64-bit word."""
+    """Set a source to the state of numpy's `default_rng(seed)`; `seed` is its words (low, high)."""
     pool = np.zeros(_POOL_WORDS, np.uint64)
-    pool[0], pool[1] = seed & _WORD, seed >> _32
+    pool[0], pool[1] = seed[0] & _WORD, seed[0] >> _32
+    pool[2], pool[3] = seed[1] & _WORD, seed[1] >> _32
     constant = _POOL_START
     for i in range(_POOL_WORDS):
         pool[i], constant = _hash(pool[i], constant, _POOL_FACTOR)

@@ -213,7 +213,7 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         temperature: Any,
         supply: Any,
     ) -> int:
-        """Read runs, one per seed, into rows `first_run` and on of the arrays.
+        """Read runs, one per seed (a row of two words), into rows `first_run` and on of the arrays.
 
         Each run has its states, at zero when it begins, and its generators; it goes on from the
         tick that they are at, a whole number of blocks of noise from its beginning. Where `truth`
@@ -223,7 +223,7 @@ def _compile(sources_digest: int) -> tuple[Any, Any, Any, Any, Any]:
         """
         ticks = left.shape[1]
         everything = gyro_rate.size > 0
-        for index in range(seeds.size):
+        for index in range(seeds.shape[0]):
             run = first_run + index
             state = sensor_states[index]
             start = state.tick

@@ -17,7 +17,7 @@ from sim_plant.streams import BLOCK_TICKS, Noise
 NoiseModel = Literal["streams", "lesson"]
 
 MAX_COMMAND = 1000.0
-MAX_SEED = 2**64 - 1
+MAX_SEED = 2**128 - 1
 MIN_TICK_PERIOD_US = 100
 MAX_TICK_PERIOD_US = 1_000_000
 
@@ -45,7 +45,7 @@ class Plant:
         description: the robot as described.
         mechanisms: how the real one differs, always or over time.
         tick_period_us: tick period [µs], 100 to 1 000 000.
-        seed: 0 to 2^64 − 1; one seed is one run, here and in `simulate`.
+        seed: 0 to 2^128 − 1; one seed is one run, here and in `simulate`.
         encoder_model: "counter" (a real one) or "lesson_counter".
         noise: "streams" (one counter-based stream per mechanism) or "lesson" (numpy's
             `default_rng(seed)` in the lesson's order for both encoders and the gyro).
@@ -186,12 +186,12 @@ def check_seed(seed: int) -> int:
     """Return the seed as an int.
 
     Raises:
-        PlantError: not a whole number from 0 to 2^64 − 1.
+        PlantError: not a whole number from 0 to 2^128 − 1.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)):
-        raise PlantError(f"seed = {seed!r}: expected a whole number from 0 to 2^64 − 1, such as 7")
+        raise PlantError(f"seed = {seed!r}: expected a whole number from 0 to 2^128 − 1, such as 7")
     if not 0 <= seed <= MAX_SEED:
-        raise PlantError(f"seed = {seed}: expected a whole number from 0 to 2^64 − 1, such as 7")
+        raise PlantError(f"seed = {seed}: expected a whole number from 0 to 2^128 − 1, such as 7")
     return int(seed)
 
 

@@ -1,8 +1,9 @@
 """Random streams: one per mechanism, counter-based, the same wherever and however a run is cut.
 
 The normals of ticks [j·1024, (j+1)·1024) of a stream come from a Philox4x64 generator (Salmon et
-al. 2011, *Parallel random numbers: as easy as 1, 2, 3*) with key (seed, stream) and a counter that
-starts at j·2^64. So a block depends on nothing but seed, stream and j; a mechanism that is off
+al. 2011, *Parallel random numbers: as easy as 1, 2, 3*) with the seed's lower 64 bits and the
+stream as its key, the upper 64 in the counter's third word, and a counter that starts at j·2^64. So
+a block depends on nothing but seed, stream and j; a mechanism that is off
 draws nothing; and switching one on does not shift another's noise.
 """
 
@@ -13,11 +14,13 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_plant.compiled import inlined
 from sim_plant.generators import BUFFER_WORDS, SOURCE, draw_pcg, draw_philox, seed_pcg64
 
 BLOCK_TICKS = 1024
+_WORD = 2**64 - 1
 
 
 class Stream(IntEnum):
@@ -78,6 +81,25 @@ def fill_block(sources: Any, raws: Any, seed: Any, active: Any, columns: Any, bl
             draw_philox(sources[0], raws, columns, stream, seed, stream, block)
 
 
+def seed_words(seed: int) -> NDArray[np.uint64]:
+    """Return uint64[2]: the lower and the upper 64 bits of a seed; what is beyond is left out."""
+    whole = int(seed)
+    return np.array([whole & _WORD, whole >> 64 & _WORD], np.uint64)
+
+
+def stream_generator(seed: int, stream: int) -> np.random.Generator:
+    """Return numpy's generator of a stream, for noise beside the plant's.
+
+    Args:
+        seed: a whole number; its lower 128 bits count.
+        stream: 64 bits of a namespace of the caller's own.
+    """
+    low, high = seed_words(seed)
+    key = np.array([low, stream], np.uint64)
+    philox = np.random.Philox(key=key, counter=np.array([0, 0, high, 0], np.uint64))
+    return np.random.Generator(philox)
+
+
 class Noise:
     """The normals of one run at a time, a block of ticks after the other.
 
@@ -96,8 +118,8 @@ class Noise:
         self.active = np.zeros(len(Stream), np.bool_)
         for stream in active:
             self.active[stream] = not (lesson and stream in LESSON_STREAMS)
-        self.seed = np.uint64(0)
+        self.seed = seed_words(0)
 
     def start(self, seed: int) -> None:
-        """Begin the run of a seed, a whole number from 0 to 2^64 − 1."""
-        self.seed = np.uint64(seed)
+        """Begin the run of a seed, a whole number from 0 to 2^128 − 1."""
+        self.seed = seed_words(seed)

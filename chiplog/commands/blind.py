@@ -140,6 +140,14 @@ def run(
     folder: FolderArgument,
     jobs: JobsOption = None,
     method: MethodOption = None,
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            "--key",
+            metavar="FILE",
+            help="Key of the answers, closed to whoever diagnoses; default: DIR.key, beside DIR.",
+        ),
+    ] = None,
 ) -> None:
     """Diagnose every case that has no result yet; a run that was stopped goes on where it was."""
     from chiplog.terminal import progress, show_line
@@ -147,7 +155,7 @@ def run(
 
     with progress("diagnosing") as bar:
         ran = run_trial(
-            folder, jobs=jobs, method=method, progress=bar or (lambda done, total: None)
+            folder, jobs=jobs, method=method, key=key, progress=bar or (lambda done, total: None)
         )
     show_line(f"{ran.results}: {ran.done} cases diagnosed, {ran.before} were there before")
 

@@ -15,7 +15,7 @@ from typing import Final
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.trials.forks import Worker
 from gap_diagnosis.trials.layout import CASES, OWN_METHOD, RESULTS
-from gap_diagnosis.trials.seal import COMMITMENT
+from gap_diagnosis.trials.seal import COMMITMENT, key_of
 
 _LINES: Final = 3
 _MANY: Final = 8
@@ -42,11 +42,13 @@ def run_trial(
     *,
     jobs: int | None = None,
     method: Path | None = None,
+    key: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Ran:
     """Diagnose every case that has no result yet.
 
-    A killed run goes on where it stopped: results are written whole or not at all. Raises
+    A killed run goes on where it stopped: results are written whole or not at all. *key*: of the
+    answers, to be closed to whoever diagnoses; None: it lies beside the folder. Raises
     DiagnosisError where *folder* is no trial or a worker dies without a word of its own.
     """
     cases = case_folders(folder)
@@ -55,7 +57,9 @@ def run_trial(
     todo = [case for case in cases if not (results / f"{case.name}.json").exists()]
     before = len(cases) - len(todo)
     progress(before, len(cases))
-    for finished, _ in enumerate(_finished(todo, results, method, jobs or processors()), 1):
+    words = [key or key_of(folder), *([] if method is None else [method])]
+    is_own = method is None
+    for finished, _ in enumerate(_finished(todo, results, words, is_own, jobs or processors()), 1):
         progress(before + finished, len(cases))
     return Ran(results, len(todo), before)
 
@@ -91,21 +95,21 @@ def processors() -> int:
 
 
 def _finished(
-    todo: Sequence[Path], results: Path, method: Path | None, jobs: int
+    todo: Sequence[Path], results: Path, words: Sequence[Path], is_own: bool, jobs: int
 ) -> Iterator[Path]:
     """Yield cases as they are done; on the way out no further one is begun."""
     with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
         idle: SimpleQueue[Worker] = SimpleQueue()
         for _ in range(min(jobs, len(todo))):
             said = stack.enter_context(TemporaryFile("w+", encoding="utf-8", errors="replace"))
-            worker = Worker(said, is_many=method is None and len(todo) > _MANY * jobs)
+            worker = Worker(said, is_many=is_own and len(todo) > _MANY * jobs)
             stack.callback(worker.close)
             idle.put(worker)
         waiting: set[Future[Path]] = set()
         places = iter(todo)
         try:
             for case in places:
-                waiting.add(pool.submit(_one, idle, case, results, method))
+                waiting.add(pool.submit(_one, idle, case, results, words))
                 if len(waiting) >= jobs:
                     done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                     yield from (one.result() for one in done)
@@ -116,11 +120,11 @@ def _finished(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one(idle: SimpleQueue[Worker], case: Path, results: Path, method: Path | None) -> Path:
+def _one(idle: SimpleQueue[Worker], case: Path, results: Path, words: Sequence[Path]) -> Path:
     out = results / f"{case.name}.json"
     worker = idle.get()
     try:
-        code, said = worker.work([case, out, *([] if method is None else [method])])
+        code, said = worker.work([case, out, *words])
     finally:
         idle.put(worker)
     if not out.exists():

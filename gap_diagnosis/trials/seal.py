@@ -17,7 +17,8 @@ from gap_diagnosis.errors import DiagnosisError
 
 SEALED: Final = "answers.sealed"
 COMMITMENT: Final = "seal.json"
-_BLOCK: Final = 1 << 16
+BLOCK: Final = 1 << 16
+"""Bytes: answers and keys are whole numbers of them long."""
 
 
 def key_of(folder: Path) -> Path:
@@ -32,7 +33,7 @@ def seal(answers: Any, folder: Path, key: Path) -> str:
     """
     text = json.dumps(answers, indent=1, allow_nan=False, sort_keys=True)
     plain = text.encode() + b"\n"
-    plain += b" " * (-len(plain) % _BLOCK)
+    plain += b" " * (-len(plain) % BLOCK)
     pad = secrets.token_bytes(len(plain))
     digest = hashlib.sha256(plain).hexdigest()
     (folder / SEALED).write_bytes(_xor(plain, pad))

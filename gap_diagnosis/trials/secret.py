@@ -1,8 +1,8 @@
 """Secret seeds of cases: 128 bits, in streams that no diagnosis can address.
 
 All that is random in a case follows from its secret by SHA-256 under names of this package. The
-seeds handed to the plant have their highest bit set; `synthetic_recordings`, which is all that the
-diagnosis simulates with, refuses those.
+seeds handed to the plant are 128 bits as well; `synthetic_recordings`, which is all that the
+diagnosis simulates with, takes the first 2^64 alone.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ class Secret:
     word: bytes
 
     def seed(self, purpose: str) -> int:
-        """Return a seed for the plant: a whole number from 2^63 to 2^64 − 1."""
-        return int.from_bytes(self._digest(purpose)[:8], "big") | FIRST_SEALED_SEED
+        """Return a seed for the plant: a whole number from 2^64 to 2^128 − 1."""
+        drawn = int.from_bytes(self._digest(purpose)[:SECRET_BYTES], "big")
+        return max(drawn, FIRST_SEALED_SEED)  # one in 2^64 would be anyone's
 
     def generator(self, purpose: str) -> np.random.Generator:
         """Return a generator of its own for each purpose, keyed with 128 bits."""

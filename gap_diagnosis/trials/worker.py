@@ -1,10 +1,10 @@
 """One case diagnosed in a process of its own, which cannot read the answers.
 
-`python -m gap_diagnosis.trials.worker CASE OUT [METHOD.py]` reads a case's folder and writes
-OUT.json atomically. Before anything of the case is read, every file of the trial but this case's
-own is closed to the process (an audit hook, which code that runs later cannot take out). With the
-argument `serve` it forks such a process for each line ``[CASE, OUT, METHOD]`` (JSON) that it reads,
-and answers with its exit code: what all cases need is loaded once.
+`python -m gap_diagnosis.trials.worker CASE OUT KEY [METHOD.py]` reads a case's folder and writes
+OUT.json atomically. Before anything of the case is read, KEY and every file of the trial but this
+case's own are closed to the process (`closing`). With the argument `serve` it forks such a process
+for each line ``[CASE, OUT, KEY, METHOD]`` (JSON) that it reads, and answers with its exit code:
+what all cases need is loaded once.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NoReturn, cast
+from typing import Any, NoReturn, cast
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from gap_diagnosis.trials.closing import close_all_but
 from gap_diagnosis.trials.layout import AGAIN, LOG, REFERENCE, ROBOT, TASK
 from hil_harness.assembly import load_wire
 from hil_harness.robot import load_robot
@@ -29,16 +30,12 @@ from hil_harness.scenarios import scenario
 
 Method = Callable[..., Any]
 
-_OPENING: Final = frozenset(
-    {"open", "os.chmod", "os.rename", "os.link", "os.symlink", "os.listdir"}
-)
 
-
-def work(case: Path, out: Path, method: Path | None = None) -> None:
+def work(case: Path, out: Path, key: Path, method: Path | None = None) -> None:
     """Diagnose one case and write what was found, or how it failed."""
     case, out = case.resolve(), out.resolve()
     started = time.monotonic()
-    close_all_but(case, out)
+    close_all_but(case, out, key)
     try:
         found = _own(case) if method is None else _by_method(method, case)
     except Exception as error:
@@ -50,27 +47,6 @@ def work(case: Path, out: Path, method: Path | None = None) -> None:
     fresh = out.with_suffix(".part")
     fresh.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     fresh.replace(out)
-
-
-def close_all_but(case: Path, out: Path) -> None:
-    """From now on refuse to open what lies beside the case: other cases, answers, their key."""
-    trial = case.parent.parent
-    around = str(trial.parent) + os.sep
-    own = (str(case), str(out), str(out.with_suffix(".part")))
-
-    def audit(event: str, arguments: tuple[Any, ...]) -> None:
-        if event not in _OPENING:
-            return
-        for argument in arguments[:2]:
-            if not isinstance(argument, str | bytes | os.PathLike):
-                continue
-            path = os.path.realpath(os.fsdecode(argument))
-            if path.startswith(str(trial)) and not path.startswith(own):
-                raise PermissionError(f"{path}: closed to this process: it is part of the trial")
-            if path.startswith(around) and path.endswith(".key"):
-                raise PermissionError(f"{path}: closed to this process: a key")
-
-    sys.addaudithook(audit)
 
 
 def _own(case: Path) -> Any:
@@ -139,14 +115,14 @@ def _work_and_leave(words: Sequence[Path]) -> NoReturn:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run one case: CASE OUT [METHOD.py]; or `serve` those that standard input names, or `load`
+    """Run one case: CASE OUT KEY [METHOD.py]; or `serve` those that standard input names, or `load`
     and then serve."""
     if arguments[0] in {"load", "serve"}:
         if arguments[0] == "load":
             load()
         serve()
         return 0
-    work(Path(arguments[0]), Path(arguments[1]), *map(Path, arguments[2:3]))
+    work(*map(Path, arguments))
     return 0
 
 

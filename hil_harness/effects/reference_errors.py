@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sim_plant import stream_generator
+
 Floats = NDArray[np.float64]
 
 
@@ -89,10 +91,9 @@ def measure(
 def correlated_noise(time_s: Floats, correlation_time_s: float, seed: int, stream: int) -> Floats:
     """Return standard noise at times: white, or first-order Gauss-Markov.
 
-    One stream of normals per *stream*, keyed by *seed* (Philox), whatever else is on.
+    One stream of normals per *stream*, by the lower 128 bits of *seed*, whatever else is on.
     """
-    key = np.array([seed & (2**64 - 1), 0x7265666572656E63 + stream], dtype=np.uint64)
-    normals = np.random.Generator(np.random.Philox(key=key)).standard_normal(len(time_s))
+    normals = stream_generator(seed, 0x7265666572656E63 + stream).standard_normal(len(time_s))
     if correlation_time_s <= 0.0 or len(time_s) < 2:
         return normals
     kept = np.exp(-np.diff(time_s) / correlation_time_s)

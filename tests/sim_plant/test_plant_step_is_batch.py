@@ -85,7 +85,7 @@ def assert_tick_by_tick_is_row(
 @given(
     commands=drives(),
     each=st.lists(mechanisms(), min_size=1, max_size=3),
-    seed=st.integers(0, 2**64 - 4),
+    seed=st.integers(0, 2**128 - 4),
     models=MODELS,
     same=st.booleans(),
 )
@@ -219,8 +219,8 @@ def test_time_is_counted_in_whole_microseconds() -> None:
 
 
 WRONG_ARGUMENTS: list[tuple[dict[str, Any], str]] = [
-    ({"seeds": [-1]}, "seed = -1: expected a whole number from 0 to 2^64 − 1, such as 7"),
-    ({"seeds": [1.5]}, "seed = 1.5: expected a whole number from 0 to 2^64 − 1, such as 7"),
+    ({"seeds": [-1]}, "seed = -1: expected a whole number from 0 to 2^128 − 1, such as 7"),
+    ({"seeds": [1.5]}, "seed = 1.5: expected a whole number from 0 to 2^128 − 1, such as 7"),
     (
         {"tick_period_us": 10.0},
         "tick_period_us = 10.0: expected a whole number from 100 to 1000000, for example 10000",

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from quiet_robot import drive, held, quiet
 
 from sim_plant import Mechanisms, PlantDescription, kernel, records
-from sim_plant.streams import BLOCK_TICKS, LESSON_STREAMS, Noise, Stream
+from sim_plant.streams import BLOCK_TICKS, LESSON_STREAMS, Noise, Stream, stream_generator
 
-SEEDS = st.integers(0, 2**64 - 1)
+SEEDS = st.integers(0, 2**128 - 1)
 
 
 def blocks(noise: Noise, seed: int, numbers: range) -> NDArray[np.float64]:
@@ -31,9 +31,24 @@ def test_a_stream_is_numpys_philox_keyed_by_seed_and_stream(
 ) -> None:
     drawn = blocks(Noise([stream], lesson=False), seed, range(block, block + 1))[0, :, stream]
     philox = np.random.Philox(
-        key=np.array([seed, stream], np.uint64), counter=np.array([0, block, 0, 0], np.uint64)
+        key=np.array([seed % 2**64, stream], np.uint64),
+        counter=np.array([0, block, seed >> 64, 0], np.uint64),
     )
     assert np.array_equal(drawn, np.random.Generator(philox).standard_normal(BLOCK_TICKS))
+
+
+@given(seed=SEEDS, stream=st.sampled_from(Stream))
+def test_noise_beside_the_plants_comes_from_streams_like_its_own(seed: int, stream: Stream) -> None:
+    first = blocks(Noise([stream], lesson=False), seed, range(1))[0, :, stream]
+    assert np.array_equal(stream_generator(seed, stream).standard_normal(BLOCK_TICKS), first)
+
+
+@pytest.mark.parametrize("bit", [0, 31, 63, 64, 95, 127])
+def test_every_bit_of_a_seed_makes_another_run(bit: int) -> None:
+    """Of 128 bits the plant took 64, and the rest could have been anything."""
+    robot = quiet(gyro={"noise_density_rad_per_sqrt_s": 1e-4})
+    runs = drive(held(0.3, 0.1, 50), description=robot, seeds=[0, 1 << bit])
+    assert not np.array_equal(*runs.gyro_code)
 
 
 @given(seed=SEEDS)

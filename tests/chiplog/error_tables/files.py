@@ -99,7 +99,7 @@ SCENARIO: tuple[Row, ...] = (
     Row(
         "a seed below zero",
         "chiplog run --seed -1",
-        "seed = -1: expected a whole number from 0 to 2^64 − 1, such as 7",
+        "seed = -1: expected a whole number from 0 to 2^128 − 1, such as 7",
     ),
 )
 

@@ -6,13 +6,18 @@ import json
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.synthetic import FIRST_SEALED_SEED, synthetic_recording
+from gap_diagnosis.trials.engine import finer
 from gap_diagnosis.trials.seal import COMMITMENT, SEALED, seal, unseal
 from gap_diagnosis.trials.secret import Secret, fresh_secret
 from hil_harness.assembly import load_wire
+from hil_harness.effect_runs import run_with_effects
+from hil_harness.effects import parse_effect
+from hil_harness.effects.reference_errors import correlated_noise
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
@@ -77,6 +82,35 @@ def test_seeds_of_cases_are_beyond_all_that_a_diagnosis_can_simulate_with() -> N
     assert min(seeds) >= FIRST_SEALED_SEED
     with pytest.raises(DiagnosisError, match="the rest is sealed"):
         synthetic_recording(load_robot(), load_wire(), scenario("straight"), (), min(seeds))
+
+
+def test_every_bit_of_a_seed_is_secret() -> None:
+    """The highest one of 64 was set, and 63 were left to guess."""
+    seeds = [fresh_secret().seed("plant") for _ in range(200)]
+    for bit in range(128):
+        # all alike: one in 2^199
+        assert {seed >> bit & 1 for seed in seeds} == {0, 1}, bit
+
+
+@pytest.mark.parametrize("bit", [3, 70, 127])
+def test_every_bit_of_a_seed_reaches_all_that_is_random_in_a_case(bit: int) -> None:
+    robot, wire, seed = load_robot(), load_wire(), fresh_secret().seed("plant")
+    effects = [
+        parse_effect("frame_jitter.sigma=0.001"), parse_effect("missed_deadline.probability=0.3"),
+        parse_effect("micro_slip.left=0.01"), parse_effect("reference_noise.position=0.01"),
+    ]  # fmt: skip
+    one, other = run_with_effects(
+        scenario("figure8"), robot, wire, [(effects, seed), (effects, seed ^ 1 << bit)],
+        ticks=500, simulator=finer(2),
+    )  # fmt: skip
+    assert not np.array_equal(one.truth, other.truth)
+    assert not np.array_equal(one.gyro_code, other.gyro_code)
+    assert not np.array_equal(one.executed, other.executed)
+    arrived = [run.arrivals["ENCODER"].time_us for run in (one, other)]
+    assert not np.array_equal(*arrived)
+    time_s = np.arange(50) * 0.01
+    noise = [correlated_noise(time_s, 0.0, own, 0) for own in (seed, seed ^ 1 << bit)]
+    assert not np.array_equal(*noise)
 
 
 def test_a_secret_gives_the_same_again_and_its_parts_do_not_tell_it() -> None:

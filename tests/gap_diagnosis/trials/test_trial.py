@@ -98,7 +98,8 @@ def worked(folder: Path, case: str, *methods: Path) -> dict[str, Any]:
     """Return what a process of its own finds in a case."""
     out = folder.parent / f"{case}.json"
     words = [sys.executable, "-m", "gap_diagnosis.trials.worker", str(folder / CASES / case)]
-    subprocess.run([*words, str(out), *map(str, methods)], check=True, timeout=300)
+    given = [out, folder.with_name("trial.key"), *methods]
+    subprocess.run([*words, *map(str, given)], check=True, timeout=300)
     found: dict[str, Any] = json.loads(out.read_text())
     return found
 
