@@ -51,10 +51,15 @@ CHANCE: Final = 1e-3
 
 @dataclass(frozen=True)
 class Seen:
-    """A case's answer and what can be read of it: of all its files, and of those not measured."""
+    """A case's answer and what can be read of it: of all its files, and of those not measured.
+
+    *is_besides*: it is there for its stage; such cases withhold nothing, as singles do, and are
+    more than a trial has.
+    """
 
     case: Case
     stage: str
+    is_besides: bool
     all_files: Facts
     described: Facts
 
@@ -65,8 +70,9 @@ class Seen:
         return self.stage not in MOVING_STAGES and not effects & MOVING
 
 
-def plan_of(each: int) -> list[Planned]:
-    """Return half of it nulls, and of what is not null so many of each stage besides."""
+def plan_of(each: int) -> tuple[list[Planned], list[bool]]:
+    """Return cases, half of them nulls, and among them so many of each stage besides; and which
+    ones are besides."""
     draw = SECRET.generator("plan of metadata")
     counts = Counts(20 * each, nulls=10 * each, pairs=each, withheld=3 * each, strata=("field",))
     plan = planned(counts, draw)
@@ -74,28 +80,31 @@ def plan_of(each: int) -> list[Planned]:
         names = [name for name in SIZES if catalogue()[name].stage == stage]
         for place in range(each):
             plan.append(Planned("field", "single", (names[place % len(names)],)))
-    return [replace(plan[place], drive=drives.SHORT) for place in draw.permutation(len(plan))]
+    order = draw.permutation(len(plan)).tolist()
+    cases = [replace(plan[place], drive=drives.SHORT) for place in order]
+    return cases, [place >= counts.cases for place in order]
 
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> list[Seen]:
-    each = 60 if request.config.getoption("--chiplog-size") == "full" else 16
+    each = 60 if request.config.getoption("--chiplog-size") == "full" else 18
     folder = tmp_path_factory.mktemp("metadata") / "trial"
     key = folder.with_name("key")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(make, "_SAME_DRIVE", 1000)  # a long drive among short ones would say: redrawn
         counts = Counts(1, nulls=0, pairs=0)
-        make.make_trial(counts, folder, key, SECRET, plan=plan_of(each))
+        plan, besides = plan_of(each)
+        make.make_trial(counts, folder, key, SECRET, plan=plan)
     cases = [Case.from_json(one) for one in unseal(folder, key)["cases"]]
     changed = [(folder / CASES / one.name / LOG).stat().st_ctime for one in cases]
     waits = np.diff(changed, prepend=changed[0])
     return [
-        _seen(folder / CASES / one.name, one, float(wait))
-        for one, wait in zip(cases, waits, strict=True)
+        _seen(folder / CASES / one.name, one, float(wait), is_besides=is_besides)
+        for one, wait, is_besides in zip(cases, waits, besides, strict=True)
     ]
 
 
-def _seen(home: Path, case: Case, wait_s: float) -> Seen:
+def _seen(home: Path, case: Case, wait_s: float, *, is_besides: bool) -> Seen:
     stages = {catalogue()[name].stage for name in case.effects}
     described: dict[str, Any] = {"files": tuple(sorted(path.name for path in home.rglob("*")))}
     described["since the last case"] = wait_s
@@ -135,7 +144,7 @@ def _seen(home: Path, case: Case, wait_s: float) -> Seen:
             f"{name} first step": round(stamps[1] - stamps[0], 6),
             f"{name} length less signs": len(re.sub(r"-|\d+\.", "", text)),
         }
-    return Seen(case, "+".join(sorted(stages)), found, described)
+    return Seen(case, "+".join(sorted(stages)), is_besides, found, described)
 
 
 def columns(facts: Sequence[Facts]) -> Floats:
@@ -216,8 +225,9 @@ def learnt(
 
 @pytest.mark.parametrize("measured", [False, True])
 def test_metadata_does_not_tell_a_null_from_an_effect(seen: list[Seen], *, measured: bool) -> None:
-    assert len(seen) >= 200
-    facts, labels = learnt(seen, is_null, measured=measured)
+    drawn = [one for one in seen if not one.is_besides]
+    assert len(drawn) >= 200
+    facts, labels = learnt(drawn, is_null, measured=measured)
     fewest, most = by_chance(labels)
     for right in told_right(facts, labels, np.random.default_rng(1)):
         assert fewest <= right <= most
