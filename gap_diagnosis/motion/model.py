@@ -500,7 +500,7 @@ class MotionModel:
         start = starts[int(np.argmax(heights))]
         prior = self._prior_on(course)
         found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
-        return found, height(found) - heights[0]
+        return found, height(found) - max(heights)
 
     def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
