@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import product
 from typing import Final
 
-from gap_diagnosis.firmware.candidates import Candidate, RealParameter, smooth
+from gap_diagnosis.firmware.candidates import Candidate, RealParameter, listed, smooth
 from gap_diagnosis.firmware.comparison import LOG_NO_EXCUSE
 from gap_diagnosis.firmware.scored import Scored, log_sum
 from gap_diagnosis.firmware.singles import P_DESCRIBED, Singles
@@ -172,11 +172,15 @@ class Pairs:
         programs = list(found.values())
         if beside is None:
             return programs[:_KEPT]
+        # What another effect hides was dropped, when it was alone, for how the log begins.
+        known = listed(effect, singles.bench.config)
+        programs += [[one] for one in known if repr(one.changes) not in found]
         together = [alike[0].beside(beside) for alike in programs]
         alike_of = {id(one): alike for one, alike in zip(together, programs, strict=True)}
         nearest = sorted(singles.scored(singles.programs(together)), key=lambda one: -one.total)
         hidden = [alike_of[id(one.candidate)] for one in nearest[:_HIDDEN]]
-        return hidden + [one for one in programs[:_KEPT] if all(one is not o for o in hidden)]
+        likeliest = list(found.values())[:_KEPT]
+        return hidden + [one for one in likeliest if all(one is not o for o in hidden)]
 
 
 def _stands_for_others(parameter: RealParameter) -> bool:

@@ -250,6 +250,19 @@ def test_two_effects_are_found_together(changes: dict[str, Any], pair: tuple[str
     assert together > max(rivals) + CERTAIN_NATS
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_an_effect_that_another_hides_is_found_beside_it(bits: int) -> None:
+    """Of a long log only programs are looked at that fit its beginning: alone, turns of so few bits
+    fitted it worse than words that nobody had, and both together were an unlisted cause (0.95)."""
+    cut = {"resolution_variable": "turn_step", "resolution_bits": bits}
+    runs = plant_runs(LONG_TICKS)
+    block = block_of(recording_of(runs, kernel_pose(runs, rounding="toward_zero", **cut)))
+    pair = block.fit(frozenset({"firmware_truncation", "firmware_resolution"}))
+    assert pair.log_evidence > max(evidences(block).values()) + CERTAIN_NATS
+    assert pair.parameters["firmware_resolution.bits"].value == bits
+    assert pair.parameters["firmware_truncation.rounding"].value == "toward_zero"
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_log_of_the_described_program_names_nothing(seed: int) -> None:
     runs = plant_runs(TICKS, seed)
