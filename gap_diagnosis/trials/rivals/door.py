@@ -26,7 +26,7 @@ from gap_diagnosis.motion.levels import level_prior
 from gap_diagnosis.motion.offset import coarse_delay_s
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.reading import read_recordings
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_stages
 from gap_diagnosis.result_parts import (
     STAGES,
@@ -57,6 +57,7 @@ class Job:
     Attributes:
         recording, robot, wire: what was read.
         motion: the recording at tick level.
+        delay_s: float64[s], by how much each sample of the reference is late, to about a tick.
         sides: which ticks a fit may use, and which are held out.
         without: effects that must not be named.
         started: when the clock of the answer began to run [s].
@@ -66,6 +67,7 @@ class Job:
     robot: Robot
     wire: Wire
     motion: Motion
+    delay_s: Floats
     sides: HoldOut
     without: frozenset[str]
     started: float
@@ -79,7 +81,7 @@ def job_of(log: Path, robot: Path, reference: Path, without: Sequence[str]) -> J
     delay_s = coarse_delay_s(recording, described)
     motion = estimate_motion(recording, described, reference_delay_s=delay_s)
     sides = hold_out(recording.t_s, kinds_of(recording, described))
-    return Job(recording, described, wire, motion, sides, frozenset(without), started)
+    return Job(recording, described, wire, motion, delay_s, sides, frozenset(without), started)
 
 
 def number(value: float, sd: float, unit: str) -> NumberEstimate:

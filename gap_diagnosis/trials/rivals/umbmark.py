@@ -99,11 +99,12 @@ def _pieces(job: Job) -> tuple[Floats, Floats, Floats, Floats]:
     counted = np.cumsum(prediction.turn_rad)
     way = np.cumsum(prediction.forward_m)
     heading = reference.heading_rad
-    inside = (motion.t_s >= reference.t_s[0]) & (motion.t_s <= reference.t_s[-1])
-    x_m, y_m = (np.interp(motion.t_s, reference.t_s, v) for v in (reference.x_m, reference.y_m))
+    t_s = reference.t_s - job.delay_s
+    inside = (motion.t_s >= t_s[0]) & (motion.t_s <= t_s[-1])
+    x_m, y_m = (np.interp(motion.t_s, t_s, v) for v in (reference.x_m, reference.y_m))
     if heading is None:
         raise ValueError(f"{job.recording.name}: expected a reference with headings")
-    seen = np.interp(motion.t_s, reference.t_s, heading)
+    seen = np.interp(motion.t_s, t_s, heading)
     every = max(1, round(_PIECE_S / motion.tick_s))
     rows = []
     for first in range(0, len(kinds) - every, every):

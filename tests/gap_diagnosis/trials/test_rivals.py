@@ -12,8 +12,9 @@ from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.trials.layout import CASES, LOG, REFERENCE, ROBOT
 from gap_diagnosis.trials.make import make_case
 from gap_diagnosis.trials.plan import Counts, Planned
+from gap_diagnosis.trials.rivals import umbmark
 from gap_diagnosis.trials.rivals.choosing import pooled
-from gap_diagnosis.trials.rivals.door import softmax
+from gap_diagnosis.trials.rivals.door import job_of, softmax
 from gap_diagnosis.trials.rivals.trajectory import Fitted
 from gap_diagnosis.trials.secret import Secret
 from hil_harness.assembly import load_wire
@@ -47,6 +48,25 @@ def test_a_rival_does_not_name_what_is_withheld(wide: Path) -> None:
     rival = importlib.import_module("gap_diagnosis.trials.rivals.umbmark")
     found = rival.diagnose(wide / LOG, wide / ROBOT, wide / REFERENCE, ["wheelbase_scale"])
     assert "wheelbase_scale" not in found["verdict"].split("+")
+
+
+def test_umbmark_gets_the_offset_of_the_clocks_that_every_rival_gets(
+    wide: Path, tmp_path: Path
+) -> None:
+    """A lab would start both clocks together; a recording of a trial is late by what it is."""
+    late = tmp_path / REFERENCE
+    lines = (wide / REFERENCE).read_text(encoding="ascii").splitlines()
+    moved = [
+        f"{float(stamp) + 0.3:.6f} {rest}"
+        for stamp, rest in (line.split(" ", 1) for line in lines if not line.startswith("#"))
+    ]
+    late.write_text("\n".join(moved) + "\n", encoding="ascii")
+    on_time, delayed = (
+        umbmark.calibrate(job_of(wide / LOG, wide / ROBOT, one, []))
+        for one in (wide / REFERENCE, late)
+    )
+    for effect, sd in on_time.sds.items():
+        assert abs(delayed.values[effect] - on_time.values[effect]) < 0.5 * sd
 
 
 def fitted(effect: str, squares: float, free: int, *, is_news: bool) -> Fitted:
