@@ -118,7 +118,7 @@ def case(effect: str, number: int, wire: Wire, folder: Path) -> dict[str, Any] |
         path.write_text(text, encoding="ascii")
         robot = load_robot(path)
         fastest = min(0.8, 14.0 * robot.plant.wheels.radius_m)
-        kinds = (*drives.FAMILIAR, *drives.NEW)
+        kinds = (*drives.FAMILIAR, *drives.ONCE_FRESH)
         scenario = drives.drive(kinds[int(draw.integers(len(kinds)))], draw, fastest)
         truth = draw_values(effect, "field", world_of(scenario, robot, wire), draw)
         if effect == "blend_weight":  # no weight is more than 1

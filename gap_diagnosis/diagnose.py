@@ -26,6 +26,7 @@ from gap_diagnosis.facts import (
     log_facts,
     makes_worse,
     not_looked_for,
+    not_replayed,
     notes_on,
     untrusted,
 )
@@ -207,6 +208,7 @@ def diagnose_recordings(
                 is_unknown=verdict == UNKNOWN,
             ),
             *untrusted(ordered[0]),
+            *not_replayed(analyses, held, robot),
             *notes_on(
                 analyses,
                 (

@@ -121,7 +121,8 @@ def reprogrammed(
     It is the same to the last digit in every part of a log: nothing is held out of it.
     """
     block = analysis.firmware
-    if where.odometry_x_m is None or (block is None and lacks_the_gyro(where, robot)):
+    is_blind = (block is None or is_other_log) and lacks_the_gyro(where, robot)
+    if where.odometry_x_m is None or is_blind:
         return None
     before = replayed_pose(where, robot, wire)
     own = frozenset() if block is None else effects & block.effects

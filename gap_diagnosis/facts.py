@@ -13,6 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.company import OWN_BLOCK
+from gap_diagnosis.firmware import lacks_the_gyro
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.pareto import TRUSTED
@@ -159,15 +160,28 @@ _WORSE: Final = 2.0
 """So many times the gap or its floor is no chance of the stretches held out."""
 
 
+def not_replayed(
+    analyses: Sequence[Analysis], held: Recording | None, robot: Robot
+) -> tuple[str, ...]:
+    """Say which logs' odometry was made with a gyro that nobody recorded; *held* is held out."""
+    logs = [one.recording for one in analyses if one.firmware is None]
+    return tuple(
+        f"{one.name}: the firmware turns by a gyro, and the log has none: its odometry is not "
+        "replayed."
+        for one in (*logs, *([] if held is None else [held]))
+        if one.odometry_x_m is not None and lacks_the_gyro(one, robot)
+    )
+
+
 def untrusted(leading: Candidate) -> tuple[str, ...]:
     """Say that the weights behind the first candidate do not converge, where they do not."""
     shape = leading.pareto_k
     if shape is None or shape < TRUSTED:
         return ()
     return (
-        f"{' + '.join(leading.effects)}: probability and intervals are those along straight lines; "
-        "the effects bend within them, and weights as they act do not converge "
-        f"(Pareto k {shape:.2f}, trusted below {TRUSTED}).",
+        f"{' + '.join(leading.effects)}: the effects bend within what is believed of their sizes, "
+        "and weights as they act do not converge, so that its probability or its intervals are "
+        f"those along straight lines (Pareto k {shape:.2f}, trusted below {TRUSTED}).",
     )
 
 
@@ -198,7 +212,6 @@ def notes_on(
                 "off their neighbours and were left out."
             )
         notes += _on_restarts(analysis)
-        notes += _on_the_replay(analysis)
         notes += _on_the_drive(analysis)
         notes += _on_the_reference(analysis)
         notes += _on_stamps(analysis)
@@ -252,17 +265,6 @@ def _on_restarts(analysis: Analysis) -> list[str]:
         f"{t_s - from_s:.2f} s, farther than wheels turn in that time, as of a controller that "
         "restarts; they were put back."
         for t_s, left, right in zip(found.t_s, found.left, found.right, strict=True)
-    ]
-
-
-def _on_the_replay(analysis: Analysis) -> list[str]:
-    """Say where odometry was made with a gyro that nobody recorded."""
-    one = analysis.recording
-    if analysis.firmware is not None or one.odometry_x_m is None or one.gyro_rate_rad_s is not None:
-        return []
-    return [
-        f"{one.name}: the firmware turns by a gyro, and the log has none: its odometry is not "
-        "replayed."
     ]
 
 

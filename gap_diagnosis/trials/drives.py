@@ -16,11 +16,12 @@ Draw = np.random.Generator
 
 FAMILIAR: Final = ("calibration", "tour", "squares")
 FRESH: Final = ("mowing", "eights", "docking")
-"""Nothing but a trial drives these, tests neither (a test sees to it): what was wrong in one is
+"""Nothing but a trial diagnoses these, no test does (a test sees to it): what was wrong in one is
 mended, and then it is none of these any more."""
-NEW: Final = ("weave", "delivery", "one_way", *FRESH)
-"""Scored apart. Not used while the diagnosis was developed; the first three came up in tests once
-mistakes of the first trials were read."""
+ONCE_FRESH: Final = ("weave", "delivery", "one_way")
+"""Which came up in tests once mistakes of the first trials were read."""
+NEW: Final = (*ONCE_FRESH, *FRESH)
+"""Not used while the diagnosis was developed: scored apart."""
 
 SHORT: Final = "short"
 """A third of a minute: enough for what shows in every motion, and for trials in a hurry."""

@@ -116,7 +116,7 @@ def make_case(one: Planned, home: Path, wire: Wire, counts: Counts, secret: Secr
     """
     for attempt in range(_TRIES):
         own = secret.child(f"attempt {attempt}")
-        if attempt >= _SAME_DRIVE:
+        if attempt >= _SAME_DRIVE and one.engine == OWN_ENGINE:
             one = replace(one, drive=drives.FAMILIAR[attempt % len(drives.FAMILIAR)])
         if one.engine != OWN_ENGINE:
             case, run, robot = _other_engine(one, home, wire, own)

@@ -123,7 +123,7 @@ def test_every_kind_of_reference_noise_has_the_level_that_was_drawn(kind: str) -
 
 
 @pytest.mark.parametrize("kind", [*drives.FRESH, *reference_noise.FRESH])
-def test_what_is_fresh_in_a_trial_is_used_by_nothing_else(kind: str) -> None:
+def test_what_is_fresh_in_a_trial_is_diagnosed_by_no_test(kind: str) -> None:
     """A manoeuvre that a test of the diagnosis drives is one that it was developed on."""
     root = Path(__file__).parents[3]
     own = {root / "gap_diagnosis/trials" / name for name in ("drives.py", "reference_noise.py")}
@@ -131,7 +131,12 @@ def test_what_is_fresh_in_a_trial_is_used_by_nothing_else(kind: str) -> None:
     rooms = ("gap_diagnosis", "tests", "benchmarks", "examples")
     files = [one for room in rooms for one in (root / room).rglob("*.py") if one not in own]
     assert len(files) > 300
-    assert [one.name for one in files if f'"{kind}"' in one.read_text(encoding="utf-8")] == []
+    texts = {one: one.read_text(encoding="utf-8") for one in files}
+    assert [one.name for one, text in texts.items() if f'"{kind}"' in text] == []
+    alike = ("drives.NEW", "drives.FRESH", "reference_noise.NEW", "reference_noise.FRESH")
+    trials = root / "tests/gap_diagnosis/trials", root / "gap_diagnosis/trials"
+    beside = [one for one in files if not any(one.is_relative_to(room) for room in trials)]
+    assert [one.name for one in beside if any(name in texts[one] for name in alike)] == []
 
 
 def test_noise_that_is_believed_is_log_normal_about_what_the_diagnosis_expects() -> None:
