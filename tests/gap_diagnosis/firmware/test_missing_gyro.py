@@ -66,3 +66,20 @@ def test_wheels_and_odometry_alone_are_nothing_to_compare() -> None:
     table = replace(blind(recording_of(runs, kernel_pose(runs))), frames={})
     with pytest.raises(DiagnosisError, match="odometry frames of a firmware that needs none"):
         diagnose_recordings([table], robot(), wire())
+
+
+def test_a_held_out_log_without_a_gyro_is_not_replayed_either() -> None:
+    """A healthy one had a gap of 0.8 mm, and no floor."""
+    calm = scenario("calibration")
+    log, held = (synthetic_recording(robot(), wire(), calm, (), seed) for seed in (3, 4))
+    found = diagnose_recordings([log], robot(), wire(), held=blind(held)).diagnosis
+    assert found.gap is None or "firmware_position_m" not in found.gap.all
+    assert sum("its odometry is not replayed" in note for note in found.notes) == 1
+
+
+def test_a_firmware_that_turns_by_its_wheels_misses_no_gyro() -> None:
+    one = replace(robot(), firmware=robot().firmware.model_copy(update={"mode": "wheel"}))
+    log = blind(synthetic_recording(one, wire(), scenario("calibration"), (), 3))
+    heedless = replace(log, odometry_heading_rad=None)
+    found = diagnose_recordings([heedless], one, wire()).diagnosis
+    assert not any("turns by a gyro" in note for note in found.notes)
