@@ -1,14 +1,16 @@
 """A process closed to what is sealed: by an audit hook, which code that runs later cannot take out.
 
 Python tells a hook of every file that it opens and of every process that it starts. Machine code of
-a library that opens files by itself tells nobody: against a method that means to cheat only a key
-on another machine helps (docs/how-to/blind-trials.md).
+a library that opens files by itself tells nobody, and whoever rewrites this process's own modules
+gets by: against a method that means to cheat only a key on another machine helps
+(docs/how-to/blind-trials.md).
 """
 
 from __future__ import annotations
 
 import os
 import stat
+import subprocess  # so that what it starts processes with is loaded, and closed
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,6 +55,8 @@ _STARTS: Final = frozenset(
         "subprocess.Popen",
     }
 )
+_FORKS: Final = {"_posixsubprocess": "fork_exec", subprocess.__name__: "_fork_exec"}
+"""Functions that start processes and tell no hook; a module loaded anew would have them again."""
 _LOOKS_UP: Final = frozenset({"ctypes.dlsym", "ctypes.dlsym/handle"})
 _REACHING: Final = (
     "creat", "clone", "dlmopen", "dlopen", "dlsym", "exec", "fdopendir", "fopen", "fork", "freopen",
@@ -82,11 +86,13 @@ def close_all_but(case: Path, out: Path, key: Path) -> None:
             _no_process(event)
         elif event in _LOOKS_UP:
             name = str(arguments[1])
-            if name.startswith(_REACHING) or "AuditHook" in name:
+            if name.lstrip("_").startswith(_REACHING) or "AuditHook" in name:
                 raise PermissionError(f"{name}: closed to this process: it gets around the seal")
+        elif event == "import" and arguments[0] in _FORKS:
+            _no_process(f"{arguments[0]}, loaded anew")
 
-    for module, name in (("_posixsubprocess", "fork_exec"), ("subprocess", "_fork_exec")):
-        if hasattr(sys.modules.get(module), name):  # of which no hook is told
+    for module, name in _FORKS.items():
+        if hasattr(sys.modules.get(module), name):
             setattr(sys.modules[module], name, _no_process)
     sys.addaudithook(audit)
 

@@ -33,6 +33,10 @@ def spawned():
     child.start()
     child.join()
 
+def loaded_anew():
+    del sys.modules["_posixsubprocess"]
+    import _posixsubprocess
+
 def seen_from(folder, name):
     number = os.open(folder, os.O_RDONLY)
     try:
@@ -98,7 +102,9 @@ PROCESSES: Final = {
     "an older spawn": "lambda: os.spawnv(os.P_WAIT, '/bin/true', ['true'])",
     "a fork": "forked",
     "a worker": "spawned",
+    "what starts a process, loaded anew": "loaded_anew",
     "open of C": "lambda: ctypes.CDLL(None).open",
+    "open of C by another name": "lambda: ctypes.CDLL(None)['__open64']",
     "fopen of Python's own C": "lambda: ctypes.pythonapi.fopen",
     "system of C": "lambda: ctypes.CDLL(None)['system']",
     "no more hooks": "lambda: ctypes.pythonapi._PySys_ClearAuditHooks",
