@@ -34,6 +34,8 @@ METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Per stage, the metrics in which it can act, the most telling first."""
 
+_MANY_DRAWS: Final = 0.5
+"""Of drawn windows at least so many must have a gap to close for an interval of it."""
 _MOVED: Final = 0.5
 """An effect that moves a path by less of its floor does not act in it, if it acts in another."""
 _CLEAR: Final = 3.0
@@ -212,8 +214,9 @@ def _closed_interval(compared: Compared, closed: float) -> tuple[float, float] |
     after_rms = np.sqrt(np.take_along_axis(afters, picks, axis=1).mean(1))
     floor_rms = np.sqrt(np.take_along_axis(floors, picks, axis=1).mean(1))
     width = before_rms - floor_rms
-    good = width > 0
-    if good.mean() < 0.9:
-        return None  # too many draws have no gap to close
+    # As of the whole: draws of windows in which nothing is to be closed say nothing of it.
+    good = (width > 0) & (before_rms >= CLOSABLE * floor_rms)
+    if good.mean() < _MANY_DRAWS:
+        return None
     low, high = np.quantile((before_rms - after_rms)[good] / width[good], [0.025, 0.975])
     return min(float(low), closed), max(float(high), closed)
