@@ -32,7 +32,9 @@ TOUCHED_BY: Final[Mapping[str, frozenset[StageOrNone]]] = {
     STAMPS_AGAINST_BEAT: frozenset({"bus"}),
     FRAMES_MISSING: frozenset({"bus"}),
 }
-"""Stages by residual. The bus is late or silent: a replay goes by the frames that the log has."""
+"""Stages by residual. The bus is late or silent: a replay goes by the frames that the log has.
+Those against reference and gyro are held against what effects do (tests); the others are as the
+catalogue has them."""
 
 
 def stages_that_touch(residual: str) -> tuple[StageOrNone, ...]:

@@ -35,7 +35,7 @@ METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
 """Per stage, the metrics in which it can act, the most telling first."""
 
 _MANY_DRAWS: Final = 0.5
-"""Of drawn windows at least so many must have a gap to close for an interval of it."""
+"""Of drawn windows so many must have a gap to close for an interval of it: a judgement."""
 _MOVED: Final = 0.5
 """An effect that moves a path by less of its floor does not act in it, if it acts in another."""
 _CLEAR: Final = 3.0

@@ -25,7 +25,8 @@ _ALONE: Final[Mapping[str, StageOrNone]] = {
     "firmware_position_m": "firmware",
     "timing_s": "bus",
 }
-"""Metrics whose residual only one stage can touch."""
+"""Metrics that judge the simulation of one stage, whose they are: what else can show in their
+residuals (`touching.TOUCHED_BY`) has others to be told by."""
 
 
 def metric_chain(
