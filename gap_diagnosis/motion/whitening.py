@@ -134,11 +134,11 @@ def _whiten(
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
     # the wheels left, right in units of what they slip by, and by how much the reference's stamp is
     # early. A row of *known* holds a state's covariance with all thirteen, then its estimate from
-    # each column: both are carried on and corrected by the same sums.
+    # each column: both are carried on and corrected by the same sums, four numbers at a time.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     inexact, wander, position, heading = levels[4], levels[5], levels[6], levels[7]
     stamp, slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10], levels[11]
-    wide = 13 + width
+    wide = (13 + width + 3) // 4 * 4
     known = np.zeros((13, wide))
     for i in range(4):
         known[i, i] = 25.0
@@ -154,8 +154,9 @@ def _whiten(
     # its variance.
     late = np.zeros(wide)
     late_variance = 0.0
-    # What is expected of a channel, as such a row; then that row's whitened residual.
-    row = np.empty(wide)
+    # What is expected of each channel that is seen, as such a row; then its whitened residual. All
+    # channels of a block correct the states together: so each state is fetched and kept once.
+    seen = np.empty((4, wide))
     out = np.empty((4 * nodes, width))
     variances = np.empty(4 * nodes)
     rows = 0
@@ -246,6 +247,7 @@ def _whiten(
             late_variance = spread * turn
         for i in range(13):
             known[i, i] += fresh[i]
+        count = 0
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):
                 continue
@@ -269,10 +271,17 @@ def _whiten(
                 first, second = 0, 3
                 left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
                 noise = gyro_floor[k] * gyro_floor[k]
+            row = seen[count]
             for j in range(wide):
                 row[j] = known[first, j] + known[second, j]
                 row[j] += left_share * known[5, j] + right_share * known[6, j]
                 row[j] += goes_on * known[12, j]
+            for before in range(count):
+                other = seen[before]
+                gain = other[first] + other[second]
+                gain += left_share * other[5] + right_share * other[6] + goes_on * other[12]
+                for j in range(wide):
+                    row[j] -= gain * other[j]
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6] + goes_on * late[12]
             variance = noise + row[first] + row[second]
@@ -296,9 +305,17 @@ def _whiten(
             for j in range(wide):
                 late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
-            for i in range(13):
-                gain = -row[i]
-                for j in range(wide):
-                    known[i, j] += gain * row[j]
+            count += 1
             rows += 1
+        if count == 4:
+            for i in range(13):
+                x, y, angle, rate = seen[0, i], seen[1, i], seen[2, i], seen[3, i]
+                for j in range(wide):
+                    known[i, j] -= x * seen[0, j] + y * seen[1, j]
+                    known[i, j] -= angle * seen[2, j] + rate * seen[3, j]
+            continue
+        for i in range(13):
+            for before in range(count):
+                for j in range(wide):
+                    known[i, j] -= seen[before, i] * seen[before, j]
     return out[:rows], np.log(variances[:rows])
