@@ -11,6 +11,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis, Reduced
 from gap_diagnosis.block_sums import Effects, concerned
 from gap_diagnosis.explanations import twin_sets
+from gap_diagnosis.gap.metrics import drifting_share
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.modelled import LEAST_SHARE, known_variable
 from gap_diagnosis.ranking import Ranked, Ranking
@@ -241,7 +242,9 @@ def unknown_part(
                 windows += own[0].windows
             if seen is not None and not own:
                 windows += seen.windows
-                found = [("time", seen.goes_with_time, seen.goes_with_time)]
+                frames = analysis.recording.frames
+                share = drifting_share(frames) if seen.is_of_clock else seen.goes_with_time
+                found = [("time", share, share)]
             windows += analysis.lost.windows if stage == "reference" else ()
         for named, share, evidence in found:
             known = known_variable(named)

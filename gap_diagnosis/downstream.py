@@ -13,7 +13,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.drive.shapes import drive_beside_described
-from gap_diagnosis.firmware import firmware_block, lacks_the_gyro, replayed_pose
+from gap_diagnosis.firmware import FirmwareBlock, firmware_block, lacks_the_gyro, replayed_pose
 from gap_diagnosis.gap.drive_floor import DriveNoise
 from gap_diagnosis.gap.drive_path import commanded_path, late_s_of
 from gap_diagnosis.gap.on_recording import Replayed
@@ -97,6 +97,21 @@ def driven_by(
     model = block.stand_in(one, _blocks(analysis, block, kept))
     after = commanded_path(where, robot, added=model.angle, late_s=late_s)
     return Replayed(before, after, DriveNoise.of(data, model.levels))
+
+
+def reprogrammed_by(
+    analysis: Analysis,
+    block: FirmwareBlock,
+    variable: str,
+    robot: Robot,
+    wire: Wire,
+    kept: NDArray[np.bool_],
+) -> Replayed | None:
+    """Return the odometry that the described program computes, and that of one that does what the
+    leftover goes with, fitted on the ticks *kept* (bool[n])."""
+    before = replayed_pose(analysis.recording, robot, wire)
+    after = block.stand_in(before, variable, kept)
+    return None if after is None else Replayed(before, after)
 
 
 def _blocks(analysis: Analysis, block: DriveBlock, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -225,7 +225,7 @@ def measured(
             fit_side = beside_burst(fit_side, analysis.burst)
         fitted = _refitted(fit_side, analysis.motion, own)
         if is_unlisted:
-            unlisted, why_not = modelled_on(fit_side, analysis, stage, sides.fit)
+            unlisted, why_not = modelled_on(fit_side, analysis, stage, wire, sides.fit)
         motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held
@@ -262,6 +262,7 @@ def measured(
         beside = compare_all(
             where, robot, motion, windows,
             effects=unlisted.settings, draws=unlisted.drawn, levels=levels, drive=unlisted.drive,
+            firmware=unlisted.firmware, clock_skew=unlisted.clock_skew,
         )  # fmt: skip
     return Measured(
         where=where,

@@ -15,15 +15,19 @@ from numpy.typing import NDArray
 
 from can_bus import SENSORS
 from gap_diagnosis.analysis import Analysis
-from gap_diagnosis.downstream import driven_by
+from gap_diagnosis.downstream import driven_by, reprogrammed_by
 from gap_diagnosis.drive.block import DriveBlock
 from gap_diagnosis.explanations.variant import Setting
+from gap_diagnosis.firmware import FirmwareBlock
+from gap_diagnosis.gap.metrics import clock_skew_of
 from gap_diagnosis.gap.on_recording import Replayed
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.stand_in import stand_in
 from gap_diagnosis.motion.unknown import Alternative
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Gap, Metric, Modelled, StageOrNone, Variable
+from hil_harness.assembly import Wire
+from hil_harness.robot import Robot
 
 LEAST_SHARE: Final = 0.02
 """What explains less of the leftover is nothing that it goes with."""
@@ -31,6 +35,8 @@ ANOTHER_LOG: Final = "another log was held out, and a function of this log's var
 NO_GAP_MEASURED: Final = "no gap was measured"
 _NEAREST: Final = {"reversal": "direction"}
 """What a leftover goes with, by the name of the listed variable that is nearest to it."""
+_PRACTICAL: Final = 1.0
+"""Of a leftover of the odometry, over the floor below which no one would speak of a gap."""
 _MODELLED: Final = ("wheel", "encoder", "gyro", "reference")
 
 
@@ -73,6 +79,8 @@ class Model:
         settings, drawn: what acts, with its best sizes and with draws of them.
         levels: noise levels beside it, float64[levels].
         drive: where commands lead without it and with it, where it acts there; else None.
+        firmware: the odometry that is computed without it and with it; else None.
+        clock_skew: by how much the ECU's clock is fast; None where it acts elsewhere.
     """
 
     variable: Variable
@@ -80,16 +88,27 @@ class Model:
     drawn: list[list[Setting]]
     levels: Floats
     drive: Replayed | None = None
+    firmware: Replayed | None = None
+    clock_skew: float | None = None
 
 
 def modelled_on(
-    fit_side: MotionModel, analysis: Analysis, stage: StageOrNone, kept: NDArray[np.bool_]
+    fit_side: MotionModel,
+    analysis: Analysis,
+    stage: StageOrNone,
+    wire: Wire,
+    kept: NDArray[np.bool_],
 ) -> tuple[Model | None, str | None]:
     """Return the model of the leftover in a stage by what *fit_side* sees, on the ticks *kept*
     (bool[n]), or why there is none."""
+    if stage == "firmware" and analysis.firmware is not None:
+        return _of_the_program(analysis, analysis.firmware, fit_side.robot, wire, kept)
     if stage == "actuation" and analysis.drive is not None:
         return _of_the_drive(analysis, analysis.drive, fit_side, kept)
     seen = analysis.traces.get(stage)
+    if stage == "bus" and seen is not None and seen.is_of_clock and analysis.motion is not None:
+        skew = clock_skew_of(analysis.recording.frames, analysis.recording.t_s, kept)
+        return Model("time", [], [], analysis.motion.levels, clock_skew=skew), None
     if stage == "bus" and seen is not None and seen.frame is not None:
         return None, f"it shows in {_frames(seen.frame)}, and nothing stands in for what frames do"
     if stage not in _MODELLED:
@@ -118,6 +137,23 @@ def _of_the_drive(
     if found is None:
         return None, "the commands lead nowhere"
     return Model(variable, [], [], analysis.motion.levels, found), None
+
+
+def _of_the_program(
+    analysis: Analysis, block: FirmwareBlock, robot: Robot, wire: Wire, kept: NDArray[np.bool_]
+) -> tuple[Model | None, str | None]:
+    left = block.leftover()
+    if left.size < _PRACTICAL:
+        return None, "it moves the odometry by less than makes a difference"
+    goes_with = (name for name, share in left.depends_on if share >= LEAST_SHARE)
+    chosen = next(goes_with, None)
+    variable = None if chosen is None else known_variable(chosen)
+    if analysis.motion is None or chosen is None or variable is None:
+        return None, "it goes with no variable"
+    found = reprogrammed_by(analysis, block, chosen, robot, wire, kept)
+    if found is None:
+        return None, "what is not held out is too short to fit it"
+    return Model(variable, [], [], analysis.motion.levels, firmware=found), None
 
 
 def _frames(name: str) -> str:

@@ -15,6 +15,7 @@ from gap_diagnosis.hypothesis import Block, Fit
 
 _STAGE: Final = {"bus": "bus", "codes": "gyro"}
 _NOISY: Final = {"gyro_noise": "gyro", "gyro_bias_walk": "gyro", "reference_noise": "reference"}
+_CLOCK: Final = "clock_skew"
 _PRICE: Final = 6.0
 """An unlisted cause leaves some trace, not this one: a named one that leaves it is believed unless
 it is so many nats worse than what the trace itself says."""
@@ -27,6 +28,7 @@ class Trace(Fit):
     Attributes:
         frame: in which frames; None where it is in none.
         goes_with_time: share of it that is in `windows` beyond what is elsewhere.
+        is_of_clock: all frames drift together against the log's clock.
         is_apart: shown by other data than the motion, whose evidence it adds to, and left by
             nothing that has a name: a name would be believed first, however roughly it says what it
             does to the motion.
@@ -35,6 +37,7 @@ class Trace(Fit):
     frame: str | None = None
     goes_with_time: float = 0.0
     is_apart: bool = False
+    is_of_clock: bool = False
 
     def beside(self, moves: float) -> float:
         """Return the log evidence of a cause that leaves this trace, moves the robot or what says
@@ -62,6 +65,7 @@ def traces(blocks: Sequence[Block], without: Set[str] = frozenset()) -> dict[str
                     fit.log_likelihood,
                     windows=fit.windows,
                     is_apart=block.name != "motion" and effect in without,
+                    is_of_clock=effect == _CLOCK,
                 )
                 found[stage] = _of_frames(made, block, effect)
     return found

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.firmware.arrived import as_arrived, came_in_time
 from gap_diagnosis.firmware.candidates import EFFECTS
@@ -25,6 +26,7 @@ from gap_diagnosis.firmware.pairs import Pairs
 from gap_diagnosis.firmware.replay import Program, Start, find_start, replay, resolution
 from gap_diagnosis.firmware.scored import Scored, estimates_of, log_sum
 from gap_diagnosis.firmware.singles import Singles
+from gap_diagnosis.firmware.stand_in import stand_in
 from gap_diagnosis.firmware.workbench import Workbench
 from gap_diagnosis.hypothesis import REPLAYED_TOGETHER, Fit
 from gap_diagnosis.recording import Floats, Ints, Recording
@@ -100,6 +102,11 @@ class FirmwareBlock:
                 off = other
         unlisted = max(self._singles.other, self._singles.changed(self.effects))
         return describe(bench.windows, off, bench.t_s, unlisted - none)
+
+    def stand_in(self, replayed: Floats, variable: str, kept: NDArray[np.bool_]) -> Floats | None:
+        """Return the path, float64[n, 3], of a program that does to *replayed* what the leftover
+        goes with, fitted on the ticks *kept* (bool[n]); None where they tell too little."""
+        return stand_in(self._bench.windows, replayed, self._bench.t_s, variable, kept)
 
     def explained(
         self, effects: frozenset[str], there: FirmwareBlock | None = None

@@ -41,32 +41,35 @@ def regressors(windows: Windows, t_s: Floats) -> Mapping[str, Floats]:
 
     Each is the integral over the window of a function of the variable.
     """
-    pose = windows.pose
+    each = row_by_row(windows.pose, t_s[windows.rows])
+    return {name: np.add.reduceat(columns, windows.first) for name, columns in each.items()}
+
+
+def row_by_row(pose: Floats, time_s: Floats) -> Mapping[str, Floats]:
+    """Return for each variable what each row adds to those integrals, float64[r, c], on a path
+    *pose*, float64[r, 3]."""
     step = np.diff(pose, axis=0, prepend=pose[:1])
-    time_s = t_s[windows.rows]
     interval_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 1e-6)
     forward = np.cos(pose[:, 2]) * step[:, 0] + np.sin(pose[:, 2]) * step[:, 1]
     speed, rate = forward / interval_s, step[:, 2] / interval_s
 
-    def summed(*columns: Floats) -> Floats:
-        return np.column_stack(
-            [np.add.reduceat(column * interval_s, windows.first) for column in columns]
-        )
+    def during(*columns: Floats) -> Floats:
+        return np.column_stack([column * interval_s for column in columns])
 
     one = np.ones_like(speed)
     heading = pose[:, 2]
     size = np.abs(speed)
     return {
-        "speed": summed(speed, size, speed * size),
-        "turn_rate": summed(rate, np.abs(rate), rate * np.abs(rate)),
-        "acceleration": summed(np.gradient(speed) / interval_s),
-        "lateral_acceleration": summed(speed * rate),
-        "direction": summed(np.sign(speed) * (size > 1e-9)),
-        "heading": summed(
+        "speed": during(speed, size, speed * size),
+        "turn_rate": during(rate, np.abs(rate), rate * np.abs(rate)),
+        "acceleration": during(np.gradient(speed) / interval_s),
+        "lateral_acceleration": during(speed * rate),
+        "direction": during(np.sign(speed) * (size > 1e-9)),
+        "heading": during(
             *(f(order * heading) * size for order in (1, 2, 4) for f in (np.cos, np.sin))
         ),
-        "distance": summed(np.cumsum(np.abs(forward)) * size),
-        "time": summed(one, time_s - time_s[0]),
+        "distance": during(np.cumsum(np.abs(forward)) * size),
+        "time": during(one, time_s - time_s[0]),
     }
 
 

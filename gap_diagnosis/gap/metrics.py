@@ -182,6 +182,18 @@ def clock_skew_of(frames: Mapping[str, FrameTimes], t_s: Floats, kept: NDArray[n
     return float(np.median(skews)) if skews else 0.0
 
 
+def drifting_share(frames: Mapping[str, FrameTimes]) -> float:
+    """Return which share of the energy of how late all messages' stamps are goes away where the
+    sender's clock has a rate of its own: 0 to 1, 0 if there are too few."""
+    before = after = 0.0
+    for one in frames.values():
+        if one.cycle_s > 0 and len(one.t_s) >= _LEAST_STAMPS:
+            t_s, late_s = lateness(one)
+            before += float(np.sum((late_s - late_s.mean()) ** 2))
+            after += float(np.sum((late_s - np.polyval(np.polyfit(t_s, late_s, 1), t_s)) ** 2))
+    return 1.0 - after / before if before > 0.0 else 0.0
+
+
 def _beats(frames: FrameTimes) -> Floats:
     """Return each stamp's number: by the tick counter where it runs, else by order of arrival."""
     counter = frames.counter

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +15,7 @@ from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.answer import unknown_part
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.firmware import firmware_block, replayed_pose
 from gap_diagnosis.gap import hold_out, kinds_of
 from gap_diagnosis.how_far import shrink
 from gap_diagnosis.modelled import told_apart, unseen_dropped
@@ -134,6 +136,56 @@ def test_a_drive_without_a_name_is_modelled_where_no_fit_has_seen_it(
     assert (found.variable, found.metric) == (variable, "drive_position_m")
     assert found.closed is not None
     assert found.closed > 0.8
+
+
+def reported(odometry: Callable[[Floats], Floats]) -> Analysis:
+    """Return a drive's analysis whose frames report what *odometry* makes of the pose that the
+    described program computes, float64[n, 3]."""
+    motion = analysed()
+    pose = odometry(replayed_pose(motion.recording, ROBOT, WIRE))
+    recording = replace(
+        motion.recording,
+        odometry_x_m=pose[:, 0],
+        odometry_y_m=pose[:, 1],
+        odometry_heading_rad=pose[:, 2],
+    )
+    block = firmware_block(recording, ROBOT, WIRE)
+    assert block is not None
+    return replace(motion, recording=recording, blocks=(*motion.blocks, block))
+
+
+def test_a_program_without_a_name_is_modelled_where_no_fit_has_seen_it() -> None:
+    """It was said that nothing stands in for it. Ways forward count 2 % more than they are."""
+
+    def longer(pose: Floats) -> Floats:
+        return pose * np.where(np.arange(3) < 2, 1.02, 1.0)
+
+    shrunk = shrink(reported(longer), NOTHING, "firmware", ROBOT, WIRE, None)
+    found = shrunk.modelled
+    assert shrunk.why_not is None
+    assert found is not None
+    assert (found.variable, found.metric) == ("speed", "firmware_position_m")
+    assert found.closed is not None
+    assert found.closed > 0.95
+
+
+def test_a_model_of_a_programs_noise_closes_nothing() -> None:
+    rng = np.random.default_rng(5)
+
+    def shaken(pose: Floats) -> Floats:
+        return pose + np.cumsum(rng.normal(0.0, 1e-3, pose.shape), axis=0)
+
+    found = shrink(reported(shaken), NOTHING, "firmware", ROBOT, WIRE, None).modelled
+    assert found is None or found.ci95 is None or found.ci95[0] < 0
+
+
+def test_the_last_digits_of_a_program_without_a_name_are_no_gap_to_close() -> None:
+    def coarser(pose: Floats) -> Floats:
+        return np.asarray(np.round(pose, 5))
+
+    shrunk = shrink(reported(coarser), NOTHING, "firmware", ROBOT, WIRE, None)
+    assert shrunk.modelled is None
+    assert shrunk.why_not == "it moves the odometry by less than makes a difference"
 
 
 def slide(log: Recording, seen: NDArray[np.bool_]) -> Floats:

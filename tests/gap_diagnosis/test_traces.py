@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_blocks import FakeBlock, analysis, ranked
-from structure_cases import ROBOT, WIRE, drive, model_of
+from structure_cases import ROBOT, WIRE, analysis_of, drive, model_of
 
 from gap_diagnosis.answer import unknown_part
 from gap_diagnosis.bus import bus_block
+from gap_diagnosis.how_far import shrink
 from gap_diagnosis.modelled import modelled_on
 from gap_diagnosis.traces import traces
 from hil_harness.effects import EffectSetting
@@ -80,6 +81,25 @@ def test_lost_frames_without_a_name_are_told_when_they_were_lost_and_which() -> 
     assert found.windows == (pytest.approx((20.0, 30.0), abs=1.0),)
     assert [one.variable for one in found.depends_on] == ["time"]
     assert found.depends_on[0].share > 0.8
-    model, why_not = modelled_on(model_of("calibration"), made, "bus", np.ones(len(log.t_s), bool))
+    every = np.ones(len(log.t_s), np.bool_)
+    model, why_not = modelled_on(model_of("calibration"), made, "bus", WIRE, every)
     assert model is None
     assert why_not == "it shows in frames IMU, and nothing stands in for what frames do"
+
+
+def test_a_clock_without_a_name_goes_with_time_and_its_rate_stands_in_for_it() -> None:
+    """It was said to go with nothing, and that nothing stands in for it."""
+    log = drive("calibration", EffectSetting("clock_skew", (("skew", 8e-4),)))
+    block = bus_block(log, ROBOT, WIRE)
+    assert block is not None
+    told = analysis_of(log, "wheelbase_scale")
+    told = replace(told, blocks=(*told.blocks, block), traces=traces([block], {"clock_skew"}))
+    found = unknown_part([told], "bus")
+    assert [one.variable for one in found.depends_on] == ["time"]
+    assert found.depends_on[0].share > 0.99
+    shrunk = shrink(told, frozenset(), "bus", ROBOT, WIRE)
+    assert shrunk.why_not is None
+    assert shrunk.modelled is not None
+    assert (shrunk.modelled.variable, shrunk.modelled.metric) == ("time", "timing_s")
+    assert shrunk.modelled.closed is not None
+    assert shrunk.modelled.closed > 0.99

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from gap_diagnosis.gap.metrics import (
     Path,
     WindowErrors,
     clock_skew_of,
+    drifting_share,
     path_errors,
     series_errors,
     stamp_errors,
@@ -173,6 +175,11 @@ def test_a_clock_that_runs_fast_is_late_by_its_skew() -> None:
     kept = ends > 20.0
     assert clock_skew_of({"IMU": frames}, ends, kept) == pytest.approx(skew, rel=1e-6)
     assert clock_skew_of({"IMU": frames}, ends, ends < 0) == 0.0
+    assert drifting_share({"IMU": frames}) == pytest.approx(1.0)
+    jitter_s = np.random.default_rng(1).normal(0.0, 1e-3, len(number))
+    jumpy = replace(frames, t_s=number * frames.cycle_s + jitter_s)
+    assert drifting_share({"IMU": jumpy}) < 0.01
+    assert drifting_share({}) == 0.0
 
 
 def test_errors_are_compared_in_the_windows_that_all_have() -> None:
