@@ -63,6 +63,9 @@ class Judged:
         seconds: how long it took.
         gap: before, after and floor; None where not measured.
         error: what went wrong, if anything did.
+        leftover: what an unlisted cause goes with, the likeliest first; None without one.
+        leftover_closes: share of the held-out gap that a model of the first closes; None where that
+            was not measured.
     """
 
     case: Case
@@ -86,6 +89,8 @@ class Judged:
     has_own_name: bool = False
     in_top3: bool = False
     overlap: float | None = None
+    leftover: tuple[str, ...] | None = None
+    leftover_closes: float | None = None
 
     @property
     def is_null(self) -> bool:
@@ -184,6 +189,8 @@ def judge(
         answer: p for answer, p in pooled.items() if answer not in oracle and answer != UNKNOWN
     }
     worst = max(wrong, key=lambda answer: wrong[answer], default=frozenset[str]())
+    unlisted: Mapping[str, Any] | None = found.get("unknown")
+    goes_with = None if unlisted is None else unlisted.get("depends_on", ())
     return Judged(
         case=case,
         over_limit=over_limit,
@@ -210,6 +217,8 @@ def judge(
         ),
         in_top3=truth in sorted(pooled, key=lambda answer: -pooled[answer])[:3],
         overlap=_overlap(case, best),
+        leftover=None if goes_with is None else tuple(one["variable"] for one in goes_with),
+        leftover_closes=None if unlisted is None else unlisted.get("closes"),
     )
 
 

@@ -80,4 +80,6 @@ def _judged(row: dict[str, Any]) -> Judged:
         Parameter(**{**one, "inside": tuple(one["inside"])}) for one in told["parameters"]
     )
     told["gap"] = None if told["gap"] is None else tuple(told["gap"])
+    if told.get("leftover") is not None:
+        told["leftover"] = tuple(told["leftover"])
     return Judged(**told)

@@ -34,6 +34,7 @@ from gap_diagnosis.trials.yardsticks import (
     share,
 )
 
+_HALF: Final = 0.5
 _CLOSABLE: Final = 2.0
 _NO_FLOOR: Final = 1e-12
 """Below it nothing is left by noise: arithmetic replayed bit for bit has no floor."""
@@ -112,6 +113,7 @@ def _part(judged: Sequence[Judged], again: Opened | None) -> dict[str, Any]:
         "unknown_stage": share(
             [one.stage_right for one in _unlisted(judged) if one.verdict == "unknown"]
         ),
+        **_leftovers(_unlisted(judged)),
         "imitable_right": share([one.in_group for one in imitable]),
         "imitable_named": share([one.names_imitator for one in imitable]),
         "imitable": sum(one.is_imitable for one in judged),
@@ -172,6 +174,21 @@ def _plain(value: Any) -> Any:
 def _unlisted(judged: Sequence[Judged]) -> list[Judged]:
     """Return the cases whose withheld cause nothing left in the library can imitate."""
     return [one for one in judged if one.is_withheld and not one.is_imitable]
+
+
+def _leftovers(withheld: Sequence[Judged]) -> dict[str, Share]:
+    """Return how often what is said of an unlisted cause's leftover points the right way.
+
+    *unknown_goes_with*: it says what the leftover goes with. *unknown_closes*, *unknown_half*: a
+    model of that closes some of the gap, or half of it, where no fit has seen it.
+    """
+    told = [one for one in withheld if one.verdict == "unknown" and one.leftover is not None]
+    closes = [one.leftover_closes for one in told if one.leftover_closes is not None]
+    return {
+        "unknown_goes_with": share([bool(one.leftover) for one in told]),
+        "unknown_closes": share([one > 0.0 for one in closes]),
+        "unknown_half": share([one >= _HALF for one in closes]),
+    }
 
 
 def _unknown(judged: Sequence[Judged]) -> Share:

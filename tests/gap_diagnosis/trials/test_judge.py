@@ -149,6 +149,37 @@ def test_of_a_withheld_cause_the_stage_is_right_where_it_acts() -> None:
     assert (found["value"], found["count"]) == (0.5, 2)
 
 
+def test_what_is_said_of_a_leftover_is_right_as_far_as_a_model_of_it_closes_the_gap(
+    tmp_path: Path,
+) -> None:
+    hidden = case(BIAS, "withheld", without=("adc_offset", "gyro_bias"))
+
+    def leftover(closes: float | None, *variables: str) -> Judged:
+        goes_with = [{"variable": name, "share": 0.5} for name in variables]
+        told = {"depends_on": goes_with, "closes": closes}
+        return seen(hidden, answer({"unknown": 1.0}, stage="gyro", unknown=told))
+
+    made = (
+        leftover(0.9, "time", "speed"),
+        leftover(0.3, "speed"),
+        leftover(-2.0, "heading"),
+        leftover(None),
+        seen(hidden, answer({"gyro_scale": 1.0}, stage="gyro")),
+    )
+    keep(tmp_path / "kept", {"chiplog": Opened(made, 0)})
+    for opened in (Opened(made, 0), kept(tmp_path / "kept")["chiplog"]):
+        found = scores(opened)["parts"]["all"]
+        shares = {
+            name: (found[name]["value"], found[name]["count"])
+            for name in ("unknown_goes_with", "unknown_closes", "unknown_half")
+        }
+        assert shares == {
+            "unknown_goes_with": (pytest.approx(3 / 4), 4),
+            "unknown_closes": (pytest.approx(2 / 3), 3),
+            "unknown_half": (pytest.approx(1 / 3), 3),
+        }
+
+
 def test_a_withheld_payload_is_imitated_by_a_radius_scale_with_a_mismatch() -> None:
     load = {"payload": {"compression_left": 0.01, "compression_right": 0.02}}
     hidden = case(load, "withheld", without=("payload",))
