@@ -110,11 +110,12 @@ QUANTITIES: Final[dict[Role, tuple[Quantity, ...]]] = {
     "odom_x": ("length",),
     "odom_y": ("length",),
     "odom_heading": ("angle",),
-    "reference_x": ("length",),
-    "reference_y": ("length",),
+    "reference_x": ("length", "angle"),
+    "reference_y": ("length", "angle"),
     "reference_heading": ("angle",),
 }
-"""What a physical signal of each role can measure."""
+"""What a physical signal of each role can measure; a reference's angles are a longitude (x) and a
+latitude (y)."""
 
 RAW_KIND: Final[dict[Role, Kind]] = {
     "left_count": "counts",
