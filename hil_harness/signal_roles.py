@@ -61,13 +61,14 @@ _SPELLINGS: Final[dict[str, Unit]] = {
     "m/s m/sec mps meter/s meters/s metre/s metres/s": Unit("speed", 1.0),
     "cm/s": Unit("speed", 0.01),
     "mm/s": Unit("speed", 0.001),
-    "km/h km/hr kmh kmph kph": Unit("speed", 1 / 3.6),
+    "km/h km/hr km/hour km^h kmh kmph kph": Unit("speed", 1 / 3.6),
     "mph mi/h mile/h miles/h": Unit("speed", _MILE_M / 3600),
-    "rad/s rad/sec radian/s radians/s radian/sec radians/sec": Unit("turn rate", 1.0),
-    "mrad/s": Unit("turn rate", 0.001),
-    "deg/s deg/sec degree/s degrees/s degree/sec degrees/sec °/s °/sec dps": Unit(
-        "turn rate", _DEGREE_RAD
+    "rad/s rad/sec radian/s radians/s radian/sec radians/sec radian/second radians/second": Unit(
+        "turn rate", 1.0
     ),
+    "mrad/s": Unit("turn rate", 0.001),
+    "deg/s deg/sec degree/s degrees/s degree/sec degrees/sec degree/second degrees/second "
+    "°/s °/sec dps": Unit("turn rate", _DEGREE_RAD),
     "turn/s rev/s": Unit("turn rate", _TURN_RAD),
     "rpm 1/min": Unit("turn rate", _TURN_RAD / 60),
     "m/s^2 m/s² m/s2 m/ss m/s/s m/sec^2 m/sec² m/sec2": Unit("acceleration", 1.0),
@@ -110,11 +111,12 @@ QUANTITIES: Final[dict[Role, tuple[Quantity, ...]]] = {
     "odom_x": ("length",),
     "odom_y": ("length",),
     "odom_heading": ("angle",),
-    "reference_x": ("length",),
-    "reference_y": ("length",),
+    "reference_x": ("length", "angle"),
+    "reference_y": ("length", "angle"),
     "reference_heading": ("angle",),
 }
-"""What a physical signal of each role can measure."""
+"""What a physical signal of each role can measure; a reference's angles are a longitude (x) and a
+latitude (y)."""
 
 RAW_KIND: Final[dict[Role, Kind]] = {
     "left_count": "counts",
@@ -129,8 +131,8 @@ RAW_KIND: Final[dict[Role, Kind]] = {
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit that *text* spells, None for one that is not known."""
-    return _BY_LOWER_CASE.get(text.strip().lower())
+    """Return the unit that *text* spells, blanks or none in it; None for one that is not known."""
+    return _BY_LOWER_CASE.get("".join(text.lower().split()))
 
 
 def units_for(role: Role) -> str:

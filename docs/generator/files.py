@@ -169,7 +169,8 @@ def signal_map() -> str:
             'it here: `gyro = { signal = "IMU.yaw_rate", unit = "deg/s" }`. A signal that '
             "counts the other way, clockwise or backwards, is turned round by `invert = true` in "
             "the same place. A wheel's speed can be read from a log; a simulated loop needs "
-            "counts, an angle or a distance.",
+            "counts, an angle or a distance. A reference's angles are a receiver's fixes: "
+            "`reference_x` is the longitude, `reference_y` the latitude.",
             "## Tables",
             "For a table (`.csv`, `.parquet`) the table `[columns]` has one line a role, "
             '`role = "COLUMN"`. The roles are those above, and two clocks: `time`, the log\'s, and '

@@ -212,6 +212,15 @@ def slip_angle(p: Prediction, *, compliance: float) -> None:
     p.lateral_m = p.lateral_m - compliance * speed_m_s * p.forward_m * m.turn_rate_rad_s
 
 
+def pressed_outside(p: Prediction, *, compliance: float) -> None:
+    """Let the outer wheel roll on a radius smaller by c * |v * omega|, the inner one on a larger: a
+    turn moves load from the inner tyre to the outer one."""
+    m = p.motion
+    share = compliance * m.speed_m_s * m.turn_rate_rad_s
+    p.left_m = p.left_m * (1 + share)
+    p.right_m = p.right_m * (1 - share)
+
+
 def exact_lateral_slip(p: Prediction, *, compliance: float) -> None:
     """Slide outward in turns as sharp as they are, by the counters where there are any."""
     p.lateral_m = p.lateral_m - compliance * p.forward_m * sharp_turn_rate(p.motion)

@@ -19,7 +19,7 @@ from gap_diagnosis.explanations.reference import (
 )
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.explanations.wheel import creep_in_turns, slip_angle
+from gap_diagnosis.explanations.wheel import creep_in_turns, pressed_outside, slip_angle
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -190,8 +190,10 @@ def build_columns(
         healthy.append((_LATE_COUNTS, _DELAY_S, 0.5 * speed_cycle_s))
     creep = prior.of(_CREEP, "compliance").tolerance
     healthy.append((_CREEP_IN_TURNS, creep, 0.5 * creep))
-    if nodes.has_reference and not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
-        healthy.append((_SLIP_ANGLE, _SLIP_ANGLE_S2_PER_M, _SLIP_ANGLE_S2_PER_M))
+    if not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
+        healthy.append((_PRESSED, _PRESSED_S2_PER_M, _PRESSED_S2_PER_M))
+        if nodes.has_reference:
+            healthy.append((_SLIP_ANGLE, _SLIP_ANGLE_S2_PER_M, _SLIP_ANGLE_S2_PER_M))
     if nodes.has_reference:
         healthy.append((_SMOOTHED, _SMOOTHED_S2, _SMOOTHED_S2))
     if not motion.has_counters:
@@ -315,8 +317,13 @@ _SLIP_ANGLE: Final = Variant(_LATERAL, slip_angle, ("compliance",))
 _SLIP_ANGLE_S2_PER_M: Final = 0.004
 """Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s²
 (Bundorf and Leffert 1976, SAE 760713)."""
+_PRESSED: Final = Variant("payload", pressed_outside, ("compliance",))
+_PRESSED_S2_PER_M: Final = 2e-4
+"""A car moves some 250 N per m/s² from one rear wheel to the other, and a radial tyre of 200 N/mm
+rolls on a radius smaller by 0.04 to 0.08 of what that presses it in by (the effective radius of
+Pacejka 2006, Tyre and Vehicle Dynamics): 0.05 to 0.1 mm of 0.31 m."""
 _FAST_M_S: Final = 1.0
-"""In slower turns it is no more than what is no news of a lateral slip."""
+"""In slower turns both are no more than what is no news of a lateral slip and of a wheelbase."""
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})

@@ -11,6 +11,7 @@ from can_bus import COUNTER_MODULO
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.reading.angles import unwrapped
+from gap_diagnosis.reading.fixes import reference_of
 from gap_diagnosis.reading.left_out import faulty_messages
 from gap_diagnosis.reading.log_ticks import LogByTicks
 from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
@@ -280,16 +281,10 @@ def _reference(log: LogByTicks) -> Reference | None:
             )
         return frames.raw[mapped.signal.name][first] * mapped.si_per_lsb + _si_offset(mapped)
 
-    x_m, y_m = value(x), value(y)
-    heading_rad = None if heading is None else unwrapped(value(heading))
-    known = np.isfinite(x_m) & np.isfinite(y_m)
-    if heading_rad is not None:
-        known &= np.isfinite(heading_rad)
-    if not known.any():
-        return None
-    return Reference(
-        log.log_seconds(Ticks(ticks[known], segment[known])),
-        x_m[known],
-        y_m[known],
-        None if heading_rad is None else heading_rad[known],
+    return reference_of(
+        log.log_seconds(Ticks(ticks, segment)),
+        (value(x), x.quantity),
+        (value(y), y.quantity),
+        None if heading is None else unwrapped(value(heading)),
+        str(log.path),
     )

@@ -44,7 +44,27 @@ _COMMANDS: Final[tuple[Role, ...]] = ("v_command", "w_command")
 _REFERENCES: Final[tuple[Role, ...]] = ("reference_x", "reference_y", "reference_heading")
 _ODOMETRY: Final[tuple[Role, ...]] = ("odom_heading", "odom_x", "odom_y")
 _SENSORS: Final[tuple[Role, ...]] = ("accel_x", "accel_y", "temperature", "supply")
-_REFERENCE_WORDS: Final = ("reference", "mocap", "truth", "ground", "rtk", "gps", "optitrack")
+_REFERENCE_WORDS: Final = (
+    "reference",
+    "mocap",
+    "truth",
+    "ground",
+    "rtk",
+    "gps",
+    "gnss",
+    "optitrack",
+)
+_PLACES: Final[Mapping[Role, tuple[frozenset[str], float]]] = {
+    "reference_x": (frozenset({"lon", "lng", "long", "longitude"}), 360.0),
+    "reference_y": (frozenset({"lat", "latitude"}), 90.0),
+}
+"""Words of a receiver's fixes, and the largest of them [deg]."""
+_NO_PLACES: Final = frozenset(
+    {"acc", "accel", "acceleration", "accuracy", "std", "sd", "cov", "err"}
+)
+"""What is longitudinal and lateral too, or how sure a fix is."""
+_FARTHEST_DEG: Final = 5.0
+"""No log leads farther over the globe."""
 _FLAG_WORDS: Final = frozenset({"fault", "faulted", "error", "valid", "invalid", "status", "flag"})
 """What ends in one says how a sensor is, not what it measures (TEMP_ACC_FAULTED)."""
 _SENSOR_WORDS: Final = ("gyro", "imu", "acc", "mag")
@@ -139,6 +159,7 @@ def propose(
     _take_plain_names(search)
     for role in _COMMANDS:
         _choose(search, role, lambda s: is_named(s, COMMAND_WORDS))
+    _choose_fixes(search)
     for role in _REFERENCES:
         _choose(search, role, lambda s: is_named(s, _REFERENCE_WORDS))
     _choose_wheels(search)
@@ -150,6 +171,38 @@ def propose(
     for role in _SENSORS:
         _choose(search, role, None)
     return {role: search.guesses[role] for role in ROLES if role in search.guesses}
+
+
+def _choose_fixes(search: _Search) -> None:
+    """Give the reference to a receiver's longitude and latitude, where the names say both.
+
+    A table's columns are taken to be degrees, as long as no name says otherwise.
+    """
+    chosen: dict[str, Guess] = {}
+    for role, (words, most_deg) in _PLACES.items():
+        fitting = [one for one in search.free if _is_place(search, one, words, most_deg)]
+        if role in search.guesses or len(fitting) != 1:
+            return
+        (signal,) = fitting
+        unit = (unit_of_signal(signal, True) or "deg") if search.is_table else None
+        chosen[role] = Guess(role, signal, unit, reasons=("a receiver's fixes by their name",))
+    search.guesses |= chosen
+
+
+def _is_place(search: _Search, signal: FoundSignal, words: frozenset[str], most_deg: float) -> bool:
+    said = unit_of(unit_of_signal(signal, search.is_table) or ("deg" if search.is_table else ""))
+    if said is None or said.quantity != "angle" or signal.is_constant:
+        return False
+    own = set(words_of(signal))
+    degrees = np.degrees(said.factor * signal.value[signal.value != 0.0])
+    return (
+        bool(own & words)
+        and not own & _NO_PLACES
+        and len(degrees) > 0
+        and float(np.abs(degrees).max()) <= most_deg
+        and float(np.ptp(degrees)) < _FARTHEST_DEG
+        and not is_whole(signal)
+    )
 
 
 def _hear_the_command(search: _Search, turn: tuple[Floats, Floats]) -> None:
@@ -226,6 +279,8 @@ def _unit_score(signal: FoundSignal, role: Role, is_table: bool) -> tuple[float,
     known = unit_of(unit)
     if known is None or known.quantity not in QUANTITIES[role]:
         return -9.0, None
+    if role in _PLACES and known.quantity == "angle":
+        return -9.0, None  # by its name alone, and only beside the other one
     return 2.0, f"unit {unit}"
 
 

@@ -105,10 +105,13 @@ def read_recording(
         measured = read_reference(reference)
         refuse_other_unit(measured, recording, str(reference))
         refuse_no_overlap(measured, recording, str(reference), robot)
-        notes = (*recording.notes, *_without_fix(measured, Path(reference)))
+        file, _ = ros_file(Path(reference)) or (Path(reference), None)
+        notes = (*recording.notes, *_without_fix(measured, file))
         recording = replace(recording, reference=measured, notes=notes)
     elif own is not None:
-        recording = replace(recording, reference=own)
+        recording = replace(
+            recording, reference=own, notes=(*recording.notes, *_without_fix(own, path))
+        )
     if recording.reference is not None:
         measured, unlocked = without_unlocked_ends(recording.reference)
         measured, held = without_held_poses(measured)
@@ -125,8 +128,7 @@ def _without_fix(reference: Reference, path: Path) -> tuple[str, ...]:
     if not reference.without_fix:
         return ()
     of = reference.without_fix + len(reference.t_s)
-    file, _ = ros_file(path) or (path, None)
-    return (f"{file.name}: {reference.without_fix} of {of} messages have no fix and are left out.",)
+    return (f"{path.name}: {reference.without_fix} of {of} messages have no fix and are left out.",)
 
 
 def _cut_off(path: Path, reference: str | Path | None) -> tuple[str, ...]:

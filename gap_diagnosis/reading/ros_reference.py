@@ -2,7 +2,7 @@
 
 Read by rosbags, which is an extra; no ROS is needed. Poses come from messages that state one:
 nav_msgs/Odometry, geometry_msgs/PoseStamped and PoseWithCovarianceStamped, at their header's stamp.
-A GPS receiver's sensor_msgs/NavSatFix states a latitude and a longitude: pymap3d lays them, at the
+A GPS receiver's sensor_msgs/NavSatFix states a latitude and a longitude: they are laid, at the
 height of the first, on the plane that touches WGS 84 there, x to the east and y to the north.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.reading.fixes import east_north_m
 
 SUFFIXES: Final = (".mcap", ".db3", ".bag")
 _POSE_TYPES: Final = {
@@ -89,7 +90,7 @@ def read_ros_poses(path: Path, topic: str | None, most_rows: int) -> RosPoses:
         raise DiagnosisError(f"{path}: not a ROS recording that can be read: {text}") from error
     poses = np.array(rows, dtype=np.float64).reshape(-1, 8)
     if is_fix and len(poses):
-        _lay_flat(poses, _package("pymap3d", path))
+        _lay_flat(poses)
     return RosPoses(poses, not is_fix, without_fix)
 
 
@@ -133,16 +134,10 @@ def _fix(path: Path, message: Any) -> tuple[float, ...]:
     return (_time_s(message), *place_deg, height_m, *_NO_TURN)
 
 
-def _lay_flat(rows: NDArray[np.float64], map3d: Any) -> None:
-    """Put metres to the east and to the north of the first fix in the place of degrees.
-
-    All are laid at the first one's height: what a receiver says of heights wanders by metres, and
-    a metre more makes the ground larger by 0.16 millionths.
-    """
-    height_m = rows[0, 3]
-    rows[:, 1], rows[:, 2], _ = map3d.geodetic2enu(
-        rows[:, 1], rows[:, 2], height_m, rows[0, 1], rows[0, 2], height_m
-    )
+def _lay_flat(rows: NDArray[np.float64]) -> None:
+    """Put metres to the east and to the north of the first fix in the place of degrees."""
+    latitude, longitude = np.radians(rows[:, 1]), np.radians(rows[:, 2])
+    rows[:, 1], rows[:, 2] = east_north_m(latitude, longitude, float(rows[0, 3]))
     rows[:, 3] = 0.0
 
 

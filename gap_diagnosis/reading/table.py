@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.reading.angles import unwrapped
+from gap_diagnosis.reading.fixes import reference_of
 from gap_diagnosis.reading.rows import Rows, hold, rows_of_ticks
 from gap_diagnosis.reading.said_again import with_news_only
 from gap_diagnosis.reading.speeds import AddedUp, integrated_speed
@@ -293,14 +294,10 @@ def _slow(table: _Table, role: Role) -> Floats | None:
 
 
 def _reference(table: _Table, t_s: Floats) -> Reference | None:
-    x_m, y_m = _quantity(table, "reference_x"), _quantity(table, "reference_y")
-    if x_m is None or y_m is None:
+    x, y = _quantity(table, "reference_x"), _quantity(table, "reference_y")
+    if x is None or y is None:
         return None
     heading = _quantity(table, "reference_heading")
-    known = np.isfinite(x_m) & np.isfinite(y_m)
-    if heading is not None:
-        known &= np.isfinite(heading)
-        heading = unwrapped(heading)[known]
-    if np.count_nonzero(known) < 2:
-        return None
-    return Reference(t_s[known], x_m[known], y_m[known], heading)
+    of_x, of_y = (table.map.columns[role].quantity for role in ("reference_x", "reference_y"))
+    heading = None if heading is None else unwrapped(heading)
+    return reference_of(t_s, (x, of_x), (y, of_y), heading, str(table.path))

@@ -19,6 +19,7 @@ from can_bus import (
     make_message,
 )
 from hil_harness.effects.setup_mistakes import SensorMistakes, SetupMistakes
+from hil_harness.errors import HarnessError
 from hil_harness.nodes.schedule import cycle_of, encode_frame
 from hil_harness.sensor_frames import SensorFrames
 from hil_harness.signal_map import MappedSignal, SignalMap
@@ -81,6 +82,12 @@ class PlantNode:
             schedule(signal_map.messages(REFERENCE_ROLES)) if send_reference else []
         )
         self._reference_signals = [signal_map.get(role) for role in REFERENCE_ROLES]
+        for signal in self._reference_signals[:2] if send_reference else []:
+            if signal is not None and signal.quantity == "angle":
+                raise HarnessError(
+                    f"{signal.path} is a place on the globe, which can only be read from a log: "
+                    "expected a length"
+                )
         # A command holds until the next one: it may be as old as its cycle.
         longest_us = max((spec.cycle_time_us or 0 for spec in command_messages), default=0)
         self.checker = FrameChecker(

@@ -240,10 +240,10 @@ def test_every_quantity_that_a_role_can_have_has_units() -> None:
 @pytest.mark.parametrize(
     ("spellings", "unit"),
     [
-        ("deg/sec degree/s degrees/s degree/sec degrees/sec", "deg/s"),
-        ("rad/sec radian/s radians/s radians/sec", "rad/s"),
+        ("deg/sec degree/s degrees/s degree/sec degrees/sec degrees/second", "deg/s"),
+        ("rad/sec radian/s radians/s radians/sec radians/second", "rad/s"),
         ("m/sec meter/s meters/s", "m/s"),
-        ("km/hr kph kmph kmh", "km/h"),
+        ("km/hr kph kmph kmh km^h km/hour", "km/h"),
         ("m/sec^2 m/s/s", "m/s^2"),
         ("MPH mi/h", "mph"),
     ],
@@ -251,6 +251,10 @@ def test_every_quantity_that_a_role_can_have_has_units() -> None:
 def test_units_are_understood_as_dbcs_in_the_wild_spell_them(spellings: str, unit: str) -> None:
     """A yaw rate in deg/sec was left out of the map, and the gyro out of the diagnosis."""
     assert {unit_of(one) for one in spellings.split()} == {UNITS[unit]}
+
+
+def test_blanks_within_a_unit_say_nothing() -> None:
+    assert unit_of("km / h") == UNITS["km/h"]
 
 
 def test_a_mile_per_hour_is_a_speed_of_447_millimetres_per_second() -> None:

@@ -18,6 +18,37 @@ BA_DEF_DEF_ "GenMsgCycleTime" 0;
 BA_ "GenMsgCycleTime" BO_ 256 10;
 """
 _SPEED_MAP = '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\n'
+_PLACES = "t_s,left_ticks,right_ticks,x,y\n" + "".join(
+    f"{k / 10},{30 * k},{40 * k},{48 + k * 1e-6:.6f},{111 + k * 1e-6:.6f}\n" for k in range(40)
+)
+_GLOBE_DBC = """VERSION ""
+BU_: A B
+BO_ 256 WHEELS: 4 A
+ SG_ left : 0|16@1+ (1,0) [0|65535] "" B
+ SG_ right : 16|16@1+ (1,0) [0|65535] "" B
+BO_ 512 GNSS: 8 A
+ SG_ lon : 0|32@1- (1E-007,0) [-180|180] "deg" B
+ SG_ lat : 32|32@1- (1E-007,0) [-90|90] "deg" B
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 256 10;
+BA_ "GenMsgCycleTime" BO_ 512 100;
+"""
+_GLOBE_MAP = (
+    '[signals]\nleft_count = "WHEELS.left"\nright_count = "WHEELS.right"\n'
+    'reference_x = "GNSS.lon"\nreference_y = "GNSS.lat"\n'
+)
+
+
+def _places(x_unit: str, y_unit: str) -> str:
+    """Return a map of a table whose reference has these units."""
+    return (
+        '[columns]\ntime = "t_s"\nleft_count = "left_ticks"\nright_count = "right_ticks"\n'
+        f'reference_x = {{ column = "x", unit = "{x_unit}" }}\n'
+        f'reference_y = {{ column = "y", unit = "{y_unit}" }}\n'
+    )
+
+
 _ODD_DBC = """VERSION ""
 BU_: A B
 BO_ 256 CAR: 4 A
@@ -33,6 +64,26 @@ RECORDINGS: tuple[Row, ...] = (
         "WHEELS.left is a wheel's speed, which can only be read from a log: expected counts, an "
         "angle or a distance",
         {"mine.dbc": _SPEED_DBC, "map.toml": _SPEED_MAP},
+    ),
+    Row(
+        "a receiver's fixes where a loop needs metres",
+        "chiplog run --reference-frames --dbc mine.dbc --signals map.toml",
+        "GNSS.lon is a place on the globe, which can only be read from a log: expected a length",
+        {"mine.dbc": _GLOBE_DBC, "map.toml": _GLOBE_MAP},
+    ),
+    Row(
+        "a longitude and a latitude that were exchanged",
+        "chiplog diagnose table.csv --signals map.toml",
+        "table.csv: a fix at latitude 111°, longitude 48°: expected at most 90° and 360°; "
+        "reference_x is the longitude, reference_y the latitude",
+        {"table.csv": _PLACES, "map.toml": _places("deg", "deg")},
+    ),
+    Row(
+        "a longitude beside a length",
+        "chiplog diagnose table.csv --signals map.toml",
+        "table.csv: reference_x measures angle, reference_y length: expected two lengths, or a "
+        "longitude and a latitude",
+        {"table.csv": _PLACES, "map.toml": _places("deg", "m")},
     ),
     Row(
         "a known role without its signal",

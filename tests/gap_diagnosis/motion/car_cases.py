@@ -75,12 +75,15 @@ def driven(
     slip_angle_s2_per_m: float = 0.0,
     left_larger: float = 0.0,
     wander: float = 0.0,
+    pressed_s2_per_m: float = 0.0,
 ) -> MotionModel:
     """Return what a car's bus and its GPS say of four minutes in town: the rear wheels' speeds and
     the yaw rate, and where it was, not which way it pointed.
 
     Its tyres yield by *slip_angle_s2_per_m*, its left wheel is by *left_larger* larger than it is
-    described, and the wheels come apart to and fro by *wander*, parts of their way.
+    described, and the wheels come apart to and fro by *wander*, parts of their way. In a turn the
+    outer wheel rolls on a radius smaller by *pressed_s2_per_m* times the sideways acceleration, the
+    inner one on one as much larger.
     """
     rng = np.random.default_rng(seed)
     t_s = np.arange(0.0, 240.0, STEP_S)
@@ -101,10 +104,11 @@ def driven(
     creeps = 1.0 + CREEP_S2_PER_M * np.gradient(speed, STEP_S)
     apart = 0.5 * TRACK_M * turn_rate
     apart_more = 0.5 * wander * np.sin(math.tau * t_s / WANDER_S)
+    pressed = pressed_s2_per_m * speed * turn_rate
     rows = [
         t_s,
-        (speed - apart) * creeps * (1.0 - apart_more) / (1.0 + left_larger),
-        (speed + apart) * creeps * (1.0 + apart_more),
+        (speed - apart) * creeps * (1.0 - apart_more) / ((1.0 + left_larger) * (1.0 + pressed)),
+        (speed + apart) * creeps * (1.0 + apart_more) / (1.0 - pressed),
         turn_rate,
     ]
     noise = np.array([[0.0], [0.003], [0.003], [5e-4]]) * rng.standard_normal((4, len(t_s)))
