@@ -186,14 +186,16 @@ def _whiten(
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
             rate_x, rate_y, turn_rate = dx / dt, dy / dt, turns[k] / dt
-            # Both last for as long: an effect that varies and slip of its own are one motion.
+            # Both last for as long: an effect that varies and slip of its own are one motion, which
+            # goes the effect's way where that is the larger. Next to nothing of an effect changes
+            # nothing.
             left_effect, left_own = inexact * left_astray[k], wander * left_way[k]
             right_effect, right_own = inexact * right_astray[k], wander * right_way[k]
             left_slip = np.sqrt(left_effect * left_effect + left_own * left_own)
             right_slip = np.sqrt(right_effect * right_effect + right_own * right_own)
-            if left_effect < 0.0:
+            if left_effect < -left_own:
                 left_slip = -left_slip
-            if right_effect < 0.0:
+            if right_effect < -right_own:
                 right_slip = -right_slip
             left_turn, right_turn = -left_slip / wheelbase_m, right_slip / wheelbase_m
             left_x, right_x = 0.5 * c * left_slip, 0.5 * c * right_slip
