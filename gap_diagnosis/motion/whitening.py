@@ -187,8 +187,9 @@ def _whiten(
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
             rate_x, rate_y, turn_rate = dx / dt, dy / dt, turns[k] / dt
-            # Both last for as long: an effect that varies and slip of its own are one motion, with
-            # the sign of the larger one: beside an effect of nothing slip lasts as beside none.
+            # Both last for as long: an effect that varies and slip of its own are one motion, which
+            # goes the effect's way where that is the larger. Next to nothing of an effect changes
+            # nothing.
             left_effect, left_own = inexact * left_astray[k], wander * left_way[k]
             right_effect, right_own = inexact * right_astray[k], wander * right_way[k]
             left_slip = np.sqrt(left_effect * left_effect + left_own * left_own)

@@ -37,6 +37,9 @@ _FASTEST_M_S: Final = 0.4
 _HOLD_SHARE: Final = 0.09
 """No command asks for more of what the floor gives: so much creeps and does not slide."""
 _TYRES_M_PER_N: Final = 1.2e-5
+MOST_SCRUB_M: Final = 0.0005
+_WIDE_TYRES_S: Final = 0.08
+"""Soft enough for wheels that scrub by 15 mm to stay on the floor as they turn."""
 
 _ROBOT_TEXT: Final = """\
 schema = 1
@@ -59,7 +62,7 @@ CAUSES: Final[Mapping[str, Mapping[str, Any]]] = {
     "soft_tyres": {"soft_s": 0.03},
     "tilted_floor": {"slope_rad": 0.05, "downhill_rad": 0.7, "soft_s": 0.02},
     "weak_motors": {"torque_nm": 0.1},
-    "scrubbing_tyres": {"scrub_m": 0.01},
+    "scrubbing_tyres": {"scrub_m": 0.015},
 }
 """By cause, what is different from the robot that was calibrated."""
 
@@ -70,7 +73,7 @@ def nominal_world(seed: int) -> World:
     return World(
         mass_kg=float(draw.uniform(5, 12)),
         middle_x_m=float(draw.uniform(-0.08, -0.03)),
-        scrub_m=float(draw.uniform(0.0, 0.002)),
+        scrub_m=float(draw.uniform(0.0, MOST_SCRUB_M)),
         trail_m=float(draw.uniform(0.01, 0.025)),
         caster_friction=float(draw.uniform(0.4, 0.8)),
     )
@@ -83,6 +86,8 @@ def world_with(cause: str, seed: int) -> tuple[World, World]:
         nominal = replace(nominal, tyre_m_per_n=_TYRES_M_PER_N)
     if cause == "tilted_floor":
         nominal = replace(nominal, soft_s=0.02)
+    if cause == "scrubbing_tyres":
+        nominal = replace(nominal, soft_s=_WIDE_TYRES_S)
     return nominal, replace(nominal, **CAUSES[cause])
 
 

@@ -84,6 +84,7 @@ def truth_of(driven: Driven, world: World, described: Calibrated) -> dict[str, f
         "longitudinal_slip": float(slipping),
         "slides_left": float((sliding & moving)[:, 0].mean()),
         "slides_right": float((sliding & moving)[:, 1].mean()),
+        "off_the_floor": float((driven.normal_n <= 0.0).any(1).mean()),
         "share_of_hold": highest_hold_share(driven, world),
     }
 
@@ -106,6 +107,7 @@ def news_of(truth: Mapping[str, float], tolerance: Tolerance) -> dict[str, float
         "toe": tolerances("wheel_toe")["angle"],
         "slides_left": 0.0,
         "slides_right": 0.0,
+        "off_the_floor": 0.0,
         "share_of_hold": HELD,
     }
     return {name: truth[name] for name, limit in limits.items() if abs(truth[name]) > limit}

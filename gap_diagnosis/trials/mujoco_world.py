@@ -15,6 +15,9 @@ import mujoco
 STEP_S: Final = 0.0004
 CONTACT_S: Final = 0.0008
 """Time constant of the contact; below a millisecond, for it shows as a time offset of its size."""
+HOLD_S: Final = 0.002
+"""Of its hold along the floor. The engine lifts what slides: a wheel that turns about where it
+stands hops as soon as its scrub [m], times the turn rate, over this is more than 0.5 m/s²."""
 GRAVITY_M_S2: Final = 9.81
 
 _CASTER_RADIUS_M: Final = 0.02
@@ -78,7 +81,7 @@ class World:
     downhill_rad: float = 0.0
     torque_nm: float = 20.0
     tyre_m_per_n: float = 0.0
-    soft_s: float = CONTACT_S
+    soft_s: float = HOLD_S
 
 
 _SCENE: Final = """

@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE, Floats, moved_only, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import INEXACT
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import NumberEstimate
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.scenarios import scenario
 
+WANDER = LEVELS.index("slip_wander")
 LASTS_S = 1.0
 """How long a wheel scrubs more, or less, than on average."""
 SOUGHT = {
@@ -94,6 +96,24 @@ def test_effects_vary_by_no_more_than_the_log_shows_of_them() -> None:
     shown, hidden = (scrubbing("figure8", scale, 0.0, seed=1) for scale in (0.03, 0.0))
     assert astray_m(shown, 0.3) < 1.2 * astray_m(shown, 0.03)
     assert astray_m(hidden, 0.3) < 0.3 * astray_m(shown, 0.03)
+
+
+@pytest.mark.parametrize("effect", ["longitudinal_slip", "turn_scrub", "wheelbase_scale"])
+def test_next_to_nothing_of_an_effect_is_as_likely_as_nothing(effect: str) -> None:
+    """A slip of the wheels' own went with the sign of the effect, however little that was: what
+    wheels creep between one stop and the next told healthy robots of a slip while speeding up (29
+    nats of a millionth of it, 0.97)."""
+    model = MotionModel(scrubbing("square", 0.0, 0.0, seed=1), ROBOT, default_prior())
+    term = next(one for one in model.columns.terms if one.variant.effect == effect)
+    levels = model.level_prior.median.copy()
+    levels[WANDER] = 0.003
+
+    def likelihood(size: float) -> float:
+        terms, sizes = (term,), ((size,),)
+        return model.likelihood(terms, sizes, levels, model.scattered(terms, sizes, levels))
+
+    assert likelihood(1e-6) == pytest.approx(likelihood(0.0), abs=0.1)
+    assert likelihood(-1e-6) == pytest.approx(likelihood(0.0), abs=0.1)
 
 
 def test_a_gyro_alone_does_not_show_that_effects_of_wheels_vary() -> None:
