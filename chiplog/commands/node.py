@@ -15,6 +15,7 @@ from chiplog.commands.options import (
     ChannelOption,
     DbcOption,
     EffectOption,
+    EffectLibraryOption,
     EffectsFileOption,
     JsonFileOption,
     KernelOption,
@@ -68,6 +69,7 @@ def command(
     ] = None,
     effect: EffectOption = None,
     effects: EffectsFileOption = None,
+    effect_library: EffectLibraryOption = None,
     seed: SeedOption = None,
     duration_s: Annotated[
         float | None,
@@ -92,20 +94,28 @@ def command(
     """
     if role is Role.FIRMWARE:
         _refuse_plant_options(
-            {"--scenario": scenario, "--effect": effect, "--effects": effects, "--seed": seed}
+            {
+                "--scenario": scenario,
+                "--effect": effect,
+                "--effects": effects,
+                "--effect-library": effect_library,
+                "--seed": seed,
+            }
         )
     from chiplog.commands.output import write_json
     from chiplog.terminal import show_error, show_line
     from hil_harness.assembly import RunConfig
-    from hil_harness.effects import read_effects
+    from hil_harness.effects import load_effect_library, read_effects
     from hil_harness.robot import load_robot
     from hil_harness.scenarios import scenario as find_scenario
     from hil_harness.stopping import stoppable
 
+    known = None if effect_library is None else load_effect_library(effect_library)
     config = RunConfig(
         scenario=find_scenario(scenario or _DEFAULT_SCENARIO, seed=seed),
         robot=load_robot(robot),
-        effects=read_effects(effect or (), () if effects is None else (effects,)),
+        effects=read_effects(effect or (), () if effects is None else (effects,), known),
+        known=known,
         seed=seed,
         duration_s=duration_s,
         time="real",

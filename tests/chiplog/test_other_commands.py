@@ -134,6 +134,24 @@ def test_plant_and_firmware_meet_as_two_processes(chiplog: Chiplog, tmp_path: Pa
     assert chiplog("replay", str(tmp_path / "ecu.log")).status == 0
 
 
+def test_a_plant_of_its_own_process_takes_effects_of_ones_own(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    library = tmp_path / "my_effects.py"
+    library.write_text(
+        "from hil_harness.effects import Effect, EffectParameter\n"
+        "much = EffectParameter('much', '1', 0.0, 'how much')\n"
+        "EFFECTS = [Effect('worn_hub', 'wheel', (much,), 'It wobbles.', lambda s, values: s)]\n"
+    )
+    words = ("node", "plant", "--interface", "udp_multicast", "--channel", "239.74.163.78")
+    mine = ("--effect", "worn_hub.much=0.1", "--duration-s", "0.05")
+    said = chiplog(*words, *mine, "--effect-library", str(library))
+    assert (said.status, said.err) == (0, "")
+    refused = chiplog(*words, *mine)
+    assert refused.status == 2
+    assert "worn_hub" in refused.err
+
+
 @pytest.mark.parametrize("name", package.__all__)
 def test_every_public_name_is_there(name: str) -> None:
     assert getattr(package, name) is not None
