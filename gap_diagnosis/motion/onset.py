@@ -33,14 +33,18 @@ LOG_WEIGHT: Final = LOG_SHARE - math.log(SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2)
 """Log prior of one window of the grid, beside the effect on the whole log."""
 
 
+_OF_REFERENCE: Final = frozenset({"reference_yaw", "reference_time_offset"})
+
+
 def can_begin(term: Term) -> bool:
-    """Tell whether an effect is sought in windows: one amplitude, of a wheel, encoder or gyro."""
+    """Tell whether an effect is sought in windows: one amplitude, of a wheel, encoder or gyro, or
+    how a reference is turned or late."""
     variant = term.variant
     return (
         len(variant.coefficients) == 1
         and "start_s" not in variant.fixed
         and variant.effect not in GROSS
-        and rank_of(variant) <= _GYRO_RANK
+        and (rank_of(variant) <= _GYRO_RANK or variant.effect in _OF_REFERENCE)
     )
 
 

@@ -30,6 +30,8 @@ ONE_AMPLITUDE = [
         "gyro_scale",
         "gyro_bias",
         "gyro_lag",
+        "reference_yaw",
+        "reference_time_offset",
     )
     for variant in EXPLAINED[effect].variants(MOTION)
 ]
@@ -66,6 +68,27 @@ def test_inside_its_window_an_effect_acts_as_ever_and_outside_not_at_all(variant
         found = arrays(predict(MOTION, [(part, (0.01,))]))
         for name, values in found.items():
             np.testing.assert_array_equal(values, np.where(inside, ever[name], never[name]))
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "size"),
+    [("reference_yaw", "angle", 0.02), ("reference_time_offset", "offset", 0.05)],
+)
+def test_a_reference_that_turns_or_lags_from_some_time_on_is_told_with_its_onset(
+    effect: str, parameter: str, size: float
+) -> None:
+    """The one was no gap (0.93 of 3°), the other a clock that drifts (0.99)."""
+    onset_s = 30.0
+    setting = EffectSetting(effect, ((parameter, size), ("start_s", onset_s)))
+    recording = synthetic_recording(
+        ROBOT, WIRE, STILL, (setting,), 12, reference=ReferenceNoise(), duration_s=60.0
+    )
+    found = diagnose_recordings([recording], ROBOT, WIRE).diagnosis
+    best = found.which[0]
+    assert found.verdict == effect
+    assert best.probability > 0.9
+    assert best.parameters[f"{effect}.{parameter}"].estimate == pytest.approx(size, rel=0.05)
+    assert best.windows[0][0] == pytest.approx(onset_s, abs=0.2)
 
 
 def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
