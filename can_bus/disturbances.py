@@ -81,6 +81,15 @@ class Disturbances:
         }
         return names - {SENSORS}
 
+    def require_messages(self, database: Database) -> None:
+        """Raise CanBusError for a message that is named and that the database does not have."""
+        for name in sorted(self.named_frames() - database.messages.keys()):
+            known = ", ".join(database.messages)
+            raise CanBusError(
+                f"frame = {name}: {database.path.name} has no such message: expected "
+                f"{SENSORS} or one of {known}"
+            )
+
     def touches(self, message: str, *, is_sensor: bool) -> bool:
         """Tell whether a frame of this message can be touched."""
         own = (message, SENSORS) if is_sensor else (message,)
@@ -280,13 +289,7 @@ class Traffic:
         self._sensors = frozenset(sensors)
         self._seed = seed
         for _, disturbances in schedule:
-            for name in sorted(disturbances.named_frames()):
-                if name not in database.messages:
-                    known = ", ".join(database.messages)
-                    raise CanBusError(
-                        f"frame = {name}: {database.path.name} has no such message: expected "
-                        f"{SENSORS} or one of {known}"
-                    )
+            disturbances.require_messages(database)
         self.memory = 2 + max(disturbances.stale_cycles for _, disturbances in schedule)
         self._to_ecu, self._from_ecu = _Direction(self), _Direction(self)
 

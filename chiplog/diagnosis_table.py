@@ -39,7 +39,9 @@ def show_diagnosis(
         candidates = words.candidate_rows(found, _CANDIDATES - 1)
     show_table(["probability", "explanation", "estimate", "95 % interval"], candidates, words=2)
     show_line()
-    rows = [["cannot tell", sentence] for sentence in words.ambiguity_sentences(found)[:_NOTES]]
+    known = words.known_already(found)
+    rows = [["known already", known]] if known else []
+    rows += [["cannot tell", sentence] for sentence in words.ambiguity_sentences(found)[:_NOTES]]
     own = [one for one in found.advice if one.about == "verdict"][:_NOTES]
     rows += [["drive next", advice.sentence] for advice in own]
     rows += [["note", note] for note in found.notes[:_NOTES]]

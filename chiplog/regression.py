@@ -17,16 +17,19 @@ def assert_gap_below(
     reference: str | Path | Sequence[str | Path] | None = None,
     dbc: str | Path | None = None,
     signals: str | Path | None = None,
+    effects: str | Path | None = None,
     effect_library: str | Path | None = None,
     **bounds: str,
 ) -> Diagnosis:
-    """Assert that the gap between a log and the robot as described stays within bounds.
+    """Assert that the gap between a log and the robot as it is known stays within bounds.
 
     Args:
         log: one recorded log or table, or several.
         robot: the description; None is the lesson's robot.
         reference: a trajectory measured from outside, one per log.
         dbc, signals: a DBC other than the shipped one, and its map.
+        effects: what is known beside the description, as ``chiplog diagnose --write-effects``
+            writes it: the gap is measured beside it.
         effect_library: effects of your own (a Python file, which is run).
         **bounds: one or more of position, heading, drive, firmware, turn, timing, each with the
             largest gap allowed, as in ``position="5 mm per 10 m"``.
@@ -51,6 +54,7 @@ def assert_gap_below(
         dbc=_path(dbc),
         signals=_path(signals),
         references=_paths(reference),
+        effects=_path(effects),
         effect_library=_path(effect_library),
     ).diagnosis
     exceeded = [one for one in (judge(bound, found) for bound in asked) if not one.holds]

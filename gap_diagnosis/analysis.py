@@ -16,6 +16,7 @@ from gap_diagnosis.codes import codes_block
 from gap_diagnosis.drive import DriveBlock, drive_block
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS
 from gap_diagnosis.firmware import FirmwareBlock, firmware_block
+from gap_diagnosis.granted import Granted
 from gap_diagnosis.hypothesis import Block, Fit
 from gap_diagnosis.lost_tracking import Lost
 from gap_diagnosis.motion.blanks import odometry_of_one_part
@@ -131,6 +132,7 @@ def analyse(
 ) -> Analysis:
     """Prepare and search all blocks of a log; *without* are effects that are not to be tried,
     *library* a user's own."""
+    without = without | recording.granted.there_or_not
     motion, gross = None, False
     blocks: list[Block] = []
     others: list[Alternative] = []
@@ -174,7 +176,8 @@ def analyse(
         blocks.append(bus)
     codes = codes_block(recording, robot)
     if codes is not None:
-        blocks.append(codes)
+        # What is known to be stuck or to clip leaves its trace again.
+        blocks.append(_without(codes, recording.granted.there_or_not))
     progress("odometry against replay", 0.65)
     firmware = firmware_block(as_received, robot, wire, without)
     if firmware is not None and not firmware.is_equal:
@@ -184,7 +187,7 @@ def analyse(
     if firmware is not None:
         blocks.append(
             firmware
-            if firmware.knows_arrivals or not _is_disturbed(bus)
+            if firmware.knows_arrivals or not _is_disturbed(bus, recording.granted)
             else Reduced(firmware, firmware.effects - _LATE)
         )
     if mistake is not None:
@@ -239,12 +242,12 @@ _LATE: Final = frozenset({"missed_deadline"})
 _DISTURBED: Final = 10.0
 
 
-def _is_disturbed(bus: Block | None) -> bool:
+def _is_disturbed(bus: Block | None, granted: Granted) -> bool:
     """Tell whether frames came late or not at all: a replay then misses ticks of its own."""
     if bus is None:
         return False
     disturbing = {"frame_jitter", "frame_loss", "frame_reordering", "reception_stamp"}
-    return any(
+    return not disturbing.isdisjoint(granted.values) or any(
         bus.fit(frozenset({effect})).log_evidence > _DISTURBED
         for effect in disturbing & bus.effects
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -30,6 +31,8 @@ from gap_diagnosis.facts import (
     notes_on,
     untrusted,
 )
+from gap_diagnosis.granted import NOTHING, Granted
+from gap_diagnosis.granting import load_granted
 from gap_diagnosis.how_far import Shrink, shrink, shrink_each, shrink_on
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.picturing import residual_times
@@ -45,6 +48,7 @@ from gap_diagnosis.result_parts import (
     Advice,
     Candidate,
     InputFile,
+    KnownEffect,
     Metric,
     StageOrNone,
     Structure,
@@ -72,13 +76,15 @@ def diagnose(
     references: Sequence[Path] = (),
     holdout: Path | None = None,
     holdout_reference: Path | None = None,
+    effects: Path | None = None,
     effect_library: Path | None = None,
     progress: Progress = lambda step, share: None,
     every_drive: bool = False,
 ) -> Report:
     """Diagnose recorded logs; *progress* is told the step and the share that is done.
 
-    *every_drive*: advice beyond the verdict's group too, as in `advice_for`.
+    *effects* states what is known of the robot beside its description: what an earlier diagnosis
+    found. *every_drive*: advice beyond the verdict's group too, as in `advice_for`.
     Raises DiagnosisError, CanBusError or HarnessError in one line for what cannot be read.
     """
     started = time.monotonic()
@@ -88,6 +94,7 @@ def diagnose(
         )
     described = load_robot(robot)
     known = {} if effect_library is None else load_effect_library(effect_library)
+    granted = NOTHING if effects is None else load_granted(effects, known)
     progress("reading", 0.0)
     recordings = read_recordings(
         logs, robot=described, references=references, dbc=dbc, signals=signals
@@ -100,13 +107,14 @@ def diagnose(
         )
     wire = _wire(described, dbc, signals, logs, recordings)
     inputs = input_files(
-        logs, robot, dbc, signals, references, holdout, holdout_reference, effect_library
+        logs, robot, dbc, signals, references, holdout, holdout_reference, effects, effect_library
     )
     return diagnose_recordings(
         recordings,
         described,
         wire,
         held=held,
+        granted=granted,
         library=known,
         inputs=inputs,
         started=started,
@@ -121,6 +129,7 @@ def diagnose_recordings(
     wire: Wire,
     *,
     held: Recording | None = None,
+    granted: Granted = NOTHING,
     library: Mapping[str, Effect] = MappingProxyType({}),
     inputs: Sequence[InputFile] = (),
     prior: Prior | None = None,
@@ -130,8 +139,13 @@ def diagnose_recordings(
     every_drive: bool = False,
 ) -> Report:
     """Diagnose recordings that are read already; *without* withholds effects from the library,
-    *library* adds a user's own, *every_drive* asks for advice beyond the verdict's group."""
+    *granted* are known beside the description, *library* adds a user's own, *every_drive* asks for
+    advice beyond the verdict's group."""
     started = time.monotonic() if started is None else started
+    granted.bus.require_messages(wire.database)
+    robot = granted.robot(robot)
+    recordings = [replace(one, granted=granted) for one in recordings]
+    held = None if held is None else replace(held, granted=granted)
     prior = with_library(prior or default_prior(), library)
     if held is not None:
         held = prepared(with_restarts(held, robot)[0], robot, without).recording
@@ -232,6 +246,15 @@ def diagnose_recordings(
             f"{one.recording.name}: {doubt}" for one in analyses for doubt in one.recording.doubts
         ),
         contradicting=tuple(one.parameter for one in split),
+        granted=tuple(
+            KnownEffect(
+                effect=one.effect,
+                values=dict(one.values),
+                ci95=dict(one.ci95),
+                file=granted.name,
+            )
+            for one in granted.settings
+        ),
         logs=tuple(
             log_facts(one.recording, robot, own, found.unmeasured.get(place))
             for place, (one, own) in enumerate(zip(analyses, metrics, strict=True))

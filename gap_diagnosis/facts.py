@@ -35,7 +35,15 @@ ASSUMPTIONS: Final = (
 _CHUNK: Final = 1 << 20
 
 Role = Literal[
-    "log", "reference", "robot", "dbc", "signals", "holdout", "holdout_reference", "effect_library"
+    "log",
+    "reference",
+    "robot",
+    "dbc",
+    "signals",
+    "holdout",
+    "holdout_reference",
+    "effects",
+    "effect_library",
 ]
 
 
@@ -47,6 +55,7 @@ def input_files(
     references: Sequence[Path],
     holdout: Path | None,
     holdout_reference: Path | None,
+    effects: Path | None,
     effect_library: Path | None,
 ) -> list[InputFile]:
     """Return every file that was read, with its SHA-256."""
@@ -58,6 +67,7 @@ def input_files(
         ("signals", signals),
         ("holdout", holdout),
         ("holdout_reference", holdout_reference),
+        ("effects", effects),
         ("effect_library", effect_library),
     ]
     return [

@@ -13,6 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.downstream import Downstream, driven, reprogrammed
+from gap_diagnosis.explanations.known import known_effects
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.holdout import hold_out
 from gap_diagnosis.gap.how_far import Compared, metrics_of
@@ -46,6 +47,7 @@ from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.pictures import Pictures, ResidualSeries
 from gap_diagnosis.picturing import pictures_of
 from gap_diagnosis.prediction import Motion
+from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Metric, Segment, StageOrNone
 from gap_diagnosis.rows_apart import rows_apart
@@ -128,12 +130,13 @@ class Measured:
             chosen = [one for one in self.settings if one[0].effect in effects]
             return odometry_rms(metric, self.where, self.robot, self.motion, self.windows, chosen)
         if metric == "timing_s":
-            return timing_rms(self.where, self.windows, self.skew if _SKEW in effects else 0.0)
+            known = self.where.granted.number("clock_skew.skew")
+            return timing_rms(self.where, self.windows, self.skew if _SKEW in effects else known)
         downstream = self.behind.get(metric)
         path = None if downstream is None else downstream.path(effects)
         if path is None:
             return math.nan
-        return replayed_rms(metric, self.where, self.motion, path, self.windows)
+        return replayed_rms(metric, self.where, self.robot, self.motion, path, self.windows)
 
     def chain(self, metric: str) -> Chain:
         """Return which stage's data carries the errors of a metric."""
@@ -158,7 +161,7 @@ class Measured:
                 for one in (self.behind["drive_position_m"], self.behind["firmware_position_m"])
             )
             skew = self.skew if _SKEW in self.on_bus else None
-            apart, missing = rows_apart(self.where, self.motion, drive, program, skew)
+            apart, missing = rows_apart(self.where, self.robot, self.motion, drive, program, skew)
         return pictures_of(
             self.where,
             self.model,
@@ -215,7 +218,7 @@ def measured(
             drive = driven(analysis, effects, where, robot, None)
             firmware = reprogrammed(analysis, effects, where, robot, wire, is_other_log=False)
             told, ran = (None if one is None else one.replayed for one in (drive, firmware))
-            apart, missing = rows_apart(where, model.nodes.motion, told, ran, None)
+            apart, missing = rows_apart(where, robot, model.nodes.motion, told, ran, None)
             known = pictures_of(where, model, [], (), apart=apart, missing=missing)
             return Unmeasured(sides.why_not, known)
         is_unlisted = not effects and stage != "none"
@@ -231,7 +234,7 @@ def measured(
         where = held
         kinds = kinds_of(held, robot)
         fitted = _refitted(model, analysis.motion, own)
-        motion = estimate_motion(held, robot)
+        motion = _motion_of(held, robot, model.prior)
         mask = np.ones(len(held.t_s), dtype=np.bool_)
         kept = np.ones(len(analysis.recording.t_s), dtype=np.bool_)
     settings, drawn = _settings(fitted)
@@ -281,6 +284,14 @@ def measured(
         beside=beside,
         unmet=unmet,
     )
+
+
+def _motion_of(held: Recording, robot: Robot, prior: Prior) -> Motion:
+    """Return the motion of a held-out log, what is known as that log has it."""
+    motion = estimate_motion(held, robot)
+    if all(len(one.ways) == 1 for one in known_effects(held.granted, motion)):
+        return motion
+    return MotionModel(held, robot, prior).nodes.motion
 
 
 def _windows_s(motion: MotionBlock, effects: Effects) -> dict[str, tuple[float, float]]:

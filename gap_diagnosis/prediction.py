@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
-from typing import Any, Final, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from scipy.ndimage import uniform_filter1d
 from gap_diagnosis.play import motor_steps
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.wheel_speeds import WheelSpeeds
+
+if TYPE_CHECKING:
+    from gap_diagnosis.explanations.variant import Setting
 
 USUAL_CONTACT_M_PER_SQRT_M: Final = 5e-4
 """Contact noise of a wheel on a floor, before a log is seen."""
@@ -72,6 +75,7 @@ class Motion:
         wheel_speeds: what is known of each beside its own counts.
         has_speeds: wheels say how fast they are, and no way.
         has_counters: rows were put together by the frames' counters, not by their stamps.
+        granted: effects that are known beside the description: every prediction has them.
     """
 
     t_s: Floats
@@ -120,6 +124,7 @@ class Motion:
     wheel_speeds: WheelSpeeds
     has_speeds: bool
     has_counters: bool = True
+    granted: tuple[Setting, ...] = ()
 
     @cached_property
     def tick_s(self) -> float:
@@ -155,6 +160,11 @@ class Motion:
         """Return of rates by the wheels what a reference takes the place of: what lasts."""
         width = self.bent_over_s / self.tick_s
         return self.bent * _lasting(rates, width) if self.bent.any() else np.zeros_like(rates)
+
+    @cached_property
+    def described(self) -> Motion:
+        """The same without what is known beside the description."""
+        return replace(self, granted=()) if self.granted else self
 
     @property
     def elapsed_s(self) -> Floats:

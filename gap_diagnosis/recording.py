@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.granted import NOTHING, Granted
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -118,6 +120,7 @@ class Recording:
         notes: what was read otherwise than it may be meant, each a sentence.
         doubts: where the log and the robot's description contradict each other, and which was
             believed, each a sentence.
+        granted: effects that are known of the robot beside its description.
     """
 
     name: str
@@ -148,6 +151,7 @@ class Recording:
     stamps_late_s: float = 0.0
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    granted: Granted = NOTHING
 
     @property
     def tick_s(self) -> float:

@@ -19,6 +19,7 @@ from gap_diagnosis.result_parts import (
     Candidate,
     Gap,
     InputFile,
+    KnownEffect,
     LogFacts,
     Part,
     Probability,
@@ -77,6 +78,11 @@ class Diagnosis(Part):
         default=(),
         description="parameters that logs given together know differently: verdict and "
         "probabilities are those of one robot, which these logs are hardly of",
+    )
+    granted: tuple[KnownEffect, ...] = Field(
+        default=(),
+        description="effects known beside the description: all else is beyond them, gap and "
+        "parameters too",
     )
     logs: tuple[LogFacts, ...] = ()
     inputs: tuple[InputFile, ...] = ()

@@ -348,6 +348,17 @@ class LogFacts(Part):
     )
 
 
+class KnownEffect(Part):
+    """An effect that was known of the robot beforehand: the gap is measured beside it."""
+
+    effect: str
+    values: dict[str, float | int | str] = Field(description="by parameter, as the file states it")
+    ci95: dict[str, Interval] = Field(
+        default={}, description="95 % intervals by parameter; none of what is taken to be exact"
+    )
+    file: str = Field(description="the file that states it")
+
+
 class InputFile(Part):
     """One file that the diagnosis read."""
 
@@ -359,6 +370,7 @@ class InputFile(Part):
         "signals",
         "holdout",
         "holdout_reference",
+        "effects",
         "effect_library",
     ]
     name: str

@@ -12,9 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.explanations import predict
 from gap_diagnosis.gap.metrics import Path, lateness
-from gap_diagnosis.gap.on_recording import Replayed, recorded_odometry
+from gap_diagnosis.gap.on_recording import Replayed, counted_path, recorded_odometry
 from gap_diagnosis.pictures import ResidualSeries
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording
@@ -24,6 +23,7 @@ from gap_diagnosis.touching import (
     STAMPS_AGAINST_BEAT,
     WHEELS_AGAINST_COMMANDS,
 )
+from hil_harness.robot import Robot
 
 _LEAST_STAMPS: Final = 20
 _DRIVE: Final = (
@@ -39,6 +39,7 @@ _REPLAY: Final = (
 
 def rows_apart(
     recording: Recording,
+    robot: Robot,
     motion: Motion,
     drive: Replayed | None,
     firmware: Replayed | None,
@@ -54,7 +55,7 @@ def rows_apart(
     if drive is None:
         missing.append(f"{WHEELS_AGAINST_COMMANDS}: no commands, or no motion")
     else:
-        wheels = Path(motion.t_s, *predict(motion).path())
+        wheels = counted_path(motion, robot)
         explained = None if drive.after is None else _behind(wheels, drive.after)
         found += _series("actuation", _DRIVE, motion.t_s, _behind(wheels, drive.before), explained)
     odometry = recorded_odometry(recording)

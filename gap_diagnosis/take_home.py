@@ -6,6 +6,7 @@ Both are text that a person reads: intervals and origins stand as comments, and 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from typing import Final
@@ -13,14 +14,26 @@ from typing import Final
 from gap_diagnosis.corrections import Correction, corrections
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis
-from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, ParameterEstimate
-from hil_harness.effects import Effect, EffectParameter, catalogue, effects_from_toml
+from gap_diagnosis.result_parts import (
+    Candidate,
+    ChoiceEstimate,
+    KnownEffect,
+    ParameterEstimate,
+)
+from hil_harness.effects import (
+    INTERVAL,
+    Effect,
+    EffectParameter,
+    catalogue,
+    effects_from_toml,
+)
 from hil_harness.robot import Robot, RobotFile, default_robot_text
 from hil_harness.toml_model import validate
 from hil_harness.toml_source import TomlSource, parse_toml, shorten
 
 _VALUE: Final = r"[-+0-9._eExXobA-Fa-f]+"
 _DIGITS: Final = 9
+_MOST_DIGITS: Final = 17
 _RIVALS: Final = 3
 """So many other explanations are named on a changed line; explained.toml names all."""
 
@@ -33,13 +46,22 @@ def effects_text(
 ) -> str:
     """Return the winning effects as ``chiplog run --effects`` and the pytest fixtures take them.
 
+    Effects that were known beforehand stand there too: the robot has both.
+
     Args:
         without: effects that the description has taken up (see `robot_text`).
         known: the catalogue with a user's effects in it; None is Chiplog's.
 
-    Raises DiagnosisError for an effect that the simulator does not have.
+    Raises DiagnosisError for an effect that the simulator does not have, and for one that was known
+    and is found to be another size: what the log says of it is a change.
     """
     best = diagnosis.which[0]
+    changed = [one for one in diagnosis.granted if one.effect in {*best.effects} - {*without}]
+    if changed:
+        raise DiagnosisError(
+            f"{changed[0].effect}: {changed[0].file} states another size than this log shows: "
+            "expected it without this effect, which is then found as a whole"
+        )
     known = catalogue() if known is None else known
     lines = [f"# {line}" for line in _origin(diagnosis)]
     if without:
@@ -47,6 +69,8 @@ def effects_text(
     for effect in best.effects:
         if effect not in (NO_GAP, UNKNOWN) and effect not in without:
             lines += ["", *_effect_table(effect, best, known)]
+    for one in diagnosis.granted:
+        lines += ["", f"# Known before, by {shorten(one.file)}.", *_known_table(one)]
     text = "\n".join(lines) + "\n"
     # What we write, we can read.
     effects_from_toml(parse_toml(text, name="explained.toml"), known=known)
@@ -111,20 +135,34 @@ def _effect_table(name: str, candidate: Candidate, known: Mapping[str, Effect]) 
     }
     for parameter in effect.parameters:
         if parameter.name in estimates:
-            yield _parameter_line(parameter, estimates[parameter.name])
+            yield from _parameter_lines(parameter, estimates[parameter.name])
 
 
-def _parameter_line(parameter: EffectParameter, estimate: ParameterEstimate) -> str:
+def _known_table(one: KnownEffect) -> Iterator[str]:
+    yield f"[{one.effect}]"
+    for name, value in one.values.items():
+        yield f"{name} = {_quoted(value) if isinstance(value, str) else repr(value)}"
+        if name in one.ci95:
+            low, high = one.ci95[name]
+            yield f"{name}{INTERVAL} = [{low!r}, {high!r}]"
+
+
+def _parameter_lines(parameter: EffectParameter, estimate: ParameterEstimate) -> Iterator[str]:
     if isinstance(estimate, ChoiceEstimate):
         sure = estimate.probabilities[str(estimate.estimate)]
         named = parameter.kind in ("choice", "message")
-        value = f'"{estimate.estimate}"' if named else f"{estimate.estimate}"
-        return f"{parameter.name} = {value}  # probability {sure:.2f}"
+        value = _quoted(f"{estimate.estimate}") if named else f"{estimate.estimate}"
+        yield f"{parameter.name} = {value}  # probability {sure:.2f}"
+        return
     number = min(max(estimate.estimate, parameter.minimum), parameter.maximum)
+    value = _number(round(number) if parameter.kind == "whole" else float(number), estimate.sd)
+    unit = "" if estimate.unit == "1" else f"  # {estimate.unit}"
+    yield f"{parameter.name} = {value}{unit}"
+    # An estimate at the edge of what can be lies at the interval's, and a rounded one may.
     low, high = estimate.ci95
-    value = _number(round(number) if parameter.kind == "whole" else float(number))
-    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    return f"{parameter.name} = {value}  # 95 %: {low:.4g} to {high:.4g}{unit}"
+    ends = (min(low, float(value)), max(high, float(value)))
+    low_text, high_text = (_number(end, estimate.sd) for end in ends)
+    yield f"{parameter.name}{INTERVAL} = [{low_text}, {high_text}]"
 
 
 def _source_of(robot: Robot) -> TomlSource:
@@ -180,11 +218,17 @@ def _header_line(lines: list[str], table: str) -> int | None:
     return next((place for place, line in enumerate(lines) if pattern.match(line)), None)
 
 
-def _number(value: float | int) -> str:
-    """Return `value` as TOML: a float always has a point or an exponent."""
+def _quoted(value: str) -> str:
+    return f'"{value}"'
+
+
+def _number(value: float | int, sd: float = math.inf) -> str:
+    """Return `value` as TOML, no coarser than a hundredth of what it is known to: a replay tells a
+    constant to twelve digits. A float always has a point or an exponent."""
     if isinstance(value, int):
         return str(value)
-    text = f"{value:.{_DIGITS}g}"
+    needed = math.log10(max(abs(value) / sd, 1.0)) + 3 if sd > 0.0 else _MOST_DIGITS
+    text = f"{value:.{min(max(math.ceil(needed), _DIGITS), _MOST_DIGITS)}g}"
     return text if re.search(r"[.e]", text) else f"{text}.0"
 
 

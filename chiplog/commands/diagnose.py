@@ -55,6 +55,15 @@ def command(
         Path | None,
         typer.Option("--html", metavar="OUT.html", help="Write a page that shows it."),
     ] = None,
+    effects: Annotated[
+        Path | None,
+        typer.Option(
+            "--effects",
+            metavar="FILE.toml",
+            help="What is known of the robot already, as --write-effects wrote it: the diagnosis "
+            "says what is left.",
+        ),
+    ] = None,
     effect_library: EffectLibraryOption = None,
     write_effects: Annotated[
         Path | None,
@@ -110,6 +119,7 @@ def command(
         references=reference or (),
         holdout=holdout,
         holdout_reference=holdout_reference,
+        effects=effects,
         effect_library=effect_library,
         # The terminal has no room for more than the verdict's.
         every_drive=any(one is not None for one in (json_file, html, advice_dir)),
@@ -144,6 +154,7 @@ def diagnose_shown(
     references: Sequence[Path] = (),
     holdout: Path | None = None,
     holdout_reference: Path | None = None,
+    effects: Path | None = None,
     effect_library: Path | None = None,
     every_drive: bool = False,
 ) -> Report:
@@ -165,6 +176,7 @@ def diagnose_shown(
             references=references,
             holdout=holdout,
             holdout_reference=holdout_reference,
+            effects=effects,
             effect_library=effect_library,
             progress=show,
             every_drive=every_drive,

@@ -53,6 +53,7 @@ def diagnosis_page(report: Report, *, opened: Sequence[tuple[str, str]] = ()) ->
             "facts": _facts(found),
             "verdict": words.verdict(found),
             "doubts": found.doubts,
+            "known_already": words.known_already(found),
             "gap_sentence": words.gap_sentence(found),
             "unknown_sentence": words.unknown_sentence(found),
             "opened": [(name, [text]) for name, text in opened],

@@ -181,6 +181,14 @@ def metric_name(metric: str) -> str:
     return METRIC_WORDS.get(metric, metric)
 
 
+def known_already(diagnosis: Diagnosis) -> str:
+    """Return the effects that were known beforehand, and whence: `gyro_bias (explained.toml)`."""
+    if not diagnosis.granted:
+        return ""
+    names = ", ".join(one.effect for one in diagnosis.granted)
+    return f"{names} ({diagnosis.granted[0].file})"
+
+
 def unknown_sentence(diagnosis: Diagnosis) -> str:
     """Return what the leftover looks like, where no listed effect explains it; else nothing."""
     found = diagnosis.unknown

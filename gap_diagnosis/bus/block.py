@@ -22,6 +22,7 @@ from gap_diagnosis.bus.polls import polling
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
 from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.motion.counters import unwrapped
+from gap_diagnosis.priors import Range
 from gap_diagnosis.recording import Recording
 from hil_harness.assembly import Wire
 from hil_harness.odometry_frames import ODOMETRY_ROLES
@@ -37,6 +38,10 @@ Windows = tuple[tuple[float, float], ...]
 _SAMPLES: Final = 2000
 _MOST_GAPS: Final = 3
 _SURELY_STALE: Final = 3.0
+_OFTENER: Final = 1.2
+_SURELY_SD: Final = 3.0
+"""What is known of a bus is no news up to this many standard deviations, and a fifth, more."""
+_NEVER_OFTENER: Final = 0.9
 _POLL: Final = "reception_stamp"
 _POLLED: Final = frozenset({"frame_jitter", "frame_latency"})
 """A poll explains spread and delay of the stamps."""
@@ -66,8 +71,9 @@ def bus_block(recording: Recording, robot: Robot, wire: Wire) -> BusBlock | None
 class BusBlock:
     """Evidence for bus effects from stamps, counters and payloads.
 
-    An effect of a frame is weighed for each message, and for all that carry sensors together
-    (`frame` is then ``sensors``).
+    What the bus is known to do is usual, up to as often and as much as it is known for. An effect
+    of a frame is weighed for each message, and for all that carry sensors together (`frame` is then
+    ``sensors``).
     """
 
     name = "bus"
@@ -90,7 +96,15 @@ class BusBlock:
             for role in ODOMETRY_ROLES
             if (mapped := wire.signal_map.get(role)) is not None
         }
-        self._messages = as_sent([one for one in found if one is not None], answers)
+        sent = as_sent([one for one in found if one is not None], answers)
+        self._messages = [
+            replace(
+                one,
+                known_late_s=self._known(one, "frame_latency.delay")[0],
+                usual_spread_s=self._most(one, "frame_jitter.sigma"),
+            )
+            for one in sent
+        ]
         self._counted = [one for one in self._messages if one.has_counter]
         self._options: dict[tuple[str, Windows], list[_Option]] = {}
 
@@ -164,6 +178,26 @@ class BusBlock:
         own = [messages for name, messages in self._groups(self._counted) if name == frame]
         return frame, *happened(effect, own[0] if own else ())
 
+    def _known(self, message: Message, key: str) -> tuple[float, float]:
+        """Return how large an effect of this message is known to be, and its standard deviation;
+        0 where nothing is known."""
+        granted = self._recording.granted
+        values = granted.values.get(key.partition(".")[0])
+        if values is None or values["frame"] not in _groups_of(message):
+            return 0.0, 0.0
+        return granted.number(key), granted.sds.get(key, 0.0)
+
+    def _most(self, message: Message, key: str) -> float:
+        """Return up to which size an effect of this message is usual by what is known."""
+        size, sd = self._known(message, key)
+        return _OFTENER * (size + _SURELY_SD * sd)
+
+    def _usual(self, effect: str, message: Message) -> Range:
+        """Return the range of what this message may do without being news."""
+        low, high = prior.usual(effect)
+        most = max(high, self._most(message, f"{effect}.probability"))
+        return low, min(most, _NEVER_OFTENER)
+
     def _of_frames(self, effect: str, excluded: Windows) -> list[_Option]:
         key = (effect, excluded)
         if key not in self._options:
@@ -194,7 +228,10 @@ class BusBlock:
         for frame, messages in self._groups(self._counted):
             runs = [one.runs(excluded) for one in messages]
             news = loss_of(runs, prior.present("frame_loss"), prior.BURST)
-            usual = [loss_of([one], prior.usual("frame_loss"), prior.BURST) for one in runs]
+            usual = [
+                loss_of([one], self._usual("frame_loss", message), prior.BURST)
+                for one, message in zip(runs, messages, strict=True)
+            ]
             draws = {
                 "probability": news.draw(random, _SAMPLES),
                 "burst": news.draw_burst(random, _SAMPLES),
@@ -215,7 +252,10 @@ class BusBlock:
         for frame, messages in self._groups(of):
             counts = [(int(np.count_nonzero(happened(one))), one.frames) for one in messages]
             news = rate_of(sum(a for a, _ in counts), sum(b for _, b in counts), span)
-            usual = [rate_of(*one, prior.usual(effect)) for one in counts]
+            usual = [
+                rate_of(*one, self._usual(effect, message))
+                for one, message in zip(counts, messages, strict=True)
+            ]
             draws = {"probability": news.draw(random, _SAMPLES)}
             is_silent = not any(events for events, _ in counts)
             made.append(_against(frame, news, usual, draws, is_silent=is_silent))
@@ -232,8 +272,8 @@ class BusBlock:
             events, chances = len(lengths), sum(one.chances for one in several)
             news = rate_of(min(events, chances), chances, prior.present(effect))
             usual = [
-                rate_of(min(len(one.lengths), one.chances), one.chances, prior.usual(effect))
-                for one in several
+                rate_of(min(len(one.lengths), one.chances), one.chances, self._usual(effect, sent))
+                for one, sent in zip(several, messages, strict=True)
             ]
             cycles = float(np.median(lengths)) if events else 1.0
             draws = {
@@ -346,7 +386,9 @@ class BusBlock:
 
     def _skew(self) -> _Option:
         recording = self._recording
-        evidence, ratio, rows, _ = skew(recording.clock_skew, recording.clock_skew_sd)
+        granted, key = recording.granted, "clock_skew.skew"
+        sd = math.hypot(recording.clock_skew_sd, granted.sds.get(key, 0.0))
+        evidence, ratio, rows, _ = skew(recording.clock_skew - granted.number(key), sd)
         random = generator_of(["clock_skew"])
         chosen = random.choice(len(rows), size=_SAMPLES, p=rows[:, 2])
         draws = rows[chosen, 0] + rows[chosen, 1] * random.standard_normal(_SAMPLES)
@@ -380,9 +422,14 @@ class BusBlock:
 
     def _usual_losses(self, excluded: Windows) -> float:
         return sum(
-            loss_of([one.runs(excluded)], prior.usual("frame_loss"), prior.BURST).log_evidence
+            loss_of([one.runs(excluded)], self._usual("frame_loss", one), prior.BURST).log_evidence
             for one in self._counted
         )
+
+
+def _groups_of(message: Message) -> tuple[str, ...]:
+    """Return the frames that a message is of, by the names that effects have for them."""
+    return (message.name, SENSORS) if message.is_sensor else (message.name,)
 
 
 def _within(ticks: Sequence[tuple[int, int]]) -> NDArray[np.int64]:

@@ -55,6 +55,8 @@ class Message:
         late_s: float64[f], stamp less the clock's line; NaN where there is no line.
         changes: bool[f], the payload differs from that of the frame before it.
         not_sent, sent_twice: ticks in which its sender said nothing, or spoke twice.
+        known_late_s: by how much it is known to be late.
+        usual_spread_s: up to which its lateness spreads on this bus, where that is known.
     """
 
     name: str
@@ -69,6 +71,8 @@ class Message:
     changes: Bools
     not_sent: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sent_twice: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    known_late_s: float = 0.0
+    usual_spread_s: float = 0.0
 
     @property
     def frames(self) -> int:

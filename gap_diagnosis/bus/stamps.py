@@ -54,14 +54,17 @@ def spread_of(message: Message) -> tuple[float, int]:
 
 def log_usual_spread(messages: Sequence[Message]) -> tuple[float, float]:
     """Return the log evidence of latenesses that are as usual, and the log likelihood at best."""
-    each = [log_as_usual(*spread_of(message)) for message in messages]
+    each = [
+        log_as_usual(*spread_of(message), up_to_s=message.usual_spread_s) for message in messages
+    ]
     return math.fsum(evidence for evidence, _ in each), math.fsum(best for _, best in each)
 
 
-def log_as_usual(sd_s: float, count: int) -> tuple[float, float]:
+def log_as_usual(sd_s: float, count: int, *, up_to_s: float = 0.0) -> tuple[float, float]:
     """Return the log evidence of so many times that spread by a standard deviation [s] as much as
-    latenesses usually do, and the log likelihood at best."""
-    usual: Floats = np.geomspace(*prior.JITTER_USUAL_S, _GRID, dtype=np.float64)
+    latenesses usually do, or *up_to_s*, and the log likelihood at best."""
+    low_s, high_s = prior.JITTER_USUAL_S
+    usual: Floats = np.geomspace(low_s, max(high_s, up_to_s), _GRID, dtype=np.float64)
     logs = _log_spread(usual, sd_s, min(count, MOST_INDEPENDENT))
     return float(logsumexp(logs)) - math.log(_GRID), float(logs.max())
 
@@ -106,7 +109,7 @@ def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
     for message in messages:
         good = message.steady()
         if np.count_nonzero(good) >= 20:
-            seen[message.name] = message.earliest_s
+            seen[message.name] = message.earliest_s - message.known_late_s
     found: dict[str, Choice] = {}
     if len(seen) < 2:
         return found

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.kernels import block_means
 from gap_diagnosis.drive.outrun import ACCELERATION, RATE, outrun
+from gap_diagnosis.explanations.known import COUNTING, by_counts
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
@@ -143,9 +145,10 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
     wheels = robot.plant.wheels
     turn = 0.5 * np.nan_to_num(w[rows]) * wheels.wheelbase_m
     speed = np.nan_to_num(v[rows])
-    commanded = np.ascontiguousarray(np.stack([speed - turn, speed + turn]) / wheels.radius_m)
+    commanded = np.stack([speed - turn, speed + turn]) / wheels.radius_m
+    commanded = np.ascontiguousarray(recording.granted.turning(commanded))
     tick_rad = math.tau / robot.plant.encoder.ticks_per_rev
-    angle = np.stack([recording.left_ticks[rows], recording.right_ticks[rows]]) * tick_rad
+    angle = _turned_rad(recording, robot)[:, rows]
     used = np.isfinite(angle)
     dt_s = recording.tick_s
     if used.sum(axis=1).min() < _LEAST_BLOCKS:
@@ -195,6 +198,19 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         ),
     )
     return replace(data, limits=outrun(data, robot))
+
+
+def _turned_rad(recording: Recording, robot: Robot) -> Floats:
+    """Return what the wheels turned by their counts with those errors that are known, float64[2, n]
+    from the first count on; NaN where none came."""
+    counted = np.stack([recording.left_ticks, recording.right_ticks])
+    tick_rad = math.tau / robot.plant.encoder.ticks_per_rev
+    if COUNTING.isdisjoint(recording.granted.values) or not np.isfinite(counted).any():
+        return counted * tick_rad
+    motion = estimate_motion(replace(recording, reference=None), robot)
+    turned = by_counts(motion, motion.wheelbase_m)
+    known = np.cumsum(np.stack([turned.left_rad, turned.right_rad]), axis=1)
+    return np.where(np.isfinite(counted), known, np.nan)
 
 
 def _untold(commanded: Floats, missing: NDArray[np.bool_], memory_ticks: int) -> NDArray[np.bool_]:

@@ -217,13 +217,15 @@ _PLACE: Final = {effect: place for place, effect in enumerate(EXPLAINED)}
 
 
 def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
-    """Return what the recording means with these effects at work.
+    """Return what the recording means with these effects at work, beside those that are known.
 
     They are applied stage by stage, and in a stage as they are declared here: what is added after
     a factor is not multiplied by it. An effect of a user's library acts last in its stage.
     """
     prediction = Prediction(motion)
-    ordered = sorted(settings, key=lambda one: (rank_of(one[0]), _declared(one[0])))
+    ordered = sorted(
+        [*motion.granted, *settings], key=lambda one: (rank_of(one[0]), _declared(one[0]))
+    )
     rolled = False
     before: int | None = None
     for variant, coefficients in ordered:

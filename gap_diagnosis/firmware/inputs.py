@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from can_bus import Arrivals
-from firmware_model import FRESH, STALE, FirmwareConstants, KernelConfig
+from firmware_model import FRESH, STALE, FirmwareConstants, FirmwareError, KernelConfig
+from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.recording import Floats, Ints, Recording
 from hil_harness.assembly import Wire
 from hil_harness.effect_runs import accepted_frames
@@ -79,11 +80,17 @@ class Odometry:
 
 
 def replay_inputs(recording: Recording, robot: Robot, wire: Wire) -> ReplayInputs:
-    """Return the recording's counts and codes as the described kernel takes them.
+    """Return the recording's counts and codes as the kernel takes them that is known to run.
 
-    Raises HarnessError for a description that no kernel can be built from.
+    Raises HarnessError for a description that no kernel can be built from, and DiagnosisError for
+    known effects that no firmware of this description can have.
     """
     config = firmware_config(robot, wire.signal_map, round(recording.tick_period_s * 1e6))
+    try:
+        known = recording.granted.firmware
+        config = known.config(config.description, config.constants)
+    except FirmwareError as error:
+        raise DiagnosisError(f"{recording.granted.name}: {error}") from None
     at_row = _grid(recording.tick)
     ticks = int(at_row[-1]) + 1
 

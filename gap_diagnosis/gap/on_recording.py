@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.known import by_counts
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.drive_floor import DriveNoise, drive_floor
 from gap_diagnosis.gap.floor import DRAWS, Floor, NoiseLevels, noise_floor
@@ -119,8 +120,7 @@ def compare_all(
     )
     explained = bool(effects)
     if drive is not None:
-        wheels = predict(motion)
-        measured = Path(motion.t_s, *wheels.path())
+        measured = counted_path(motion, robot)
         quantum_m = motion.radius_m * _quantum_rad(robot, motion)
         compared["drive_position_m"] = _replayed(motion, drive, measured, windows, quantum_m)
     if firmware is not None:
@@ -128,8 +128,13 @@ def compare_all(
         if odometry is not None:
             compared["firmware_position_m"] = _replayed(motion, firmware, odometry, windows)
     if recording.frames:
+        known = recording.granted.number("clock_skew.skew")
         compared["timing_s"] = _timing(
-            recording.frames, windows, clock_skew or 0.0, explained or clock_skew is not None
+            recording.frames,
+            windows,
+            known,
+            known if clock_skew is None else clock_skew,
+            explained or clock_skew is not None,
         )
     extents = _extents(motion, windows)
     return {
@@ -183,10 +188,15 @@ def odometry_rms(
 
 
 def replayed_rms(
-    name: str, recording: Recording, motion: Motion, simulated: Floats, windows: Sequence[Window]
+    name: str,
+    recording: Recording,
+    robot: Robot,
+    motion: Motion,
+    simulated: Floats,
+    windows: Sequence[Window],
 ) -> float:
     """Return the drive's or the firmware's metric of a simulated path, float64[n, 3]."""
-    measured = Path(motion.t_s, *predict(motion).path())
+    measured = counted_path(motion, robot)
     if name == "firmware_position_m":
         measured = recorded_odometry(recording) or measured
     rms = path_errors(_path_of(motion, simulated), measured, windows).position.rms
@@ -224,6 +234,11 @@ def floor_on(
         has_heading=reference is None or reference.heading_rad is not None,
         draws=draws,
     )
+
+
+def counted_path(motion: Motion, robot: Robot) -> Path:
+    """Return where described wheels went by what their drive turned them by."""
+    return Path(motion.t_s, *by_counts(motion, robot.plant.wheels.wheelbase_m).path())
 
 
 def recorded_odometry(recording: Recording) -> Path | None:
@@ -299,12 +314,13 @@ def _path_of(motion: Motion, columns: Floats) -> Path:
 def _timing(
     frames: Mapping[str, FrameTimes],
     windows: Sequence[Window],
+    known_skew: float,
     clock_skew: float,
     explained: bool,
 ) -> Compared:
     """Compare all messages' stamps with their beat; the floor is their spread about a line."""
     return Compared(
-        _stamps(frames, windows),
+        _stamps(frames, windows, clock_skew=known_skew),
         _stamps(frames, windows, clock_skew=clock_skew) if explained else None,
         _stamps(frames, windows, free_rate=True).mean_square[np.newaxis],
     )

@@ -9,10 +9,17 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.registry import rank_of
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.manoeuvres import Kinds
 from gap_diagnosis.gap.metrics import Path, path_errors, series_errors
-from gap_diagnosis.gap.odometry import as_travelled, gyro_share, gyro_turn_rad, without_offset
+from gap_diagnosis.gap.odometry import (
+    as_reported,
+    as_travelled,
+    gyro_share,
+    gyro_turn_rad,
+    without_offset,
+)
 from gap_diagnosis.gap.shares import Chain, chain_of, segment_spans, segments_of
 from gap_diagnosis.gap.windows import Window, segment_window
 from gap_diagnosis.prediction import Motion, Prediction
@@ -20,6 +27,8 @@ from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.result_parts import Segment, StageOrNone
 from hil_harness.robot import Robot
 
+_OF_WHEELS: Final = 1
+"""Rank of what changes how wheels roll."""
 _ALONE: Final[Mapping[str, StageOrNone]] = {
     "drive_position_m": "actuation",
     "firmware_position_m": "firmware",
@@ -113,8 +122,8 @@ def _position_chain(
     true = _at(truth, reference.t_s, with_heading=reference.heading_rad is not None)
     true_rad = np.interp(motion.t_s, *_heading(truth))
     share = gyro_share(robot, motion)
-    recorded = Prediction(motion)
-    wheels = _rolled_as_described(explained)
+    recorded = predict(motion)
+    wheels = _rolled_as_known(explained)
     gyro = without_offset(motion, gyro_turn_rad(recorded), robot)
 
     def path(wheel: Prediction, gyro_rad: Floats) -> Path:
@@ -125,7 +134,7 @@ def _position_chain(
         path_errors(path(wheels, true_rad), true, windows).position,
         path_errors(path(recorded, true_rad), true, windows).position,
         path_errors(path(recorded, gyro), true, windows).position,
-        path_errors(path(recorded, gyro), measured, windows).position,
+        path_errors(as_reported(recorded, path(recorded, gyro)), measured, windows).position,
     )
     # Against positions alone, a window in which one link's path hardly moves is left out of it.
     shared = reduce(np.intersect1d, [one.window for one in links])
@@ -138,8 +147,8 @@ def _turn_chain(
     explained: Prediction, true_rad: Floats, windows: Sequence[Window]
 ) -> tuple[Chain, tuple[int, ...]]:
     motion = explained.motion
-    recorded = Prediction(motion)
-    wheels_rad = np.cumsum(_rolled_as_described(explained).turn_rad)
+    recorded = predict(motion)
+    wheels_rad = np.cumsum(_rolled_as_known(explained).turn_rad)
     counted_rad = np.cumsum(recorded.turn_rad)
     links = [
         series_errors(motion.t_s, difference, windows)
@@ -154,11 +163,14 @@ def _turn_chain(
     )
 
 
-def _rolled_as_described(explained: Prediction) -> Prediction:
-    """Return the described wheels rolling by the explained turns: encoder errors are gone."""
+def _rolled_as_known(explained: Prediction) -> Prediction:
+    """Return wheels as they are known rolling by the explained turns: encoder errors are gone."""
     wheels = Prediction(explained.motion)
     wheels.left_rad, wheels.right_rad = explained.left_rad, explained.right_rad
     wheels.roll()
+    for variant, sizes in explained.motion.granted:
+        if rank_of(variant) == _OF_WHEELS:
+            variant.apply(wheels, sizes)
     return wheels
 
 

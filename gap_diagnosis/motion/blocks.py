@@ -70,8 +70,12 @@ class Course:
     gyro_unsure_rad2: Floats
 
     def beside(self, left_m: Floats, right_m: Floats) -> Course:
-        """Return the course of wheels that effects lead astray by so much in each block."""
-        return replace(self, left_astray_m=left_m, right_astray_m=right_m)
+        """Return the course of wheels that effects lead astray by so much more in each block."""
+        return replace(
+            self,
+            left_astray_m=self.left_astray_m + left_m,
+            right_astray_m=self.right_astray_m + right_m,
+        )
 
     def wider(self, scale: float) -> Course:
         """Return the course of wheels that turn the robot as if they stood farther apart by this

@@ -12,6 +12,7 @@ import numpy as np
 
 from gap_diagnosis.explanations import EXPLAINED, predict
 from gap_diagnosis.explanations.choices import SLIP_WINDOWS, leaves_out
+from gap_diagnosis.explanations.known import Known
 from gap_diagnosis.explanations.reference import (
     counts_latency,
     right_later_than_left,
@@ -103,22 +104,26 @@ def build_columns(
     without: frozenset[str] = frozenset(),
     library: Mapping[str, Effect] = MappingProxyType({}),
     speed_cycle_s: float = 0.0,
+    granted: Sequence[Known] = (),
 ) -> Columns:
     """Return the columns of all effects that this log can speak of.
 
     *tolerances* are those of robot.toml, by ``effect.coefficient``. *gross*: mistakes of the
     set-up too. *without*: effects that are not to be named; what lies within their tolerances stays
     free. *library*: effects of a user's own that say how they act. *speed_cycle_s*: as in
-    `Recording`.
+    `Recording`. *granted*: effects known beside the description, and by how much they may be off.
     """
     motion = nodes.motion
-    base: list[Floats] = [residuals(nodes, predict(motion))]
+    base: list[Floats] = [described_residuals(nodes)]
     # A scale of what a counter jumps where it wraps would hide any other effect.
     recorded, nodes = nodes, replace(nodes, smooth=without_jumps(nodes.smooth))
     nominal = residuals(nodes, predict(nodes.smooth))
     terms: list[Term] = []
     nuisances: list[tuple[int, float]] = []
     little: dict[int, tuple[Variant, int]] = {}
+    unsure = {
+        (one.ways[0][0].effect, index): sd for one in granted for index, sd in enumerate(one.sds)
+    }
     own = {name: explanation_of(effect) for name, effect in library.items()}
     known = {**EXPLAINED, **{name: one for name, one in own.items() if one is not None}}
     for effect, explanation in known.items():
@@ -170,7 +175,7 @@ def build_columns(
                     break
                 base.append(change)
                 weight = [(len(base) - 2, 1.0)]
-                limits.append(limit)
+                limits.append(math.hypot(limit, 2.0 * unsure.get((effect, index), 0.0)))
                 if is_nuisance:
                     near = _near(nodes, variant, steps, limit, nominal)
                     if np.nanmax(np.abs(near - change), initial=0.0) * limit > _BENT:
@@ -182,6 +187,16 @@ def build_columns(
                 weights.append(tuple(weight))
             if effect not in without and len(weights) == max(1, len(variant.coefficients)):
                 terms.append(Term(variant, tuple(weights), tuple(limits)))
+    for one in granted:
+        # Along a smooth line what a known value is off by is not all explained, and the rest speaks
+        # for news: of a slip known to 0.004 that was off by 0.007, six nats.
+        variant = one.ways[0][0].in_detail
+        for index, sd in enumerate(one.sds):
+            off = [sd if place == index else 0.0 for place in range(len(one.sds))]
+            change = _change_in_detail(nodes, variant, off)
+            if sd > 0.0 and _says_something(change):
+                base.append(change / sd)
+                nuisances.append((len(base) - 2, sd))
     free = {index for index, _ in nuisances}
     delays = {i for one in terms if one.variant.effect == _OFFSET for i, _ in one.weights[0]} & free
     healthy: list[tuple[Variant, float, float]] = []
@@ -210,6 +225,21 @@ def build_columns(
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)
+
+
+def described_residuals(nodes: Nodes) -> Floats:
+    """Return what the description and what is known beside it leave, float64[4, m].
+
+    What is known acts as effects that are fitted do: exact on smooth turns, whatever counts round
+    off.
+    """
+    motion = nodes.motion
+    left = residuals(nodes, predict(motion.described))
+    if not motion.granted:
+        return left
+    sharp = nodes.sharp
+    change = residuals(nodes, predict(sharp)) - residuals(nodes, predict(sharp.described))
+    return left + change
 
 
 def _late_alone(terms: Sequence[Term], delays: Set[int], lags: Set[int]) -> Iterable[Term]:
@@ -241,11 +271,16 @@ def _near(
         # In the detail in which the effect itself is compared: along a smoother line what is within
         # tolerance is not all explained, and the rest speaks for news.
         acts = replace(variant, act=variant.little)
-        sharp = replace(nodes, smooth=nodes.sharp)
-        nominal = residuals(sharp, predict(sharp.smooth))
-        return _change(sharp, acts, steps, nominal, to_both=to_both) / max(steps)
+        return _change_in_detail(nodes, acts, steps) / max(steps)
     small = [limit * (one > 0) for one in steps]
     return _change(nodes, variant, small, nominal, to_both=to_both) / limit
+
+
+def _change_in_detail(nodes: Nodes, variant: Variant, steps: list[float]) -> Floats:
+    """Return what *steps* change where turns begin as sharply as they do."""
+    sharp = replace(nodes, smooth=nodes.sharp)
+    nominal = residuals(sharp, predict(sharp.smooth))
+    return _change(sharp, variant, steps, nominal, to_both=not variant.is_positive)
 
 
 def _change(

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
+from gap_diagnosis.explanations.known import known_effects
 from gap_diagnosis.explanations.reference import USUAL_S
 from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.lattice import step_of_values
@@ -58,6 +59,8 @@ def estimate_motion(
     counts, the way leads where the gyro turns, if the reference has no headings, or where these do,
     if there is no gyro.
 
+    What is known beside the description acts in the first of its ways.
+
     Raises DiagnosisError when there are no wheel counts in the log, or fewer than three ticks.
     """
     if len(recording.t_s) < 3 or not np.isfinite(recording.left_ticks).any():
@@ -65,7 +68,10 @@ def estimate_motion(
             f"{recording.name}: no wheel counts to follow: expected at least three ticks with "
             "left and right counts"
         )
+    robot = _as_far_apart(robot, recording)
     motion = _estimated(recording, robot, reference_delay_s)
+    known = known_effects(recording.granted, motion)
+    motion = replace(motion, granted=tuple(one.ways[0] for one in known))
     reference = recording.reference
     dead = dead_ticks(motion)
     if reference is None or not dead.any():
@@ -89,6 +95,17 @@ def estimate_motion(
         sharp_s=way.sharp_s,
         bent_over_s=way.bent_over_s,
     )
+
+
+def _as_far_apart(robot: Robot, recording: Recording) -> Robot:
+    """Return the robot with its wheels as far apart as they are known to stand: what their counts
+    round off turns it by less, as the description's would."""
+    farther = recording.granted.number("wheelbase_scale.scale")
+    if farther == 0.0:
+        return robot
+    wheels = robot.plant.wheels
+    wheels = wheels.model_copy(update={"wheelbase_m": wheels.wheelbase_m * (1.0 + farther)})
+    return replace(robot, plant=robot.plant.model_copy(update={"wheels": wheels}))
 
 
 def _with_turns_of(

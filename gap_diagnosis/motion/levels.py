@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from gap_diagnosis.granted import NOTHING, Granted
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.whitening import INEXACT, LEVELS
 from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M
@@ -24,9 +25,9 @@ its way, and no room measures better than 0.1 mm: without these, data without no
 small misfit a certainty."""
 
 
-def level_prior(robot: Robot) -> LevelPrior:
+def level_prior(robot: Robot, granted: Granted = NOTHING) -> LevelPrior:
     """Return the prior: contact 0.1 to 3 mm per square root of a metre and slip that wanders by
-    0.03 % of the way, gyro as described."""
+    0.03 % of the way, gyro as described, reference as in a lab or as it is known."""
     gyro = robot.plant.gyro
     contact = max(robot.plant.contact.noise_m_per_sqrt_m, USUAL_CONTACT_M_PER_SQRT_M)
     noise = max(gyro.noise_density_rad_per_sqrt_s, 1e-5)
@@ -38,8 +39,8 @@ def level_prior(robot: Robot) -> LevelPrior:
         "gyro_bias_walk_rad_s_per_sqrt_s": (walk, 0.5),
         "inexact": (0.01, 1.0),
         "slip_wander": (3e-4, 1.0),
-        "reference_position_m": (1e-3, 2.0),
-        "reference_heading_rad": (1e-3, 2.0),
+        "reference_position_m": (granted.number("reference_noise.position") or 1e-3, 2.0),
+        "reference_heading_rad": (granted.number("reference_noise.heading") or 1e-3, 2.0),
         "reference_stamp_s": (3e-4, 2.0),
         "reference_slow_position_m": (3e-4, 2.0),
         "reference_slow_heading_rad": (3e-4, 2.0),

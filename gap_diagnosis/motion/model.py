@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
+from gap_diagnosis.explanations.known import LONG_S, gyro_delay_s, known_effects
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.blocks import Course, course_of
@@ -28,6 +29,7 @@ from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
 from gap_diagnosis.motion.far_apart import FarApart
+from gap_diagnosis.motion.known import as_this_log_has_it, beside_known
 from gap_diagnosis.motion.levels import level_prior, silent_levels
 from gap_diagnosis.motion.missing import silences
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
@@ -111,10 +113,15 @@ class MotionModel:
         if keep is not None:
             self.keep, motion = self.keep & keep, without_gyro(motion, ~keep)
         self.nodes: Nodes = make_nodes(motion, recording.reference, self.keep, delay_s)
-        self._details = Details(self.nodes)
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         if unsure is not None:
             self.course = self.course.scattered(self.nodes, *unsure(motion))
+        known = known_effects(recording.granted, motion)
+        if known:
+            described = level_prior(robot, recording.granted).median
+            self.nodes = as_this_log_has_it(self.nodes, self.course, described, known)
+            self.course = beside_known(self.nodes, self.course)
+        self._details = Details(self.nodes)
         self.tolerances = _tolerances(robot)
         offset = "reference_time_offset.offset"
         # Whether a speed is of the moment or of the row before it nothing tells.
@@ -137,10 +144,14 @@ class MotionModel:
             without=without,
             library=library,
             speed_cycle_s=recording.speed_cycle_s,
+            granted=known,
         )
-        self.level_prior: LevelPrior = replace(level_prior(robot), silent=silent_levels(self.nodes))
+        self.level_prior: LevelPrior = replace(
+            level_prior(robot, recording.granted), silent=silent_levels(self.nodes)
+        )
         self._apart = FarApart(self)
-        self._begin_at(coarse_gyro_delay_s(motion))
+        later_s = coarse_gyro_delay_s(motion) - gyro_delay_s(self.nodes.motion.granted)
+        self._begin_at(later_s if abs(later_s) >= LONG_S else 0.0)
 
     def of(
         self, recording: Recording, *, without: frozenset[str], unsure: Unsure | None

@@ -7,6 +7,7 @@ however far dead reckoning has drifted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -18,6 +19,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from gap_diagnosis.bends import noise_by_bends
+from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.motion.course import dead_reckoned
 from gap_diagnosis.motion.smoothing import sharpened, smoothed
 from gap_diagnosis.prediction import Motion, Prediction
@@ -117,7 +119,16 @@ class Nodes:
         """The smooth motion with those details of the wheels' turns that are no counting errors,
         and where the wheels are in their turns as counted."""
         left, right = self.motion.left_angle_rad, self.motion.right_angle_rad
-        return replace(sharpened(self.smooth), left_angle_rad=left, right_angle_rad=right)
+        granted = tuple((variant.in_detail, sizes) for variant, sizes in self.smooth.granted)
+        return replace(
+            sharpened(self.smooth), left_angle_rad=left, right_angle_rad=right, granted=granted
+        )
+
+    def granting(self, settings: Sequence[Setting]) -> Nodes:
+        """Return the same with these effects known."""
+        granted = tuple(settings)
+        motion, smooth = (replace(one, granted=granted) for one in (self.motion, self.smooth))
+        return replace(self, motion=motion, smooth=smooth)
 
     @cached_property
     def _way(self) -> CubicSpline:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.explanations.known import LONG_S
 from gap_diagnosis.explanations.standstill import told_until_s
 from gap_diagnosis.motion.drift import BETTER, TURN_S, drift_of, is_better
 from gap_diagnosis.motion.estimate import estimate_motion
@@ -29,7 +30,6 @@ at a constant speed one moment is as good as another."""
 _LONG: Final = 10
 """So many times as long."""
 _STEP_S: Final = 0.02
-_WORTH_S: Final = 0.03
 _REACH_S: Final = 0.3
 """Samples so near reach into what is smoothed."""
 _BY_CHANCE: Final = 4.0
@@ -145,7 +145,7 @@ def _shift(
     # At an end of the search lies no peak: nothing told where one is.
     seen_s = float(np.count_nonzero(seen)) * _STEP_S
     is_told = 0 < peak < len(scores) - 1 and is_better(scores[peak], scores[most], seen_s, better)
-    return best if abs(best) >= _WORTH_S and is_told else 0.0, float(scores[peak])
+    return best if abs(best) >= LONG_S and is_told else 0.0, float(scores[peak])
 
 
 def _correlations(ours: Floats, theirs: Floats, most: int, seen: Mask) -> Floats:

@@ -16,6 +16,7 @@ from hil_harness.effects.model import (
     Values,
 )
 from hil_harness.effects.settings import (
+    INTERVAL,
     apply_effects,
     combine_effects,
     effects_from_toml,
@@ -26,6 +27,7 @@ from hil_harness.effects.settings import (
 from hil_harness.effects.user_effects import load_effect_library
 
 __all__ = [
+    "INTERVAL",
     "Effect",
     "EffectParameter",
     "EffectSetting",

@@ -98,10 +98,13 @@ class EffectSetting:
     Attributes:
         effect: a name from the catalogue.
         values: (parameter, value) pairs in the order of the effect's parameters.
+        ci95: (parameter, 95 % interval) pairs of those that were estimated, as a file states them;
+            a simulation goes by the values alone.
     """
 
     effect: str
     values: tuple[tuple[str, Value], ...]
+    ci95: tuple[tuple[str, tuple[float, float]], ...] = ()
 
     def __str__(self) -> str:
         """Return the setting as the command line takes it: ``gyro_bias.bias=0.005``."""

@@ -18,6 +18,8 @@ from hil_harness.toml_source import TomlSource, load_toml, shorten, toml_text
 _FORM: Final = "expected NAME.PARAMETER=VALUE, for example gyro_bias.bias=0.005"
 _TABLES: Final = "a table per effect, for example [gyro_bias] with bias = 0.005"
 _LARGEST: Final = 1e12
+INTERVAL: Final = "_ci95"
+"""Of a key: the 95 % interval of the number whose key it follows."""
 _MESSAGE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,127}")
 
 Known: TypeAlias = Mapping[str, Effect]
@@ -49,7 +51,8 @@ def parse_effect(text: str, known: Known | None = None) -> EffectSetting:
 def load_effects(path: str | Path, known: Known | None = None) -> tuple[EffectSetting, ...]:
     """Return the settings in a TOML file with one table per effect: ``[gyro_bias] bias = 0.005``.
 
-    Raises HarnessError with file, line and what would be right.
+    Beside a number its 95 % interval may stand: ``bias_ci95 = [0.004, 0.006]``. Raises HarnessError
+    with file, line and what would be right.
     """
     return effects_from_toml(load_toml(path), known=known)
 
@@ -86,16 +89,22 @@ def effects_from_toml(
             raise source.error(path, f"{dotted(path)}: {error}") from None
         if not isinstance(values, dict):
             raise source.error(path, f"{dotted(path)} = {toml_text(values)}: expected {_TABLES}")
-        found.append(EffectSetting(effect.name, _checked_table(source, path, effect, values)))
+        found.append(_checked_table(source, path, effect, values))
     return tuple(found)
 
 
 def _checked_table(
     source: TomlSource, path: KeyPath, effect: Effect, values: Mapping[str, object]
-) -> tuple[tuple[str, Value], ...]:
+) -> EffectSetting:
     checked = {}
+    intervals = {}
     for key, value in values.items():
         at = (*path, key)
+        stem = key.removesuffix(INTERVAL)
+        number = values.get(stem)
+        if stem != key and isinstance(number, int | float):
+            intervals[stem] = _interval(source, at, value, number)
+            continue
         try:
             parameter = _parameter(effect, key)
         except HarnessError as error:
@@ -104,7 +113,25 @@ def _checked_table(
             checked[key] = _checked(parameter, value)
         except HarnessError as error:
             raise source.error(at, f"{dotted(at)} = {toml_text(value)}: {error}") from None
-    return tuple((p.name, checked[p.name]) for p in effect.settable if p.name in checked)
+    order = [parameter.name for parameter in effect.settable]
+    return EffectSetting(
+        effect.name,
+        tuple((name, checked[name]) for name in order if name in checked),
+        tuple((name, intervals[name]) for name in order if name in intervals),
+    )
+
+
+def _interval(source: TomlSource, at: KeyPath, given: object, value: float) -> tuple[float, float]:
+    """Return a 95 % interval: two numbers, and the value between them."""
+    if isinstance(given, list) and len(given) == 2:
+        low, high = given
+        are_numbers = all(isinstance(one, int | float) for one in given)
+        if are_numbers and low <= value <= high:
+            return float(low), float(high)
+    raise source.error(
+        at,
+        f"{dotted(at)} = {toml_text(given)}: expected a 95 % interval [low, high] around {value:g}",
+    )
 
 
 def combine_effects(

@@ -15,6 +15,7 @@ from command_line import Chiplog
 from chiplog.commands import diagnose
 from gap_diagnosis.pictures import Report
 from gap_diagnosis.result import Diagnosis
+from gap_diagnosis.result_parts import KnownEffect
 from hil_harness.effects import load_effects
 from hil_harness.robot import load_robot
 
@@ -92,8 +93,9 @@ def test_where_log_and_description_contradict_each_other_stands_before_the_sente
 
 def test_flags_reach_the_diagnosis(asked: Asked, chiplog: Chiplog, tmp_path: Path) -> None:
     words = "a.log b.log --robot r.toml --dbc d.dbc --signals m.toml --reference a.tum"
-    more = "--reference b.tum --holdout c.log --holdout-reference c.tum --effect-library my.py"
-    assert chiplog("diagnose", *words.split(), *more.split()).status == 0
+    more = "--reference b.tum --holdout c.log --holdout-reference c.tum"
+    known = "--effects known.toml --effect-library my.py"
+    assert chiplog("diagnose", *words.split(), *more.split(), *known.split()).status == 0
     assert asked.arguments == {
         "logs": [Path("a.log"), Path("b.log")],
         "robot": Path("r.toml"),
@@ -102,6 +104,7 @@ def test_flags_reach_the_diagnosis(asked: Asked, chiplog: Chiplog, tmp_path: Pat
         "references": [Path("a.tum"), Path("b.tum")],
         "holdout": Path("c.log"),
         "holdout_reference": Path("c.tum"),
+        "effects": Path("known.toml"),
         "effect_library": Path("my.py"),
         "every_drive": False,
     }
@@ -243,6 +246,17 @@ def test_robot_and_effects_together_say_each_thing_once(
     chiplog("diagnose", "run.log", "--write-robot", "new.toml", "--write-effects", "rest.toml")
     assert load_robot(tmp_path / "new.toml").plant.wheels.radius_m == pytest.approx(0.04999875)
     assert [one.effect for one in load_effects(tmp_path / "rest.toml")] == ["radius_mismatch"]
+
+
+def test_what_is_known_already_is_asked_for_and_told(asked: Asked, chiplog: Chiplog) -> None:
+    known = KnownEffect(effect="lateral_slip", values={"compliance": 0.03}, file="known.toml")
+    with_diagnosis(asked, samples.diagnosis(granted=(known,)))
+    said = chiplog("diagnose", "run.log", "--effects", "known.toml")
+    assert asked.arguments["effects"] == Path("known.toml")
+    assert "known already" in said.out
+    assert "lateral_slip (known.toml)" in said.out
+    with_diagnosis(asked, samples.diagnosis())
+    assert "known already" not in chiplog("diagnose", "run.log").out
 
 
 def test_the_schema_of_the_diagnosis_is_printed(chiplog: Chiplog) -> None:

@@ -30,6 +30,7 @@ from gap_diagnosis.result_parts import (
     About,
     Advice,
     Candidate,
+    KnownEffect,
     LogFacts,
     NumberEstimate,
     Waterfall,
@@ -172,6 +173,12 @@ def test_every_verdict_has_a_page(found: Diagnosis, pictures: Pictures) -> None:
     shown = diagnosis_page(Report(found, pictures))
     assert ('id="path"' in shown) == bool(pictures.paths)
     assert ('id="map"' in shown) == (pictures.residual_map is not None)
+
+
+def test_what_was_known_already_stands_on_the_page() -> None:
+    known = KnownEffect(effect="lateral_slip", values={"compliance": 0.03}, file="known.toml")
+    shown = diagnosis_page(samples.report(granted=(known,)))
+    assert "Known already: lateral_slip (known.toml)." in shown
 
 
 def test_the_page_needs_nothing_from_outside(page: str) -> None:

@@ -84,6 +84,7 @@ UNLISTED = {
         "gap_diagnosis/criterion.py:_held_against",
         "gap_diagnosis/take_home.py:_changed",
         "gap_diagnosis/take_home.py:_effect_table",
+        "gap_diagnosis/take_home.py:effects_text",
     },
     "an emulated core: no command starts one": {
         "firmware_model/cortex_m.py:_run",

@@ -33,9 +33,11 @@ def test_a_gap_within_bounds_passes_and_the_diagnosis_comes_back(asked: dict[str
         "run.log",
         robot="our.toml",
         reference="run.tum",
+        effects="explained.toml",
         position="10 cm per 10 m",
         heading="2 deg",
     )
+    assert asked["effects"] == Path("explained.toml")
     assert found == samples.diagnosis()
     assert asked["logs"] == [Path("run.log")]
     assert (asked["robot"], asked["references"]) == (Path("our.toml"), [Path("run.tum")])

@@ -11,6 +11,7 @@ from command_line import Chiplog
 
 from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import NumberEstimate
+from hil_harness.effects import load_effects
 from hil_harness.robot import load_robot
 
 WHEELBASE_M = 0.2985
@@ -27,22 +28,22 @@ def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_pa
     assert first.gap.after < first.gap.before
     corrected_m = load_robot(tmp_path / "calibrated.toml").plant.wheels.wheelbase_m
     left = WHEELBASE_M * (1 + SCALE) / corrected_m - 1
-    fresh = ("--robot", "calibrated.toml")
-    drive(chiplog, "fresh", f"wheelbase_scale.scale={left!r}", *fresh, seed=2)
-    named(diagnosed(chiplog, "fresh", *fresh), "no_gap", stage="none")
+    known = "calibrated.toml"
+    drive(chiplog, "fresh", f"wheelbase_scale.scale={left!r}", seed=2, robot=known)
+    named(diagnosed(chiplog, "fresh", "--robot", known), "no_gap", stage="none")
 
 
 def test_found_effects_make_the_simulator_drift_as_the_robot_does(
     chiplog: Chiplog, tmp_path: Path, size: str
 ) -> None:
-    effect, minute = "radius_mismatch.mismatch=0.006", ("--duration-s", "60")
-    drive(chiplog, "real", effect, *minute, seed=1)
+    effect = "radius_mismatch.mismatch=0.006"
+    drive(chiplog, "real", effect, seed=1, duration_s=60)
     first = diagnosed(chiplog, "real", "--write-effects", "explained.toml")
     assert first.verdict == "radius_mismatch"
-    drive(chiplog, "again", effect, *minute, seed=2)
-    drive(chiplog, "described", "radius_mismatch.mismatch=0", *minute, seed=2)
-    words = "run --scenario calibration --effects explained.toml --seed 2 --out explained"
-    assert chiplog(*words.split(), *minute).status == 0
+    drive(chiplog, "again", effect, seed=2, duration_s=60)
+    drive(chiplog, "described", seed=2, duration_s=60)
+    words = "run --scenario calibration --effects explained.toml --seed 2 --duration-s 60"
+    assert chiplog(*words.split(), "--out", "explained").status == 0
     again, described, explained = (
         np.loadtxt(tmp_path / name / "reference.tum")[-1, 1:3]
         for name in ("again", "described", "explained")
@@ -51,6 +52,34 @@ def test_found_effects_make_the_simulator_drift_as_the_robot_does(
     assert math.dist(explained, again) < 0.05 * math.dist(described, again)
     if size == "full":
         tell_the_same(first, diagnosed(chiplog, "explained"))
+
+
+def test_beside_what_was_found_nothing_is_left_to_find_but_a_further_cause(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
+    own = [
+        "gyro_lag.time_constant=0.06",
+        "drive_lag.time_constant=0.08",
+        "firmware_constant.constant=wheel_radius",
+        "firmware_constant.scale=0.0131234567",
+        "frame_loss.frame=ENCODER",
+        "frame_loss.probability=0.02",
+    ]
+    drive(chiplog, "real", *own, seed=1, duration_s=60)
+    first = diagnosed(chiplog, "real", "--write-effects", "explained.toml")
+    assert first.verdict == "drive_lag+firmware_constant+frame_loss+gyro_lag"
+    known = ("--effects", "explained.toml")
+    drive(chiplog, "fresh", *own, seed=2, duration_s=60)
+    healthy = diagnosed(chiplog, "fresh", *known)
+    named(healthy, "no_gap", stage="none")
+    assert {one.effect for one in healthy.granted} == {*first.which[0].effects}
+    assert {one.role for one in healthy.inputs} == {"log", "reference", "effects"}
+    drive(chiplog, "worn", *own, "radius_mismatch.mismatch=0.006", seed=3, duration_s=60)
+    further = diagnosed(chiplog, "worn", *known, "--write-effects", "both.toml")
+    named(further, "radius_mismatch", stage="wheel")
+    close_to(0.006, number(further, "radius_mismatch.mismatch"))
+    both = {one.effect for one in load_effects(tmp_path / "both.toml")}
+    assert both == {"radius_mismatch", *first.which[0].effects}
 
 
 def named(found: Diagnosis, verdict: str, *, stage: str) -> None:
@@ -80,9 +109,19 @@ def tell_the_same(first: Diagnosis, second: Diagnosis) -> None:
     assert abs(values[0] - values[1]) < 0.0003
 
 
-def drive(chiplog: Chiplog, name: str, effect: str, *more: str, seed: int) -> None:
-    words = f"run --scenario calibration --effect {effect} --seed {seed} --out {name}"
-    assert chiplog(*words.split(), *more).status == 0
+def drive(
+    chiplog: Chiplog,
+    name: str,
+    *effects: str,
+    seed: int,
+    duration_s: float | None = None,
+    robot: str | None = None,
+) -> None:
+    words = ["run", "--scenario", "calibration", "--seed", f"{seed}", "--out", name]
+    words += [word for effect in effects for word in ("--effect", effect)]
+    words += [] if duration_s is None else ["--duration-s", f"{duration_s:g}"]
+    words += [] if robot is None else ["--robot", robot]
+    assert chiplog(*words).status == 0
 
 
 def diagnosed(chiplog: Chiplog, name: str, *more: str) -> Diagnosis:

@@ -17,6 +17,7 @@ from gap_diagnosis.result import Diagnosis
 from gap_diagnosis.result_parts import (
     ChoiceEstimate,
     InputFile,
+    KnownEffect,
     NumberEstimate,
     ParameterEstimate,
 )
@@ -56,13 +57,50 @@ def test_the_found_effects_are_read_by_whoever_reads_effects(tmp_path: Path) -> 
         ("radius_mismatch", {"mismatch": -0.004}),
         ("radius_scale", {"scale": -0.005}),
     ]
+    assert [one.ci95 for one in load_effects(file)] == [
+        (("mismatch", (-0.004196, -0.003804)),),
+        (("scale", (-0.005392, -0.004608)),),
+    ]
 
 
 def test_intervals_and_the_other_names_of_the_group_stand_beside_them() -> None:
     text = effects_text(samples.diagnosis())
-    assert "mismatch = -0.004  # 95 %: -0.004196 to -0.003804" in text
+    assert "mismatch = -0.004\nmismatch_ci95 = [-0.004196, -0.003804]" in text
     assert "# This data cannot tell it from radius_mismatch + ticks_per_rev." in text
     assert "in run.log." in text
+
+
+KNOWN = KnownEffect(
+    effect="lateral_slip",
+    values={"compliance": 0.03},
+    ci95={"compliance": (0.029, 0.031)},
+    file="before.toml",
+)
+
+
+def test_what_was_known_before_stands_beside_what_was_found(tmp_path: Path) -> None:
+    file = tmp_path / "explained.toml"
+    text = effects_text(samples.diagnosis(granted=(KNOWN,)))
+    file.write_text(text, encoding="utf-8")
+    assert "# Known before, by before.toml.\n[lateral_slip]\n" in text
+    (slip,) = (one for one in load_effects(file) if one.effect == "lateral_slip")
+    assert (slip.values, slip.ci95) == (
+        (("compliance", 0.03),),
+        (("compliance", (0.029, 0.031)),),
+    )
+
+
+def test_a_known_effect_that_changed_is_not_written_as_if_it_were_the_change() -> None:
+    known = KnownEffect(effect="wheelbase_scale", values={"scale": 0.02}, file="before.toml")
+    found = samples.single().model_copy(update={"granted": (known,)})
+    with pytest.raises(DiagnosisError, match=r"^wheelbase_scale: before\.toml states another size"):
+        effects_text(found)
+    assert "[wheelbase_scale]" in effects_text(found, without=["wheelbase_scale"])
+
+
+def test_a_constant_that_a_replay_tells_to_its_last_digits_is_written_with_them() -> None:
+    found = samples.single("firmware_constant", scale=number(0.0131234567891234, 3e-13))
+    assert "scale = 0.0131234567891" in effects_text(found)
 
 
 @pytest.mark.parametrize("found", [samples.nothing(), samples.unlisted()])

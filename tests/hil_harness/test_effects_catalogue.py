@@ -288,6 +288,31 @@ def test_a_text_wins_over_a_file_and_a_later_file_over_an_earlier_one(tmp_path: 
     ]
 
 
+def test_beside_a_number_its_interval_may_stand_which_no_run_needs(tmp_path: Path) -> None:
+    file = tmp_path / "explained.toml"
+    file.write_text("[gyro_bias]\nbias = 0.005\nbias_ci95 = [0.004, 0.006]\n")
+    (known,) = load_effects(file)
+    assert known.ci95 == (("bias", (0.004, 0.006)),)
+    assert apply_effects([known]) == apply_effects([parse_effect("gyro_bias.bias=0.005")])
+
+
+@pytest.mark.parametrize(
+    "interval", ["0.1", "[0.004]", "[0.006, 0.004]", "[0.006, 0.007]", '["a", "b"]']
+)
+def test_an_interval_is_two_numbers_with_the_value_between(tmp_path: Path, interval: str) -> None:
+    file = tmp_path / "explained.toml"
+    file.write_text(f"[gyro_bias]\nbias = 0.005\nbias_ci95 = {interval}\n")
+    with pytest.raises(HarnessError, match=r"explained\.toml:3: gyro_bias\.bias_ci95 = "):
+        load_effects(file)
+
+
+def test_an_interval_of_nothing_is_no_parameter(tmp_path: Path) -> None:
+    file = tmp_path / "explained.toml"
+    file.write_text("[gyro_bias]\nbias_ci95 = [0.004, 0.006]\n")
+    with pytest.raises(HarnessError, match="no such parameter"):
+        load_effects(file)
+
+
 def test_settings_made_in_code_are_checked_too() -> None:
     with pytest.raises(HarnessError, match="no such effect"):
         apply_effects([EffectSetting("nothing", ())])

@@ -26,6 +26,27 @@ DIAGNOSIS: tuple[Row, ...] = (
         ".: is a folder: expected the name of a file",
     ),
     Row(
+        "a known effect that another log cannot be held against",
+        "chiplog diagnose run.log --effects explained.toml",
+        "explained.toml: one_sided_slip cannot be known beforehand: start_s is a time of one log: "
+        "expected the file without it",
+        {"explained.toml": '[one_sided_slip]\nside = "left"\nratio = 0.03\nstart_s = 12.0\n'},
+    ),
+    Row(
+        "a known mistake of the set-up",
+        "chiplog diagnose run.log --effects explained.toml",
+        "explained.toml: setup_sign cannot be known beforehand: a mistake of the set-up is to be "
+        "put right: expected the file without it",
+        {"explained.toml": '[setup_sign]\nsignal = "gyro"\n'},
+    ),
+    Row(
+        "a known effect whose interval is none",
+        "chiplog diagnose run.log --effects explained.toml",
+        "explained.toml:3: gyro_bias.bias_ci95 = [0.01, 0.02]: expected a 95 % interval "
+        "[low, high] around 0.005",
+        {"explained.toml": "[gyro_bias]\nbias = 0.005\nbias_ci95 = [0.01, 0.02]\n"},
+    ),
+    Row(
         "a bound without its sign",
         "chiplog diagnose run.log --fail-if 'position 5 mm'",
         "'position 5 mm': expected METRIC > NUMBER UNIT [per NUMBER UNIT], for example "
