@@ -37,7 +37,8 @@ _FASTEST_M_S: Final = 0.4
 _HOLD_SHARE: Final = 0.09
 """No command asks for more of what the floor gives: so much creeps and does not slide."""
 _TYRES_M_PER_N: Final = 1.2e-5
-MOST_SCRUB_M: Final = 0.0005
+MOST_SCRUB_M: Final = 0.0002
+"""Of a healthy robot: with more its wheels hop as it spins."""
 _WIDE_TYRES_S: Final = 0.08
 """Soft enough for wheels that scrub by 15 mm to stay on the floor as they turn."""
 

@@ -15,9 +15,6 @@ import mujoco
 STEP_S: Final = 0.0004
 CONTACT_S: Final = 0.0008
 """Time constant of the contact; below a millisecond, for it shows as a time offset of its size."""
-HOLD_S: Final = 0.002
-"""Of its hold along the floor. The engine lifts what slides: a wheel that turns about where it
-stands hops as soon as its scrub [m], times the turn rate, over this is more than 0.5 m/s²."""
 GRAVITY_M_S2: Final = 9.81
 
 _CASTER_RADIUS_M: Final = 0.02
@@ -62,7 +59,9 @@ class World:
         slope_rad, downhill_rad: of the floor, and the direction in it that leads down.
         torque_nm: largest of each motor, at the wheel.
         tyre_m_per_n: by how much the tyres' rolling radius shrinks under load.
-        soft_s: time constant of the tyres' hold along the floor.
+        soft_s: time constant of the tyres' hold along the floor. The engine lifts what slides: a
+            wheel that turns about where it stands hops as soon as *scrub_m* [m], times the turn
+            rate, over this is more than 0.5 m/s².
     """
 
     radius_left_m: float = 0.05
@@ -81,7 +80,7 @@ class World:
     downhill_rad: float = 0.0
     torque_nm: float = 20.0
     tyre_m_per_n: float = 0.0
-    soft_s: float = HOLD_S
+    soft_s: float = CONTACT_S
 
 
 _SCENE: Final = """
