@@ -99,6 +99,9 @@ def diagnose(
     recordings = read_recordings(
         logs, robot=described, references=references, dbc=dbc, signals=signals
     )
+    is_of_its_own = dbc is not None or signals is not None or not recordings[0].frames
+    if robot is None and is_of_its_own:
+        recordings[0] = _undescribed(recordings[0], described)
     held = None
     if holdout is not None:
         given = () if holdout_reference is None else (holdout_reference,)
@@ -121,6 +124,17 @@ def diagnose(
         progress=progress,
         every_drive=every_drive,
     )
+
+
+def _undescribed(recording: Recording, robot: Robot) -> Recording:
+    """Return a log of somebody's own signals with a note that nobody said whose they are."""
+    wheels, encoder = robot.plant.wheels, robot.plant.encoder
+    note = (
+        f"No --robot describes this robot: it is taken for Chiplog's own, with wheels of "
+        f"{wheels.radius_m:g} m radius, {wheels.wheelbase_m:g} m apart, and "
+        f"{encoder.ticks_per_rev:,} counts a turn."
+    )
+    return replace(recording, notes=(note, *recording.notes))
 
 
 def diagnose_recordings(

@@ -70,3 +70,7 @@ def test_speeds_of_a_healthy_robot_show_no_gap(
         references=[tmp_path / "reference.tum"],
     ).diagnosis
     assert found.verdict == "no_gap"
+    assert (
+        "log.csv: No --robot describes this robot: it is taken for Chiplog's own, with wheels of "
+        "0.05025 m radius, 0.2985 m apart, and 2,048 counts a turn."
+    ) in found.notes
