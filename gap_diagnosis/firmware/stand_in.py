@@ -18,7 +18,9 @@ def stand_in(
     some function of a variable more; None where fewer windows tell than that has sizes.
 
     Least squares on the windows whose rows are all *kept*, bool[n]. The variable is that of the
-    replay: of what was not kept nothing of the record is used.
+    replay: of what was not kept nothing of the record is used. What is off by no more than makes a
+    difference, forward, left or turning, is left alone: a turn that is right, bent by a little,
+    would stand in for a way that is not.
     """
     rows, first, last = windows.rows, windows.first, windows.last
     path = replayed[rows]
@@ -32,14 +34,20 @@ def stand_in(
     functions = functions / np.abs(functions).sum(axis=0)
     steps = relative_motion(path, np.arange(len(path) - 1), np.arange(1, len(path)))
 
+    def left_by(moved: Floats) -> Floats:
+        return ((windows.motion - relative_motion(moved, first, last)) / windows.floor)[told]
+
+    is_off = np.sqrt(np.mean(left_by(path) ** 2, axis=0)) > 1.0
+    if not is_off.any():
+        return None
+
     def bent(sizes: Floats) -> Floats:
-        return _laid(path[0], steps + functions @ sizes.reshape(-1, COMPONENTS))
+        more = np.zeros((functions.shape[1], COMPONENTS))
+        more[:, is_off] = sizes.reshape(functions.shape[1], -1)
+        return _laid(path[0], steps + functions @ more)
 
-    def left(sizes: Floats) -> Floats:
-        off = windows.motion - relative_motion(bent(sizes), first, last)
-        return np.asarray((off / windows.floor)[told].ravel())
-
-    found = least_squares(left, np.zeros(functions.shape[1] * COMPONENTS))
+    start = np.zeros(functions.shape[1] * np.count_nonzero(is_off))
+    found = least_squares(lambda sizes: left_by(bent(sizes)).ravel(), start)
     after = np.full_like(replayed, np.nan)
     after[rows] = bent(found.x)
     return after
