@@ -88,6 +88,8 @@ def diagnose(
     Raises DiagnosisError, CanBusError or HarnessError in one line for what cannot be read.
     """
     started = time.monotonic()
+    if not logs:
+        raise DiagnosisError("no log: expected one or more to diagnose")
     if holdout is not None and holdout.resolve() in {one.resolve() for one in logs}:
         raise DiagnosisError(
             f"--holdout {holdout}: the fit sees this log too: expected one that it never saw"
@@ -99,9 +101,12 @@ def diagnose(
     recordings = read_recordings(
         logs, robot=described, references=references, dbc=dbc, signals=signals
     )
-    is_of_its_own = dbc is not None or signals is not None or not recordings[0].frames
-    if robot is None and is_of_its_own:
-        recordings[0] = _undescribed(recordings[0], described)
+    if robot is None:
+        is_mapped = dbc is not None or signals is not None
+        recordings = [
+            one if one.frames and not is_mapped else _undescribed(one, described)
+            for one in recordings
+        ]
     held = None
     if holdout is not None:
         given = () if holdout_reference is None else (holdout_reference,)

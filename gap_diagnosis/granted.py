@@ -103,8 +103,9 @@ class Granted:
         walk = plant.gyro.bias_walk_density_rad_s_per_sqrt_s
         gyro = plant.gyro.model_copy(
             update={
-                "noise_density_rad_per_sqrt_s": of("gyro_noise.density", noise),
-                "bias_walk_density_rad_s_per_sqrt_s": of("gyro_bias_walk.density", walk),
+                # As the plant has it: what is known is no less than what is described.
+                "noise_density_rad_per_sqrt_s": max(noise, of("gyro_noise.density")),
+                "bias_walk_density_rad_s_per_sqrt_s": max(walk, of("gyro_bias_walk.density")),
             }
         )
         return replace(described, plant=plant.model_copy(update={"drive": drive, "gyro": gyro}))

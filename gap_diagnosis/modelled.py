@@ -106,8 +106,9 @@ def modelled_on(
     if stage == "actuation" and analysis.drive is not None:
         return _of_the_drive(analysis, analysis.drive, fit_side, kept)
     seen = analysis.traces.get(stage)
-    if stage == "bus" and seen is not None and seen.is_of_clock and analysis.motion is not None:
-        skew = clock_skew_of(analysis.recording.frames, analysis.recording.t_s, kept)
+    frames = analysis.recording.frames
+    if seen is not None and seen.is_of_clock and frames and analysis.motion is not None:
+        skew = clock_skew_of(frames, analysis.recording.t_s, kept)
         return Model("time", [], [], analysis.motion.levels, clock_skew=skew), None
     if stage == "bus" and seen is not None and seen.frame is not None:
         return None, f"it shows in {_frames(seen.frame)}, and nothing stands in for what frames do"
@@ -152,7 +153,7 @@ def _of_the_program(
         return None, "it goes with no variable"
     found = reprogrammed_by(analysis, block, chosen, robot, wire, kept)
     if found is None:
-        return None, "what is not held out is too short to fit it"
+        return None, "what is not held out says too little of it"
     return Model(variable, [], [], analysis.motion.levels, firmware=found), None
 
 

@@ -205,7 +205,8 @@ def _turned_rad(recording: Recording, robot: Robot) -> Floats:
     from the first count on; NaN where none came."""
     counted = np.stack([recording.left_ticks, recording.right_ticks])
     tick_rad = math.tau / robot.plant.encoder.ticks_per_rev
-    if COUNTING.isdisjoint(recording.granted.values) or not np.isfinite(counted).any():
+    few = np.isfinite(counted).sum(axis=1).min() < _LEAST_BLOCKS
+    if few or COUNTING.isdisjoint(recording.granted.values):
         return counted * tick_rad
     motion = estimate_motion(replace(recording, reference=None), robot)
     turned = by_counts(motion, motion.wheelbase_m)

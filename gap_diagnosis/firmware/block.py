@@ -105,7 +105,7 @@ class FirmwareBlock:
 
     def stand_in(self, replayed: Floats, variable: str, kept: NDArray[np.bool_]) -> Floats | None:
         """Return the path, float64[n, 3], of a program that does to *replayed* what the leftover
-        goes with, fitted on the ticks *kept* (bool[n]); None where they tell too little."""
+        goes with, fitted on the ticks *kept* (bool[n]); None where that cannot be fitted."""
         return stand_in(self._bench.windows, replayed, self._bench.t_s, variable, kept)
 
     def explained(

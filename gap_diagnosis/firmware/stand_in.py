@@ -15,7 +15,8 @@ def stand_in(
     windows: Windows, replayed: Floats, t_s: Floats, variable: str, kept: NDArray[np.bool_]
 ) -> Floats | None:
     """Return the path of a program whose steps are those of *replayed*, float64[n, 3] by row, and
-    some function of a variable more; None where fewer windows tell than that has sizes.
+    some function of a variable more; None where fewer windows tell than that has sizes, where the
+    replay does not vary by it, or where nothing is off by more than makes a difference.
 
     Least squares on the windows whose rows are all *kept*, bool[n]. The variable is that of the
     replay: of what was not kept nothing of the record is used. What is off by no more than makes a
@@ -28,7 +29,8 @@ def stand_in(
     functions = functions[:, np.any(functions != 0.0, axis=0)]
     told = np.logical_and.reduceat(kept[rows], first) & kept[rows[last]]
     told &= np.isfinite(windows.motion).all(axis=1)
-    if not np.isfinite(path).all() or np.count_nonzero(told) <= functions.shape[1]:
+    sizes_each = functions.shape[1]
+    if not np.isfinite(path).all() or not 0 < sizes_each < np.count_nonzero(told):
         return None
     # Of size one, a function moves or turns by 1 m or 1 rad in all.
     functions = functions / np.abs(functions).sum(axis=0)
@@ -42,11 +44,11 @@ def stand_in(
         return None
 
     def bent(sizes: Floats) -> Floats:
-        more = np.zeros((functions.shape[1], COMPONENTS))
-        more[:, is_off] = sizes.reshape(functions.shape[1], -1)
+        more = np.zeros((sizes_each, COMPONENTS))
+        more[:, is_off] = sizes.reshape(sizes_each, -1)
         return _laid(path[0], steps + functions @ more)
 
-    start = np.zeros(functions.shape[1] * np.count_nonzero(is_off))
+    start = np.zeros(sizes_each * np.count_nonzero(is_off))
     found = least_squares(lambda sizes: left_by(bent(sizes)).ravel(), start)
     after = np.full_like(replayed, np.nan)
     after[rows] = bent(found.x)

@@ -192,9 +192,11 @@ def build_columns(
         # for news: of a slip known to 0.004 that was off by 0.007, six nats.
         variant = one.ways[0][0].in_detail
         for index, sd in enumerate(one.sds):
+            if sd == 0.0:
+                continue
             off = [sd if place == index else 0.0 for place in range(len(one.sds))]
             change = _change_in_detail(nodes, variant, off)
-            if sd > 0.0 and _says_something(change):
+            if _says_something(change):
                 base.append(change / sd)
                 nuisances.append((len(base) - 2, sd))
     free = {index for index, _ in nuisances}

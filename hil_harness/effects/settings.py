@@ -126,7 +126,10 @@ def _interval(source: TomlSource, at: KeyPath, given: object, value: float) -> t
     if isinstance(given, list) and len(given) == 2:
         low, high = given
         are_numbers = all(isinstance(one, int | float) for one in given)
-        if are_numbers and low <= value <= high:
+        is_finite = (
+            are_numbers and not {type(low), type(high)} & {bool} and math.isfinite(high - low)
+        )
+        if is_finite and low <= value <= high:
             return float(low), float(high)
     raise source.error(
         at,

@@ -13,6 +13,7 @@ from typing import NoReturn
 import pytest
 from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
 
+from gap_diagnosis.diagnose import diagnose as diagnose_files
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.result import Diagnosis
@@ -176,3 +177,8 @@ def test_how_far_a_model_of_an_unlisted_cause_closes_the_gap_was_measured() -> N
     assert found.closes is not None
     assert found.closes > 0.5
     assert found.why_not is None
+
+
+def test_no_log_at_all_is_refused_in_a_sentence() -> None:
+    with pytest.raises(DiagnosisError, match="no log: expected one or more"):
+        diagnose_files([])

@@ -250,3 +250,12 @@ def test_beside_what_is_known_in_every_block_there_is_no_gap_or_the_further_caus
     mismatch = further.which[0].parameters["radius_mismatch.mismatch"]
     assert isinstance(mismatch, NumberEstimate)
     assert mismatch.ci95[0] < 0.006 < mismatch.ci95[1]
+
+
+def test_noise_that_is_known_is_no_less_than_what_is_described(tmp_path: Path) -> None:
+    """The plant takes the larger one; a diagnosis took what the file said."""
+    described = ROBOT.plant.gyro.noise_density_rad_per_sqrt_s
+    quiet = load_granted(stated(tmp_path, f"[gyro_noise]\ndensity = {described / 2}\n"))
+    loud = load_granted(stated(tmp_path, f"[gyro_noise]\ndensity = {described * 2}\n"))
+    found = [one.robot(ROBOT).plant.gyro.noise_density_rad_per_sqrt_s for one in (quiet, loud)]
+    assert found == pytest.approx([described, 2 * described])

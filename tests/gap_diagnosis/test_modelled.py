@@ -176,7 +176,24 @@ def test_a_model_of_a_programs_noise_closes_nothing() -> None:
         return pose + np.cumsum(rng.normal(0.0, 1e-3, pose.shape), axis=0)
 
     found = shrink(reported(shaken), NOTHING, "firmware", ROBOT, WIRE, None).modelled
-    assert found is None or found.ci95 is None or found.ci95[0] < 0
+    assert found is not None
+    assert found.ci95 is None or found.ci95[0] < 0
+
+
+def test_a_stand_in_leaves_alone_what_a_program_does_right_and_what_its_replay_never_does() -> None:
+    def longer(pose: Floats) -> Floats:
+        return pose * np.where(np.arange(3) < 2, 1.02, 1.0)
+
+    analysis = reported(longer)
+    assert analysis.firmware is not None
+    pose = replayed_pose(analysis.recording, ROBOT, WIRE)
+    every = np.ones(len(pose), np.bool_)
+    path = analysis.firmware.stand_in(pose, "speed", every)
+    assert path is not None
+    known = np.isfinite(path).all(axis=1)
+    np.testing.assert_allclose(path[known, 2], pose[known, 2], atol=1e-12)
+    straight = np.column_stack([pose[:, 0], np.zeros((len(pose), 2))])
+    assert analysis.firmware.stand_in(straight, "turn_rate", every) is None
 
 
 def test_the_last_digits_of_a_program_without_a_name_are_no_gap_to_close() -> None:

@@ -297,7 +297,11 @@ def test_beside_a_number_its_interval_may_stand_which_no_run_needs(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "interval", ["0.1", "[0.004]", "[0.006, 0.004]", "[0.006, 0.007]", '["a", "b"]']
+    "interval",
+    [
+        *("0.1", "[0.004]", "[0.006, 0.004]", "[0.006, 0.007]", '["a", "b"]'),
+        *("[-inf, inf]", "[0.004, inf]", "[nan, nan]", "[false, true]"),
+    ],
 )
 def test_an_interval_is_two_numbers_with_the_value_between(tmp_path: Path, interval: str) -> None:
     file = tmp_path / "explained.toml"
