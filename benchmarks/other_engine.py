@@ -50,17 +50,11 @@ RIGHT: Final[Mapping[str, tuple[Sequence[str], ...]]] = {
     "soft_tyres": (("lateral_slip",),),
     "tilted_floor": (("cross_slope_drift",), ("grade_slip",), ("cross_slope_drift", "grade_slip")),
     "weak_motors": (("drive_acceleration_limit",), ("drive_saturation",)),
-    "scrubbing_tyres": (
-        ("lateral_slip", "turn_scrub"),
-        ("lateral_slip", "wheelbase_scale"),
-        ("turn_scrub",),
-        ("wheelbase_scale",),
-    ),
+    "scrubbing_tyres": (("lateral_slip", "turn_scrub"), ("lateral_slip", "wheelbase_scale")),
 }
 """By cause, the answers any of which is right; ice that a wheel meets again and again has no name
 in the library, and where it is met not at all nothing is. On a slope that it does not drift down a
-robot on soft tyres does no more than slip outward in turns. Wide tyres are soft
-ones too, which a drive that turns on the spot does not show."""
+robot on soft tyres does no more than slip outward in turns. Wide tyres are soft ones too."""
 
 SIZES: Final[Mapping[str, str]] = {
     "radius_scale.scale": "radius_scale",

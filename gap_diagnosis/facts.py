@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import Candidate, Gap, InputFile, LogFacts, Metric
+from gap_diagnosis.result_parts import Candidate, Gap, InputFile, LogFacts, Metric, Role
 from hil_harness.effects import Effect, catalogue
 from hil_harness.robot import Robot
 
@@ -33,18 +33,6 @@ ASSUMPTIONS: Final = (
 )
 
 _CHUNK: Final = 1 << 20
-
-Role = Literal[
-    "log",
-    "reference",
-    "robot",
-    "dbc",
-    "signals",
-    "holdout",
-    "holdout_reference",
-    "effects",
-    "effect_library",
-]
 
 
 def input_files(

@@ -359,20 +359,23 @@ class KnownEffect(Part):
     file: str = Field(description="the file that states it")
 
 
+Role = Literal[
+    "log",
+    "reference",
+    "robot",
+    "dbc",
+    "signals",
+    "holdout",
+    "holdout_reference",
+    "effects",
+    "effect_library",
+]
+
+
 class InputFile(Part):
     """One file that the diagnosis read."""
 
-    role: Literal[
-        "log",
-        "reference",
-        "robot",
-        "dbc",
-        "signals",
-        "holdout",
-        "holdout_reference",
-        "effects",
-        "effect_library",
-    ]
+    role: Role
     name: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 

@@ -34,6 +34,7 @@ LOG_WEIGHT: Final = LOG_SHARE - math.log(SLIP_WINDOWS * (SLIP_WINDOWS + 1) / 2)
 
 
 _OF_REFERENCE: Final = frozenset({"reference_yaw", "reference_time_offset"})
+"""What changes at once where a tracker loses a robot and finds it again, or a clock is set."""
 
 
 def can_begin(term: Term) -> bool:
