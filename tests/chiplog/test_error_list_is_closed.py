@@ -64,6 +64,7 @@ UNLISTED = {
         "firmware_model/kernel.py:__init__",
         "firmware_model/kernel.py:load_state",
         "firmware_model/kernel.py:set_gyro_offset",
+        "gap_diagnosis/diagnose.py:diagnose",
         "gap_diagnosis/motion/estimate.py:estimate_motion",
         "gap_diagnosis/synthetic.py:synthetic_recordings",
         "hil_harness/devices/shared_library.py:odometry",
