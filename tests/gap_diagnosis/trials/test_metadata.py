@@ -87,7 +87,7 @@ def plan_of(each: int) -> tuple[list[Planned], list[bool]]:
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> list[Seen]:
-    each = 60 if request.config.getoption("--chiplog-size") == "full" else 18
+    each = 60 if request.config.getoption("--chiplog-size") == "full" else 10
     folder = tmp_path_factory.mktemp("metadata") / "trial"
     key = folder.with_name("key")
     with pytest.MonkeyPatch.context() as patch:
