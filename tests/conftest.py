@@ -24,6 +24,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the mark of what only the full size runs."""
+    config.addinivalue_line("markers", "full_size: more cases of what the small size tests too")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what only the full size runs, where the size is small."""
+    if config.getoption("--chiplog-size") == "full":
+        return
+    left = [item for item in items if item.get_closest_marker("full_size")]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in left]
+
+
 @pytest.fixture(scope="session")
 def size(request: pytest.FixtureRequest) -> str:
     """Return "small" or "full": how much work a statistical or soak test does."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from drive_recordings import ROBOT, WIRE
 from foreign_drives import weak_motors
+from full_size import at_full_size
 
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.drive.grid import Floats, locate
@@ -46,7 +47,7 @@ def test_any_two_effects_that_bend_the_drive_are_found_however_narrow_their_peak
         assert both.parameters[f"{effect}.{parameter}"].value == pytest.approx(value, rel=0.05)
 
 
-@pytest.mark.parametrize("kind", ["weave", "delivery", "one_way"])
+@pytest.mark.parametrize("kind", ["weave", *at_full_size("delivery", "one_way")])
 def test_motors_of_little_torque_have_a_limit_of_acceleration_and_nothing_else(kind: str) -> None:
     """Friction lets them slow down a tenth faster than they speed up: the limit is the mean of the
     two, and no second effect is told for the difference."""

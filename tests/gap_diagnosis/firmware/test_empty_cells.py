@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from simulated import kernel_pose, plant_runs, recording_of, robot, wire
 
 from gap_diagnosis.diagnose import diagnose_recordings
@@ -44,7 +45,7 @@ def evidences(block: FirmwareBlock) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("share", [0.005, 0.05])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])
 def test_a_healthy_robot_has_no_gap(seed: int, share: float) -> None:
     """Five of these six had a moving calibration, an auto zero or a coarse table (0.46 to 0.97)."""
     calm = replace(scenario("calibration"), effects=())

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.clock_setting import with_clock_set
@@ -49,7 +50,7 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
     assert last_s < 0.3 * LASTS_S + 0.2
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("side", ["left", *at_full_size("right")])
 @pytest.mark.parametrize("name", ["square", "figure8"])
 def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: str) -> None:
     """Of five runs of a recorded robot with a count that stands from 60 % on, two were a wrong

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.lattice import step_of_values
@@ -86,7 +87,7 @@ def test_a_gyro_of_fine_codes_has_no_such_variance() -> None:
     assert variance_of_steps(codes, step, 0.0 * codes, TICK_S).max() < 1e-6 * step**2
 
 
-@pytest.mark.parametrize("name", ["calibration", "square", "random"])
+@pytest.mark.parametrize("name", ["calibration", *at_full_size("square", "random")])
 def test_whole_degrees_per_second_are_no_gap(name: str) -> None:
     """They were a gyro that bends by 0.7 % and reads 1.4 % less (0.97), a frozen one (0.98),
     another that bends."""

@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import EXACT, ROBOT, WIRE, model_of
 from test_dispersion import on_many_floors
 
@@ -241,7 +242,7 @@ def test_a_reference_tells_a_wheelbase_from_a_gyro_that_reads_less() -> None:
 
 
 @pytest.mark.parametrize("has_reference", [True, False])
-@pytest.mark.parametrize("times", [1.5, 2.5])
+@pytest.mark.parametrize("times", [1.5, *at_full_size(2.5)])
 @pytest.mark.parametrize("mistake", ["setup_sign", "setup_wheels_swapped"])
 def test_beside_wheels_that_skid_a_sign_is_told_all_the_same(
     mistake: str, times: float, has_reference: bool

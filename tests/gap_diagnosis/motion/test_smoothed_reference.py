@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
@@ -52,7 +53,7 @@ def likeliest(smooth: Callable[[Floats], Floats], seed: int) -> tuple[frozenset[
     return frozenset(told.effects), told.probability, 0.0 if late is None else late.estimate
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2)])
 def test_a_reference_that_averages_over_three_tenths_of_a_second_is_no_gap(seed: int) -> None:
     """Where it turns and speeds up it cuts corners: an unlisted cause, 0.96."""
     effects, probability, _ = likeliest(averaged, seed)
@@ -60,7 +61,7 @@ def test_a_reference_that_averages_over_three_tenths_of_a_second_is_no_gap(seed:
     assert probability > 0.8
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [2, *at_full_size(1)])
 def test_a_reference_behind_a_filter_is_late_and_nothing_else(seed: int) -> None:
     """Wheels lost their hold in eleven windows, which took 200 s to tell."""
     effects, probability, late_s = likeliest(lagging, seed)

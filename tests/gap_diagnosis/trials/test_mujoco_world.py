@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.diagnose import diagnose
 from gap_diagnosis.trials import drives
@@ -26,6 +27,8 @@ from hil_harness.robot import load_robot
 
 PLANT = load_robot().plant
 TICK_US = 10_000
+DRIVEN = ("squares", "docking")
+DRIVEN_TOO = sorted({*drives.FAMILIAR, *drives.NEW, drives.SHORT} - {*DRIVEN})
 
 
 def commands(v_m_s: float, w_rad_s: float) -> np.ndarray:
@@ -95,7 +98,7 @@ def test_what_is_beyond_the_tolerances_of_a_description_is_news(
     assert news_of(nothing | truth, load_robot().tolerance).keys() == news
 
 
-@pytest.mark.parametrize("kind", [*drives.FAMILIAR, *drives.NEW, drives.SHORT])
+@pytest.mark.parametrize("kind", [*DRIVEN, *at_full_size(*DRIVEN_TOO)])
 def test_wheels_of_a_null_gain_less_than_a_tenth_of_what_the_floor_gives(kind: str) -> None:
     """Turning gained 0.07 beside the way's 0.09, and each step of a command twice what its ramp
     does. The motors are as quick and the track as wide as trials have them."""
