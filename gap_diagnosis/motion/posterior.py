@@ -102,7 +102,14 @@ class Posterior:
                     likely.append((terms, fit))
         logs = np.array([fit.log_evidence for _, fit in likely])
         weights = np.exp(logs - logs.max())
-        each = [self._draws_of(terms, fit, rng) for terms, fit in likely]
+        # Bends of variants that a fit of their own shows to be of little weight shift no interval:
+        # those are drawn along the lines. The set's own variant tells the tail's shape.
+        light = logs < logs.max() - _AS_LIKELY
+        light[0] = False
+        each = [
+            Drawn(self._along_lines(terms, fit, rng)) if one else self._draws_of(terms, fit, rng)
+            for one, (terms, fit) in zip(light, likely, strict=True)
+        ]
         drawn = [one.resampled(DRAWS, rng) for one in each]
         if len(drawn) == 1:
             return drawn[0], {}, each[0].pareto_k
@@ -117,8 +124,7 @@ class Posterior:
         picked, rates = known.draw(DRAWS, self._too_sure, rng)
         draws: Floats | None = None
         for one in np.unique(picked):
-            free = [term for term in known.terms[one] if not term.is_fixed]
-            own = draw(self._widened(known.fits[one].scored), free, rng)
+            own = self._along_lines(known.terms[one], known.fits[one], rng)
             draws = np.zeros_like(own) if draws is None else draws
             draws[picked == one] = own[picked == one]
         assert draws is not None
@@ -133,8 +139,14 @@ class Posterior:
             if drawn.is_trusted:
                 return drawn
             shape = drawn.pareto_k
+        return Drawn(self._along_lines(terms, fit, rng), pareto_k=shape)
+
+    def _along_lines(
+        self, terms: Sequence[Term], fit: Refitted, rng: np.random.Generator
+    ) -> Floats:
+        """Return draws float64[4000, k] of a fit's sizes as if its effects acted along lines."""
         free = [term for term in terms if not term.is_fixed]
-        return Drawn(draw(self._widened(fit.scored), free, rng), pareto_k=shape)
+        return draw(self._widened(fit.scored), free, rng)
 
     def _windows(
         self, found: Found, again: Refitted, draws: Floats, rng: np.random.Generator
