@@ -156,6 +156,12 @@ class Motion:
         """The largest rate of either wheel."""
         return float(max(np.abs(self.left_rate_rad_s).max(), np.abs(self.right_rate_rad_s).max()))
 
+    @cached_property
+    def told_rad2_per_s(self) -> float:
+        """Variance of the robot's turn that noise of wheels which say speeds adds up to in 1 s."""
+        per_rad = self.radius_m / self.wheelbase_m
+        return per_rad**2 * noise_of_speeds(self.wheel_unsure_rad2) / self.tick_s
+
     def bent_part(self, rates: Floats) -> Floats:
         """Return of rates by the wheels what a reference takes the place of: what lasts."""
         width = self.bent_over_s / self.tick_s
@@ -170,6 +176,17 @@ class Motion:
     def elapsed_s(self) -> Floats:
         """Time since the log's start."""
         return np.asarray(self.t_s - self.t_s[0])
+
+
+def noise_of_speeds(unsure_rad2: Floats) -> float:
+    """Return the usual variance of a step, of both wheels together, by the noise of their speeds.
+
+    *unsure_rad2*: float64[2, n], variance of each step. Where a wheel speeds up more is unsure of
+    it, which is no noise.
+    """
+    both = unsure_rad2.sum(axis=0)
+    moving = both[both > 0.0]
+    return float(np.median(moving)) if len(moving) else 0.0
 
 
 _Told = TypeVar("_Told")

@@ -36,6 +36,7 @@ def command(
             "--reference",
             metavar="FILE",
             help="Trajectory measured from outside, one per LOG in their order (repeatable): .tum, "
+            "a table (.csv, .parquet) with columns such as latitude and longitude or x_m and y_m, "
             "or .mcap, rosbag2 or .bag, with :/topic behind it where several state poses.",
         ),
     ] = None,

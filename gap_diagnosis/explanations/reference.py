@@ -146,6 +146,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     width_s = _smoothed_by_s(motion)
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = counting_slope(width_s / step_s) * (per_count / step_s) ** 2
+    noise += motion.told_rad2_per_s / (2.0 * math.sqrt(math.pi) * width_s)
     return with_details(smooth, width_s / step_s, noise, step_s)
 
 

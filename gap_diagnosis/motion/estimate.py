@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.known import known_effects
-from gap_diagnosis.explanations.reference import USUAL_S
+from gap_diagnosis.explanations.reference import USUAL_S, likely_signal
 from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.lattice import step_of_values
 from gap_diagnosis.motion.blanks import blanks, lost_ways_m2, stretches
@@ -30,7 +30,7 @@ from gap_diagnosis.motion.missing import (
     variance_of_moments,
 )
 from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smoothing_s
-from gap_diagnosis.prediction import Motion
+from gap_diagnosis.prediction import Motion, noise_of_speeds
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.standing import standing
 from gap_diagnosis.wheel_speeds import WheelSpeed, WheelSpeeds, wheel_speed
@@ -182,7 +182,16 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         x_m = x_m + slow(stamps, off_x_m, t_s, step_s, lost=stretches(blank))
         y_m = y_m + slow(stamps, off_y_m, t_s, step_s, lost=stretches(blank))
     turning_s = turn_smoothing_s(heading, np.abs(rates) * radius_m, wheelbase_m, step_s)
-    turn_rate = gaussian_filter1d(_slope(heading, t_s), max(turning_s / step_s, 0.5))
+    unsure_rad2 = (
+        np.zeros((2, len(t_s)))
+        if recording.unsure_ticks2 is None
+        else recording.unsure_ticks2 * rad_per_count**2
+    )
+    told_rad2_per_s = noise_of_speeds(unsure_rad2) * (radius_m / wheelbase_m) ** 2 / step_s
+    lasting_s = turn_smoothing_s(
+        heading, np.abs(rates) * radius_m, wheelbase_m, step_s, told_rad2_per_s
+    )
+    turn_rate = _turn_rate(_slope(heading, t_s), (turning_s, lasting_s), step_s, told_rad2_per_s)
     gyro_step_rad_s = 0.0
     if gyro_rate is not None:
         # What is put in between two samples is no multiple of a step.
@@ -219,9 +228,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         turn_rate_rad_s=turn_rate,
         acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
         gyro_turn_rad=gyro_turn,
-        wheel_unsure_rad2=np.zeros((2, len(t_s)))
-        if recording.unsure_ticks2 is None
-        else recording.unsure_ticks2 * rad_per_count**2,
+        wheel_unsure_rad2=unsure_rad2,
         lost_m2=lost_ways_m2(blank, t_s, forward_m, heading_by_wheels),
         gyro_unsure_rad2=gyro_unsure,
         gyro_code=None if gyro_code is None else np.clip(gyro_code, 0, plant.adc.max_code),
@@ -250,6 +257,22 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         has_speeds=recording.speed_cycle_s > 0,
         has_counters=has_counters,
     )
+
+
+def _turn_rate(
+    rate: Floats, widths_s: tuple[float, float], step_s: float, told_rad2_per_s: float
+) -> Floats:
+    """Return a turn rate smoothed by Gaussians of two widths: by the wider one, but where what that
+    takes away is likelier the body's than noise of speeds, which adds *told_rad2_per_s* to the
+    heading's variance.
+
+    With that noise in it a turn that lasts has edges, and a gyro that shows none would lag.
+    """
+    little, much = (gaussian_filter1d(rate, max(width_s / step_s, 0.5)) for width_s in widths_s)
+    if told_rad2_per_s == 0.0:
+        return np.asarray(little)
+    noise = told_rad2_per_s / (2.0 * math.sqrt(math.pi) * max(widths_s[0], 0.5 * step_s))
+    return np.asarray(much + likely_signal(little - much, noise, step_s) * (little - much))
 
 
 def _wheel_speeds(

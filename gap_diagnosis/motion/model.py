@@ -20,6 +20,7 @@ from gap_diagnosis.motion.blocks import Course, course_of
 from gap_diagnosis.motion.coefficients import bounded, split
 from gap_diagnosis.motion.columns import (
     ACTS_OTHERWISE,
+    MOVES_IN_TIME,
     Columns,
     Term,
     build_columns,
@@ -490,6 +491,12 @@ class MotionModel:
                 sizes[own] = sd
                 beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))
                 values[..., 1 + place] = (there - beside) / sd
+                if variant.effect in MOVES_IN_TIME:
+                    # As beside no effect: a chord to one side has the way's bends in it, and where
+                    # a delay does, any effect would win by them.
+                    back = (variant, [-size for size in sizes])
+                    behind = residuals(self.nodes, predict(smooth, [*settings, back]))
+                    values[..., 1 + place] = (behind - beside) / (2.0 * sd)
         return values
 
     def _better_levels(

@@ -31,17 +31,22 @@ _LASTING_S: Final = 0.5
 
 
 def turn_smoothing_s(
-    heading: Floats, speeds_m_s: Floats, wheelbase_m: float, step_s: float
+    heading: Floats,
+    speeds_m_s: Floats,
+    wheelbase_m: float,
+    step_s: float,
+    told_rad2_per_s: float = 0.0,
 ) -> float:
     """Return over how long a turn rate is averaged, so that its change is that of the body.
 
     Wheels on a road slip to and fro, a random walk over the way, and a heavy body turns smoothly:
     where the slope of what they say is mostly their own noise, a late or lagging gyro would be
     told from it. It is a Gaussian that leaves of the noise 7 % of the slope. *speeds_m_s*:
-    float64[2, n], each wheel's.
+    float64[2, n], each wheel's. *told_rad2_per_s*: what noise of their speeds adds to the heading's
+    variance.
     """
     walk_rad2_per_s = USUAL_CONTACT_M_PER_SQRT_M**2 * float(speeds_m_s.sum(axis=0).mean())
-    walk_rad2_per_s /= wheelbase_m**2
+    walk_rad2_per_s = walk_rad2_per_s / wheelbase_m**2 + told_rad2_per_s
     turn_rate = np.diff(heading, prepend=heading[0]) / step_s
     width_s = USUAL_S
     while width_s < _MOST_SMOOTHING_S:

@@ -51,18 +51,24 @@ def by_name(names: Iterable[str]) -> list[str]:
     return sorted(clocks, key=lambda name: (not has_times_word(name), is_controllers(name)))
 
 
-def time_unit(values: Floats, name: str = "") -> tuple[str, float]:
+def reference_time_unit(values: Floats, name: str) -> float:
+    """Return what the unit of a reference's clock is in seconds: of a receiver of 1 Hz, or of a
+    camera of 400."""
+    return time_unit(values, name, usual_hz=20.0)[1]
+
+
+def time_unit(values: Floats, name: str = "", usual_hz: float = 100.0) -> tuple[str, float]:
     """Return the unit of a clock's values and what it is in seconds.
 
-    Its name says it where its steps allow that; else it is the one whose steps are nearest to 100
-    rows a second.
+    Its name says it where its steps allow that; else it is the one whose steps are nearest to
+    *usual_hz* rows a second.
     """
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.01
     said = _said_unit(name)
     if said is not None and _STEPS_S[0] <= step * _UNITS[said] <= _STEPS_S[1]:
         return said, _UNITS[said]
-    return min(_UNITS.items(), key=lambda unit: abs(math.log10(step * unit[1] * 100)))
+    return min(_UNITS.items(), key=lambda unit: abs(math.log10(step * unit[1] * usual_hz)))
 
 
 def _said_unit(name: str) -> str | None:

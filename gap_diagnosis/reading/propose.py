@@ -83,8 +83,8 @@ _WORDS: Final[Mapping[Role, tuple[str, ...]]] = {
     "odom_x": ("x", "px"),
     "odom_y": ("y", "py"),
     "odom_heading": ("heading", "yaw", "theta", "angle", "psi"),
-    "reference_x": ("x", "px"),
-    "reference_y": ("y", "py"),
+    "reference_x": ("x", "px", "east", "easting"),
+    "reference_y": ("y", "py", "north", "northing"),
     "reference_heading": ("heading", "yaw", "theta", "angle", "psi"),
 }
 _WHOLE_WORDS: Final = frozenset({"lin", "ang"})
@@ -131,6 +131,7 @@ class _Search:
 
     found: Mapping[str, FoundSignal]
     is_table: bool
+    is_reference: bool = False
     guesses: dict[str, Guess] = field(default_factory=dict)
 
     @property
@@ -171,6 +172,25 @@ def propose(
     for role in _SENSORS:
         _choose(search, role, None)
     return {role: search.guesses[role] for role in ROLES if role in search.guesses}
+
+
+def propose_reference(found: Mapping[str, FoundSignal]) -> dict[str, Guess]:
+    """Return a guess for the positions and the heading of a table that is nothing but a reference.
+
+    Raises DiagnosisError where two columns have the same evidence for one of them, naming both.
+    """
+    search = _Search(found, is_table=True, is_reference=True)
+    _choose_fixes(search)
+    for role in _REFERENCES:
+        _choose(search, role, _is_pose)
+    return search.guesses
+
+
+def _is_pose(signal: FoundSignal) -> bool:
+    """Tell what is neither another sensor's nor how sure a pose is, of a table of poses."""
+    return not is_named(signal, COMMAND_WORDS + _SENSOR_WORDS) and not (
+        _NO_PLACES & set(words_of(signal))
+    )
 
 
 def _choose_fixes(search: _Search) -> None:
@@ -342,20 +362,23 @@ def _choose(
             lacks_unit=_lacks_unit(search, role, signal),
         )  # fmt: skip
         scored.append((score, guess))
-    best = _best(scored, role)
+    best = _best(scored, role, is_reference=search.is_reference)
     if best is not None:
         search.guesses[role] = best
 
 
-def _best(scored: list[tuple[float, Guess]], role: str) -> Guess | None:
+def _best(
+    scored: list[tuple[float, Guess]], role: str, *, is_reference: bool = False
+) -> Guess | None:
     ranked = sorted(scored, key=lambda entry: -entry[0])
     if not ranked or ranked[0][0] < _ENOUGH:
         return None
     if len(ranked) > 1 and ranked[0][0] - ranked[1][0] < _SAME:
         one, other = ranked[0][1].signal.path, ranked[1][1].signal.path
+        expected = f"--is {role}={one} or --is {role}={other}"
         raise DiagnosisError(
             f"{role} could be {one} as well as {other}: nothing in names, units or values tells "
-            f"them apart: expected --is {role}={one} or --is {role}={other}"
+            f"them apart: expected {'one of them only' if is_reference else expected}"
         )
     return ranked[0][1]
 

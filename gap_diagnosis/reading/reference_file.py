@@ -1,4 +1,4 @@
-"""Reference trajectories: ``.tum`` files, one row ``t x y z qx qy qz qw`` each.
+"""Reference trajectories: ``.tum`` files, one row ``t x y z qx qy qz qw`` each, and others.
 
 The format is that of the TUM RGB-D benchmark: stamps in seconds, metres, unit quaternions; lines
 that begin with ``#`` are comments.
@@ -20,7 +20,10 @@ from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.cut_off import unfinished_line
+from gap_diagnosis.reading.reference_table import read_reference_table
 from gap_diagnosis.reading.ros_reference import RosPoses, read_ros_poses, ros_file
+from gap_diagnosis.reading.table_file import is_cut_off as is_table_cut_off
+from gap_diagnosis.reading.table_file import is_table
 from gap_diagnosis.recording import Recording, Reference
 from hil_harness.robot import Robot
 
@@ -38,7 +41,8 @@ _NORM_TOLERANCE: Final = 0.05
 def read_reference(path: str | Path) -> Reference:
     """Read a ``.tum`` file, or the poses of a ROS recording: ``FILE.mcap`` or ``FILE.mcap:/topic``.
 
-    A rosbag2 folder, its ``.db3`` or a ``.bag`` will do as well.
+    A rosbag2 folder, its ``.db3`` or a ``.bag`` will do as well, and a table whose columns have the
+    names of poses: see `read_reference_table`.
 
     The heading is left out where every row has the same quaternion although the path bends: such a
     file has positions only, as the fixes of a GPS receiver (sensor_msgs/NavSatFix) have.
@@ -49,6 +53,8 @@ def read_reference(path: str | Path) -> Reference:
     stamps that do not ascend, fewer than two rows.
     """
     path = Path(path)
+    if is_table(path):
+        return read_reference_table(path)
     recording = ros_file(path)
     if recording is None:
         read, lines = _read(path)
@@ -155,7 +161,9 @@ def _read(path: Path) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def is_cut_off(path: Path) -> bool:
-    """Tell a ``.tum`` file whose last line was cut off and is left out by `read_reference`."""
+    """Tell a file whose last line was cut off and is left out by `read_reference`."""
+    if is_table(path):
+        return is_table_cut_off(path)
     last = unfinished_line(path) if ros_file(path) is None and path.is_file() else None
     return last is not None and is_cut_pose(last)
 

@@ -124,8 +124,8 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
             if is_of_numbers(table, name):
                 raise  # without a word the map would do without a sensor that the table has
             continue  # a column of words is nothing to map
-    clock, factor = _clock(table, columns)
-    time_s = columns[clock] * factor
+    clock = clock_of_table(table, columns)
+    time_s = columns[clock] * time_unit(columns[clock], clock)[1]
     found = {}
     for name, values in columns.items():
         known = np.isfinite(values) & np.isfinite(time_s)
@@ -146,11 +146,15 @@ def signals_of_table(table: Path) -> dict[str, FoundSignal]:
     return found
 
 
-def _clock(table: Path, columns: Mapping[str, Floats]) -> tuple[str, float]:
+def clock_of_table(table: Path, columns: Mapping[str, Floats]) -> str:
+    """Return the first of a table's *columns*, float64[rows], with a time's name that ascends.
+
+    Raises DiagnosisError where there is none.
+    """
     for name in by_name(columns):
         values = columns[name]
         if np.isfinite(values).all() and np.all(np.diff(values) >= 0):
-            return name, time_unit(values, name)[1]
+            return name
     for name, values in columns.items():
         back = np.flatnonzero(np.diff(values) < 0)
         if has_times_word(name) and np.isfinite(values).all() and len(back) > 0:

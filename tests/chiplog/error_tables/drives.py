@@ -43,6 +43,13 @@ def _poses(stamps: str = "0 1 2 3", pose: str = "0 0 0 0 0 0 1") -> str:
     return "".join(f"{stamp} {pose}\n" for stamp in stamps.split())
 
 
+def _columns(header: str) -> str:
+    """Return a table of 20 rows."""
+    names = header.split(",")
+    rows = [",".join([f"{k / 10}"] + [f"{1.5 * k}"] * (len(names) - 1)) for k in range(20)]
+    return "\n".join([header, *rows]) + "\n"
+
+
 _POSE = 'reference_x = "LEFT.x"\nreference_y = "RIGHT.y"\n'
 
 DRIVES: tuple[Row, ...] = (
@@ -120,6 +127,32 @@ DRIVES: tuple[Row, ...] = (
         "chiplog diagnose table.csv --reference gone.mcap",
         "gone.mcap: cannot read this reference: No such file or directory",
         {"table.csv": DRIVE},
+    ),
+    Row(
+        "a table without positions as reference",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: no positions among the columns t_s, altitude_m: expected latitude and longitude, "
+        "or x and y with their unit, as in x_m and y_m",
+        {"table.csv": DRIVE, "gps.csv": _columns("t_s,altitude_m")},
+    ),
+    Row(
+        "a table of positions in no unit as reference",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: x says no unit: expected it in the column's name, as in x_m",
+        {"table.csv": DRIVE, "gps.csv": _columns("t_s,x,y")},
+    ),
+    Row(
+        "a table of two positions as reference",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: reference_x could be a_x_m as well as b_x_m: nothing in names, units or values "
+        "tells them apart: expected one of them only",
+        {"table.csv": DRIVE, "gps.csv": _columns("t_s,a_x_m,b_x_m,y_m")},
+    ),
+    Row(
+        "a table as reference whose clock stands",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: t_s says the same in row 20 and in the next: expected ascending stamps",
+        {"table.csv": DRIVE, "gps.csv": _columns("t_s,x_m,y_m") + "1.9,2,2\n"},
     ),
     Row(
         "a reference that is not there",

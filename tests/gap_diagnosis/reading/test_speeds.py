@@ -140,3 +140,13 @@ def test_the_noise_of_speeds_adds_up(sd_m_s: float) -> None:
     found = integrated_speed(speed + noise, t_s, scale=1.0)
     assert not found.is_counted
     assert np.median(found.unsure_ticks2) == pytest.approx((sd_m_s * ROW_S) ** 2, rel=0.25)
+
+
+def test_a_small_robot_that_seldom_goes_as_fast_for_long_adds_no_more_noise() -> None:
+    """At 20 rows a second it speeds up or slows down in most stretches of three seconds."""
+    rng = np.random.default_rng(3)
+    t_s = np.arange(0.0, 120.0, 0.05)
+    asked = np.repeat(rng.uniform(0.1, 0.4, 60), 40)
+    speed = np.convolve(asked, np.full(12, 1 / 12), mode="same")  # 0.6 s from one to the next
+    found = integrated_speed(speed + rng.normal(0.0, 0.002, len(t_s)), t_s, scale=1.0)
+    assert np.median(found.unsure_ticks2) == pytest.approx((0.002 * 0.05) ** 2, rel=0.3)
