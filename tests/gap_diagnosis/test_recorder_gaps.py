@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from chiplog.run_folder import reference_tum
 from gap_diagnosis.diagnose import diagnose, diagnose_recordings
@@ -54,7 +55,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home
 
 
-@pytest.mark.parametrize(("start_s", "lasts_s"), [(12.0, 1.5), (20.0, 8.0)])
+@pytest.mark.parametrize(("start_s", "lasts_s"), [(20.0, 8.0), *at_full_size((12.0, 1.5))])
 def test_only_the_gap_in_a_log_is_told(
     recorded: Path, tmp_path: Path, start_s: float, lasts_s: float
 ) -> None:
@@ -72,7 +73,7 @@ def test_only_the_gap_in_a_log_is_told(
     assert window == pytest.approx((start_s, start_s + lasts_s), abs=0.03)
 
 
-@pytest.mark.parametrize("window", [(10.0, 12.0), (25.0, 40.0)])
+@pytest.mark.parametrize("window", [(25.0, 40.0), *at_full_size([10.0, 12.0])])
 def test_a_healthy_robot_whose_counts_are_missing_for_a_while_has_no_gap(
     window: tuple[float, float],
 ) -> None:

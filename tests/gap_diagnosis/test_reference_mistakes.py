@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from diagnosed import ROBOT, WIRE
+from full_size import at_full_size
 
 from gap_diagnosis.recording import Floats, Recording, Reference
 from gap_diagnosis.reference_mistakes import MistakeBlock, with_reference_put_right
@@ -100,7 +101,7 @@ def healthy(name: str) -> tuple[Recording, Reference, Floats]:
 
 
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+@pytest.mark.parametrize("name", ["random", *at_full_size("square", "figure8")])
 def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
     name: str, quarters: int
 ) -> None:
@@ -118,7 +119,7 @@ def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
     assert np.exp(1j * off_rad) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+@pytest.mark.parametrize("name", ["random", *at_full_size("square", "figure8")])
 @pytest.mark.parametrize("exchanged", [True, False])
 def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
     name: str, exchanged: bool
@@ -141,7 +142,7 @@ def test_positions_of_the_other_hand_beside_a_right_heading_are_told(
     assert way == pytest.approx(true * turned, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["random", "square", "figure8"])
+@pytest.mark.parametrize("name", ["random", *at_full_size("square", "figure8")])
 @pytest.mark.parametrize("signal", ["reference_heading", "reference_position"])
 def test_without_a_gyro_the_third_of_wheels_positions_and_headings_is_wrong(
     name: str, signal: str
