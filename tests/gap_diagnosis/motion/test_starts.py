@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE
 from scipy.signal import lfilter
 
@@ -84,7 +85,11 @@ def skidding(log: Recording, across_m_per_sqrt_m: float, seed: int = 5) -> Recor
 
 @pytest.mark.parametrize(
     ("across_m_per_sqrt_m", "share", "reference_m"),
-    [(0.0, 0.08, 1e-4), (0.0, 0.02, 1e-3), (0.02, 0.02, 1e-4), (0.02, 0.08, 1e-3)],
+    [
+        (0.0, 0.02, 1e-3),
+        (0.02, 0.02, 1e-4),
+        *at_full_size((0.0, 0.08, 1e-4), (0.02, 0.08, 1e-3)),
+    ],
 )
 def test_wheels_that_slip_are_not_taken_for_rough_ones(
     across_m_per_sqrt_m: float, share: float, reference_m: float

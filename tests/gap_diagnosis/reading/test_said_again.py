@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import ROBOT, Drive, drive
+from full_size import at_full_size
 from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -132,7 +133,7 @@ def late_rows(seed: int, *effects: EffectSetting) -> Recording:
     return replace(log, frames={}, **said)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2)])
 def test_a_healthy_robot_whose_table_has_late_rows_has_no_gap(seed: int) -> None:
     """An overflow and a resolution of the firmware, it was said (0.95): its odometry had not been
     made of these counts."""
