@@ -135,3 +135,20 @@ def test_beside_a_slip_late_counts_are_late_with_its_edges_whatever_else_is_told
     for index in late:
         one, other = alone[..., 1 + kept.index(index)], both[..., 1 + beside.index(index)]
         assert np.nanmax(np.abs(one - other)) < 1e-3 * np.nanmax(np.abs(one))
+
+
+def test_rows_that_are_uneven_make_no_speed_uneven(tmp_path: Path) -> None:
+    """Small robots at 20 uneven rows a second had an unlisted cause (0.96): what is late was led
+    along a way of which a short row had as much as a long one."""
+    rng = np.random.default_rng(8)
+    t_s = np.arange(0.0, 60.0, ROW_S)
+    rows_s = t_s + rng.uniform(0.0, 0.5 * ROW_S, len(t_s))
+    speeds = np.full((len(t_s), 2), [0.3, 0.4]) + 0.001 * rng.standard_normal((len(t_s), 2))
+    table = np.column_stack([rows_s, speeds, np.full(len(t_s), 0.1 / TRACK_M)])
+    heading = 0.1 / TRACK_M * t_s
+    fixes = np.column_stack([t_s, np.sin(heading), -np.cos(heading)])
+    fixes[:, 1:] *= 0.35 * TRACK_M / 0.1
+    recording, robot = read_car(tmp_path, TRACK_M, table, fixes)
+    smooth = MotionModel(recording, robot, default_prior()).nodes.smooth
+    speed = smooth.radius_m * smooth.left_step_rad[1:] / smooth.dt_s[1:]
+    np.testing.assert_allclose(speed, 0.3, atol=0.003)
