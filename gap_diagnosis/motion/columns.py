@@ -394,14 +394,15 @@ ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
     ),
     **dict.fromkeys(("gyro_asymmetry", "gyro_lag"), _OF_WHEELS | _OF_GYRO),
     **dict.fromkeys(("adc_stuck_bit", "gyro_saturation"), _OF_CODES),
-    **dict.fromkeys(("grade_slip", "one_sided_slip", "turn_scrub"), _OF_WHEELS),
+    **dict.fromkeys(("grade_slip", "one_sided_slip", "turn_scrub"), _OF_WHEELS | {_LATENCY}),
 }
 """Beside a large effect these constants do something else within their tolerances than about none:
 of half a slipping wheel's way a radius is half as much, a scrub of -0.5 makes a wheelbase four
 times as much, a late reference sees a long arm swung on, a late gyro none of the turns that an
-encoder makes up or that wheels count too far as they speed up, and the scale of a gyro that lags is
-that of what it shows. A gyro that clips shows nothing of its scale; where its converter holds a
-high bit, a bias of one code at the bit's edge moves the mean reading by twenty."""
+encoder makes up or that wheels count too far as they speed up, late counts show the edges of a slip
+late as well, and the scale of a gyro that lags is that of what it shows. A gyro that clips shows
+nothing of its scale; where its converter holds a high bit, a bias of one code at the bit's edge
+moves the mean reading by twenty."""
 _DELAY_S: Final = 0.02
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""

@@ -76,11 +76,14 @@ def smoothed(motion: Motion) -> Motion:
     # by as much: of a wheel that stands nothing must be left.
     is_speed = motion.rounding_rad == FINE_RAD
     least_s = motion.turning_s if is_speed else USUAL_S
+    # Rows that are uneven have uneven steps, which are no change of speed.
+    long = motion.dt_s / tick_s if is_speed else np.ones_like(left)
+    long[long <= 0.0] = 1.0
     ahead, turning = (
-        _denoised(_begun(steps), tick_s, motion.rounding_rad, least_s)
+        _denoised(_begun(steps / long), tick_s, motion.rounding_rad, least_s)
         for steps in (right + left, right - left)
     )
-    left, right = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
+    left, right = 0.5 * (ahead - turning) * long, 0.5 * (ahead + turning) * long
     left[0] = right[0] = 0.0
     x_m, y_m = dead_reckoned(0.5 * motion.radius_m * (left + right), motion.heading_rad)
     # What one wheel speeds up more than the other is the noise of counting on a straight.
