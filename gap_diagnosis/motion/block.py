@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -68,6 +68,15 @@ def beyond(tolerated: float, found: Fit) -> Fit:
     return replace(found, log_evidence=more)
 
 
+class _Drawn(NamedTuple):
+    """What is told of the fit of a set, as `_estimates` returns it."""
+
+    found: Found
+    parameters: dict[str, Estimate]
+    windows: list[tuple[float, float]]
+    pareto_k: float | None
+
+
 class MotionBlock:
     """Wheels, gyro and reference of one log (a `Block`).
 
@@ -90,6 +99,7 @@ class MotionBlock:
         self._nothing = self.scan.found[frozenset()]
         self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
+        self._drawn: dict[tuple[frozenset[str], bool, float], _Drawn] = {}
         self.tolerated = 0.0
         self._mending = Mending(model, self.scan)
 
@@ -399,7 +409,8 @@ class MotionBlock:
                 parameters={**quiet.parameters, **noisy.parameters},
                 windows=quiet.windows,
             )
-        parameters, windows, pareto_k = _estimates(self.scan, aliased(effects), closely)
+        drawn = self._drawn_of(aliased(effects), closely)
+        parameters = dict(drawn.parameters)
         for effect in effects & self._mending.choices.keys():
             parameters |= self._mending.told_of(effect)
         for alias in effects & ALIASES.keys():
@@ -412,9 +423,16 @@ class MotionBlock:
         return replace(
             fit,
             parameters=parameters,
-            windows=tuple(windows),
-            pareto_k=pareto_k,
+            windows=tuple(drawn.windows),
+            pareto_k=drawn.pareto_k,
         )
+
+    def _drawn_of(self, effects: frozenset[str], closely: bool) -> _Drawn:
+        """Draw from a set, once for all the names that it goes by."""
+        key, found = (effects, closely, self.scan.dispersion), self.scan.account(effects)
+        if key not in self._drawn or self._drawn[key].found is not found:
+            self._drawn[key] = _Drawn(found, *_estimates(self.scan, effects, closely))
+        return self._drawn[key]
 
     def settings(self, effects: frozenset[str]) -> list[Setting]:
         """Return variants and best coefficients of what moves, as `predict` takes them."""
