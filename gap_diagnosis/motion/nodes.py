@@ -80,6 +80,16 @@ class Nodes:
         return self.at_samples(self.sample_t_s)
 
     @cached_property
+    def beyond_described(self) -> tuple[Floats, ...]:
+        """What each sample used says beyond that, float64[s] each."""
+        return self.samples_beyond(self.described_at_samples)
+
+    def samples_beyond(self, described: Sequence[Floats]) -> tuple[Floats, ...]:
+        """Return what each sample used says beyond x, y [m] and heading [rad], float64[s] each."""
+        samples = (self.sample_x_m, self.sample_y_m, self.sample_heading_rad)
+        return tuple(said - known for said, known in zip(samples, described, strict=True))
+
+    @cached_property
     def described_directions(self) -> tuple[Floats, Floats]:
         """Cosine and sine of that heading."""
         heading = self.described_at_samples[2]
@@ -159,7 +169,7 @@ class Nodes:
 
     def mean(self, values: Floats) -> Floats:
         """Return the block means of a tick-level array."""
-        return np.asarray(np.add.reduceat(values, self.starts) / self.ticks)
+        return _means(np.ascontiguousarray(values, dtype=np.float64), self.starts)
 
 
 def make_nodes(
@@ -309,14 +319,17 @@ def _compare_reference(
     # Counts that are stamped late see a reference that is early by as much.
     delay_s = _at_stamps(p.reference_delay_s, nodes) - _at(p.encoder_delay_s, tick)
     is_timely = _is_none(delay_s)
-    x_m, y_m, heading = (
-        nodes.described_at_samples if is_timely else nodes.at_samples(nodes.sample_t_s - delay_s)
-    )
-    reached_x_m, reached_y_m = x_m + d_x[tick], y_m + d_y[tick]
+    if is_timely:
+        beyond_x, beyond_y, beyond_heading = nodes.beyond_described
+    else:
+        at_samples = nodes.at_samples(nodes.sample_t_s - delay_s)
+        beyond_x, beyond_y, beyond_heading = nodes.samples_beyond(at_samples)
     if not all(map(_is_none, (p.reference_forward_m, p.reference_left_m, p.reference_scale))):
         # Where the tracked point lies follows from the estimated pose: dead reckoning has drifted.
         cosine, sine = (
-            nodes.described_directions if is_timely else (np.cos(heading), np.sin(heading))
+            nodes.described_directions
+            if is_timely
+            else (np.cos(at_samples[2]), np.sin(at_samples[2]))
         )
         forward, left = _at(p.reference_forward_m, tick), _at(p.reference_left_m, tick)
         point_x = forward * cosine - left * sine
@@ -324,18 +337,14 @@ def _compare_reference(
         # A room's scale stretches the way that the wheels went: in the estimated pose stands the
         # reference's own noise, and a large room about small wheels would take that away.
         way_x, way_y = nodes.smooth.x_m[tick], nodes.smooth.y_m[tick]
-        reached_x_m += point_x + p.reference_scale * (way_x + point_x)
-        reached_y_m += point_y + p.reference_scale * (way_y + point_y)
-
-    def mean(values: Floats) -> Floats:
-        return np.asarray(np.add.reduceat(values, nodes.sample_starts) / nodes.samples)
-
-    out[0, nodes.sample_node] = mean(nodes.sample_x_m - reached_x_m)
-    out[1, nodes.sample_node] = mean(nodes.sample_y_m - reached_y_m)
+        beyond_x = beyond_x - point_x - p.reference_scale * (way_x + point_x)
+        beyond_y = beyond_y - point_y - p.reference_scale * (way_y + point_y)
+    starts = nodes.sample_starts
+    out[0, nodes.sample_node] = _mean_beyond(beyond_x, d_x, tick, starts)
+    out[1, nodes.sample_node] = _mean_beyond(beyond_y, d_y, tick, starts)
     if nodes.has_heading:
-        added = _at(p.reference_heading_rad, tick)
-        difference = nodes.sample_heading_rad - (heading + d_heading[tick]) - added
-        out[2, nodes.sample_node] = mean(difference)
+        beyond_heading = beyond_heading - _at(p.reference_heading_rad, tick)
+        out[2, nodes.sample_node] = _mean_beyond(beyond_heading, d_heading, tick, starts)
 
 
 def _at_stamps(delay_s: Floats | float, nodes: Nodes) -> Floats | float:
@@ -353,6 +362,32 @@ def _is_none(value: Floats | float) -> bool:
 def _at(value: Floats | float, tick: Ints) -> Floats | float:
     """Return a value that may change with time, at these ticks."""
     return value[tick] if isinstance(value, np.ndarray) else value
+
+
+@numba.njit(cache=True, nogil=True)
+def _means(values: Floats, starts: Ints) -> Floats:
+    """Return the means of values from each start to the next one."""
+    means = np.empty(len(starts))
+    for block in range(len(starts)):
+        stop = starts[block + 1] if block + 1 < len(starts) else len(values)
+        total = 0.0
+        for k in range(starts[block], stop):
+            total += values[k]
+        means[block] = total / (stop - starts[block])
+    return means
+
+
+@numba.njit(cache=True, nogil=True)
+def _mean_beyond(samples: Floats, deviation: Floats, tick: Ints, starts: Ints) -> Floats:
+    """Return the same of samples less a deviation at their ticks."""
+    means = np.empty(len(starts))
+    for block in range(len(starts)):
+        stop = starts[block + 1] if block + 1 < len(starts) else len(samples)
+        total = 0.0
+        for k in range(starts[block], stop):
+            total += samples[k] - deviation[tick[k]]
+        means[block] = total / (stop - starts[block])
+    return means
 
 
 @numba.njit(cache=True, nogil=True)
