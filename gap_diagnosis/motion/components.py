@@ -64,6 +64,28 @@ def update(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def fitted(inner: Any, data: Any, high: Any) -> tuple[Any, Any, float]:
+    """Return the best coefficients, float64[k], how large they are at the largest order of
+    magnitude *high* of the prior, float64[k], and the log likelihood that the best ones gain.
+
+    Columns that are nearly each other's sums are held at little.
+    """
+    count = len(data)
+    ridge, held = inner.copy(), inner.copy()
+    for i in range(count):
+        ridge[i, i] += 1e-10 * max(inner[i, i], 1e-12)
+        held[i, i] += high[i] ** -2.0
+    best = np.linalg.solve(ridge, data)
+    explained = 0.0
+    for i in range(count):
+        pull = data[i]
+        for j in range(count):
+            pull -= 0.5 * inner[i, j] * best[j]
+        explained += best[i] * pull
+    return best, np.abs(np.linalg.solve(held, data)), explained
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def gains(inner: Any, data: Any, scales: Any) -> tuple[Any, Any]:
     """Return log evidences and log likelihoods, float64[s], of coefficients within no tolerance.
 

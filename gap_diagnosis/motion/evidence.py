@@ -22,7 +22,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Columns, Term
-from gap_diagnosis.motion.components import update
+from gap_diagnosis.motion.components import fitted, update
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats
@@ -187,9 +187,9 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     if count == 0:
         none = np.zeros((1, 0))
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
-    ridge = inner + 1e-10 * np.diag(np.maximum(np.diag(inner), 1e-12))
-    best: Floats = np.linalg.solve(ridge, data).astype(np.float64)
-    ladders, costs = _reaching(inner, data, free, prior)
+    ladders = [scales_of(prior, term) for term in free]
+    best, pulled, explained = fitted(inner, data, np.concatenate([one[-1] for one in ladders]))
+    ladders, costs = _reaching(pulled, ladders, free, prior)
     steps = _combinations(len(free)) if len(free) <= _ALL_SCALES else _nearest(ladders, best)
     means, covariances, log_parts = update(
         inner,
@@ -202,7 +202,7 @@ def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     log_parts = log_parts - (steps == _SCALES - 1) @ costs
     total = log_sum(log_parts)
     whole = total - len(free) * math.log(_SCALES)
-    likelihood = gained + float(data @ best - 0.5 * best @ inner @ best)
+    likelihood = gained + explained
     weights = np.exp(log_parts - total)
     return Scored(tuple(terms), gained + whole, likelihood, means, covariances, weights)
 
@@ -229,17 +229,15 @@ def _nearest(ladders: Sequence[Floats], sizes: Floats) -> NDArray[np.int64]:
 
 
 def _reaching(
-    inner: Floats, data: Floats, free: Sequence[Term], prior: Prior
+    pulled: Floats, ladders: list[Floats], free: Sequence[Term], prior: Prior
 ) -> tuple[list[Floats], Floats]:
-    """Return each term's orders of magnitude, and what the largest costs [nat]: float64[terms].
+    """Return each term's orders of magnitude, the largest where the data have *pulled* it, and what
+    that costs [nat]: float64[terms].
 
     A size beyond the end of its prior is as rare as a square says, not as a normal tail does: of
-    two parameters that together are far off, a normal tail would have both be half as far. The
-    largest order of magnitude goes where the data pull it.
+    two parameters that together are far off, a normal tail would have both be half as far.
     """
-    ladders = [scales_of(prior, term) for term in free]
     high = np.concatenate([ladder[-1] for ladder in ladders])
-    pulled = np.abs(np.linalg.solve(inner + np.diag(high**-2.0), data))
     costs = np.zeros(len(free))
     if np.all(pulled <= high):
         return ladders, costs
@@ -257,6 +255,13 @@ def _reaching(
 def scales_of(prior: Prior, term: Term) -> Floats:
     """Return the orders of magnitude of a term's coefficients: float64[_SCALES, k]."""
     names = term.variant.coefficients
-    high = np.array([prior.of(term.variant.effect, name).high for name in names])
-    low = np.maximum(term.tolerances[: len(names)], 1e-3 * high)
-    return np.asarray(low * (high / low) ** _STEPS)
+    high = tuple(prior.of(term.variant.effect, name).high for name in names)
+    return _ladder(high, tuple(term.tolerances[: len(names)]))
+
+
+@cache
+def _ladder(high: tuple[float, ...], tolerances: tuple[float, ...]) -> Floats:
+    """Return orders of magnitude from what is no news, or nearly nothing, to the largest."""
+    most = np.array(high)
+    low = np.maximum(tolerances, 1e-3 * most)
+    return np.asarray(low * (most / low) ** _STEPS)
