@@ -1,5 +1,6 @@
 """Stage encoder: from what was counted back to what the wheels really turned."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -29,9 +30,10 @@ def _true_steps(angle: Floats, step: Floats, sine: float, cosine: float) -> Floa
 
 def _error_at(counted: Floats, sine: float, cosine: float) -> Floats:
     """Return the error that the encoder shows where it has counted so far."""
-    phi = measured = counted + cosine
+    amplitude, phase = math.hypot(sine, cosine), math.atan2(cosine, sine)
+    phi = measured = counted + (cosine + phase)
     for _ in range(_TURNS):
-        off = sine * np.sin(phi) + cosine * np.cos(phi)
+        off = amplitude * np.sin(phi)
         phi = measured - off
     return np.asarray(off)
 
