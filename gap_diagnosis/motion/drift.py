@@ -69,11 +69,8 @@ def drift_of(
         return Drift()
     ours, weight = ours - ours.mean(), seen.astype(np.float64)
     theirs = (theirs - theirs.mean()) * weight
-    shared, power = (
-        _inner(ours, theirs, edge, part),
-        _inner(np.ones_like(ours), theirs**2, edge, part),
-    )
-    own, known = _inner(ours**2, weight, edge, part), _inner(np.ones_like(ours), weight, edge, part)
+    shared, own = _inner(ours, theirs, edge, part), _inner(ours**2, weight, edge, part)
+    power, known = _sums(theirs**2, edge, part), _sums(weight, edge, part)
     least = _LEAST_SEEN * min(float(weight.sum()), float(_PARTS * part))
     along, each = np.linspace(0.0, 1.0, _PARTS), np.arange(_PARTS)
     begins = np.arange(-most, most + 1)
@@ -121,6 +118,13 @@ def _inner(ours: Floats, theirs: Floats, edge: int, part: int) -> Floats:
     for shift in range(2 * edge + 1):
         found[shift] = (own * theirs[shift : shift + length]).reshape(_PARTS, part).sum(axis=1)
     return found
+
+
+def _sums(theirs: Floats, edge: int, part: int) -> Floats:
+    """Return the same of theirs alone."""
+    until = np.concatenate([[0.0], np.cumsum(theirs)])
+    begins = np.arange(2 * edge + 1)[:, np.newaxis] + part * np.arange(_PARTS)
+    return np.asarray(until[begins + part] - until[begins])
 
 
 def _refined(
