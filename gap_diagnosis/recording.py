@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +154,11 @@ class Recording:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     granted: Granted = NOTHING
+
+    @cached_property
+    def told(self) -> dict[object, tuple[object, Any]]:
+        """What was told of the log so far, by what told it, with the robot it was told of."""
+        return {}
 
     @property
     def tick_s(self) -> float:

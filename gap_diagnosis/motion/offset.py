@@ -50,8 +50,17 @@ def coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     The turn of the reference over a fifth of a second is laid over the wheels' and the gyro's (or
     the speeds, where there is no orientation); the shift with the best correlation wins, or the
     line of shifts. The fit itself is never made on differentiated signals: this only chooses where
-    it starts.
+    it starts. It is asked once of a log and a robot: what prepares a log asks it, and what models
+    it.
     """
+    asked_of, delay_s = recording.told.get(coarse_delay_s, (None, None))
+    if asked_of is not robot:
+        delay_s = _coarse_delay_s(recording, robot)
+        recording.told[coarse_delay_s] = robot, delay_s
+    return np.asarray(delay_s)
+
+
+def _coarse_delay_s(recording: Recording, robot: Robot) -> Floats:
     reference = recording.reference
     if reference is None:
         return np.zeros(0)
