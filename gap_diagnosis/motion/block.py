@@ -99,7 +99,7 @@ class MotionBlock:
         self._nothing = self.scan.found[frozenset()]
         self._told: dict[frozenset[str], tuple[Found, Fit]] = {}
         self._noise_fits: dict[tuple[str, str | None], Fit] = {}
-        self._drawn: dict[tuple[frozenset[str], bool], _Drawn] = {}
+        self._drawn: dict[tuple[frozenset[str], bool, float], _Drawn] = {}
         self.tolerated = 0.0
         self._mending = Mending(model, self.scan)
 
@@ -429,7 +429,7 @@ class MotionBlock:
 
     def _drawn_of(self, effects: frozenset[str], closely: bool) -> _Drawn:
         """Draw from a set, once for all the names that it goes by."""
-        key, found = (effects, closely), self.scan.account(effects)
+        key, found = (effects, closely, self.scan.dispersion), self.scan.account(effects)
         if key not in self._drawn or self._drawn[key].found is not found:
             self._drawn[key] = _Drawn(found, *_estimates(self.scan, effects, closely))
         return self._drawn[key]

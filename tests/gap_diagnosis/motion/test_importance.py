@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,14 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.motion.accounts import NEAR
+from gap_diagnosis.motion.accounts import NEAR, Found
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import gram_of, log_sum, scales_of
 from gap_diagnosis.motion.importance import Bends, Corrected, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.posterior import Posterior
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.pareto import TRUSTED, smoothed, tail_shape
 from gap_diagnosis.prediction import Prediction
@@ -207,6 +209,30 @@ def test_draws_are_weighed_as_the_effects_bend() -> None:
     assert again.mean(axis=0) == pytest.approx(mean, abs=0.1 * float(drawn.sizes.std()))
     plain = Drawn(drawn.sizes)
     assert np.array_equal(plain.resampled(10, np.random.default_rng(1)), drawn.sizes[:10])
+
+
+@pytest.mark.parametrize(("lacks", "weighed"), [(1.0, 2), (10.0, 1)])
+def test_a_variant_that_its_fit_shows_to_be_unlikely_is_not_weighed_as_it_bends(
+    lacks: float, weighed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terms, fit = fitted(*BENT)
+    twin = replace(terms[-1])
+    scan = SimpleNamespace(
+        dispersion=1.0,
+        by_effect={term.variant.effect: [term] for term in terms},
+        evidence=lambda terms, levels: 0.0,
+    )
+    scan.by_effect[BENT[-1]].append(twin)
+    less = replace(fit, log_evidence=fit.log_evidence - lacks)
+    monkeypatch.setattr(MotionModel, "refit", lambda *_, **__: less)
+    asked = []
+    drawn = Bends.drawn
+    monkeypatch.setattr(Bends, "drawn", lambda *args: asked.append(args) or drawn(*args))
+    found = Found(frozenset(BENT), terms, 0.0, 0.0, fit.levels, fit)
+    parameters, _, pareto_k = Posterior(MODEL, scan).estimates(found, fit)
+    assert len(asked) == weighed
+    assert len(parameters) == len(BENT)
+    assert pareto_k is not None
 
 
 def test_a_set_with_a_size_that_is_no_news_is_told_by_its_lines() -> None:
