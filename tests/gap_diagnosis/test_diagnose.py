@@ -28,6 +28,7 @@ def test_two_effects_at_once_are_named() -> None:
     assert ("adc_offset", "lateral_slip") in found.which[0].ambiguous_with
 
 
+@pytest.mark.full_size
 def test_three_effects_at_once_are_named() -> None:
     found = diagnosed("three")
     assert found.verdict == "gyro_bias+reference_time_offset+wheelbase_scale"

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from numpy.typing import NDArray
 from structure_cases import PRIOR, ROBOT, WIRE, analysis_of, drive
 
@@ -118,7 +119,7 @@ def test_without_a_stretch_held_out_nothing_is_claimed() -> None:
     ("effect", "variable"),
     [
         (EffectSetting("drive_lag", (("time_constant", 0.2),)), "acceleration"),
-        (EffectSetting("drive_gain", (("left", 0.05), ("right", -0.05))), "speed"),
+        *at_full_size((EffectSetting("drive_gain", (("left", 0.05), ("right", -0.05))), "speed")),
     ],
 )
 def test_a_drive_without_a_name_is_modelled_where_no_fit_has_seen_it(

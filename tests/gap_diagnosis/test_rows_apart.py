@@ -66,6 +66,7 @@ def test_lost_frames_are_counted_when_they_should_have_come() -> None:
     assert lost[-1] > 10
 
 
+@pytest.mark.full_size
 def test_a_scaled_wheel_in_the_program_shows_in_the_replay_alone() -> None:
     found = shrunk(drive(SCALED))
     assert np.nanmax(np.abs(series(found, "odometry − replay, along x").value)) > 1e-3

@@ -47,6 +47,7 @@ def test_without_a_reference_wheels_that_are_swapped_look_like_a_gyro_of_other_s
     assert abs(swapped - sign) < NEAR_NATS
 
 
+@pytest.mark.full_size
 def test_what_else_is_wrong_with_a_robot_tells_no_sign_from_swapped_wheels() -> None:
     """Beside a real robot's bias, lag and wide axle, swapped wheels were 80 nats likelier than the
     sign that a Kobuki's gyro was given, and an unlisted cause than both of them as they were."""
@@ -89,6 +90,7 @@ def test_swapped_wheels_are_told_by_the_way_a_reference_without_headings_bends()
     assert block.levels_beside(swapped)[position] == pytest.approx(5e-4, rel=0.5)
 
 
+@pytest.mark.full_size
 def test_without_a_gyro_swapped_wheels_look_like_a_mirrored_reference() -> None:
     recording = by_positions_alone("figure8", EffectSetting("setup_wheels_swapped", ()))
     block = block_of(recording)

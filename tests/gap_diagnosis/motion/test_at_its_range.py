@@ -45,6 +45,7 @@ def at_its_end(robot: Robot, log: Recording) -> np.ndarray:
     return np.asarray((log.gyro_code == low) | (log.gyro_code == high))
 
 
+@pytest.mark.full_size
 def test_what_a_gyro_shows_at_the_end_of_its_range_is_no_limit_of_its_own(
     spinning: Recording,
 ) -> None:

@@ -76,6 +76,7 @@ def model_with_burst(log: Recording) -> tuple[MotionModel, Burst]:
     return model, burst
 
 
+@pytest.mark.full_size
 def test_a_wheelbase_is_told_beside_wheels_that_lose_hold_and_so_are_these() -> None:
     """A real lawnmower one wheel of which was 2 % smaller was "an unlisted cause" at > 99.9 %."""
     log = on_a_slippery_floor("figure8", WIDER)

@@ -51,7 +51,7 @@ def test_a_count_that_goes_on_was_dead_where_the_gyro_says_that_its_wheel_turned
 
 
 @pytest.mark.parametrize("side", ["left", *at_full_size("right")])
-@pytest.mark.parametrize("name", ["square", "figure8"])
+@pytest.mark.parametrize("name", ["square", *at_full_size("figure8")])
 def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: str) -> None:
     """Of five runs of a recorded robot with a count that stands from 60 % on, two were a wrong
     factor or another track; a clock drifted, or was never set, along the one wheel left."""
@@ -67,7 +67,7 @@ def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: 
     assert found.effects == {"encoder_dead"}
 
 
-@pytest.mark.parametrize("name", ["calibration", "random"])
+@pytest.mark.parametrize("name", ["calibration", *at_full_size("random")])
 def test_beside_positions_alone_the_gyro_tells_what_its_wheel_did(name: str) -> None:
     """The way by the one wheel left turned round and round; bent onto fixes without headings it was
     that of a gyro that reads 1.1 rad/s too little for a while (unlisted, 0.96), or of tyres that
@@ -83,6 +83,7 @@ def test_beside_positions_alone_the_gyro_tells_what_its_wheel_did(name: str) -> 
     assert found.effects == {"encoder_dead"}
 
 
+@pytest.mark.full_size
 def test_what_turns_put_in_do_not_tell_is_told_beside_a_dead_encoder_as_ever() -> None:
     """A counter that wraps jumps no more in turns that are put in: of a sealed case whose answer
     had both the parameters were asked for there, and the diagnosis ended in a KeyError."""

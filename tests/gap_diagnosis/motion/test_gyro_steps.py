@@ -111,6 +111,7 @@ def test_a_coarse_gyro_that_says_zero_all_along_a_straight_is_no_gap() -> None:
     assert found.verdict == "no_gap"
 
 
+@pytest.mark.full_size
 def test_a_coarse_gyro_that_freezes_is_told() -> None:
     log = drive("calibration", 1)
     assert log.gyro_rate_rad_s is not None

@@ -59,6 +59,7 @@ def wandering(random: np.random.Generator, like: Floats) -> Floats:
     return away
 
 
+@pytest.mark.full_size
 def test_a_track_that_each_turn_makes_wider_by_another_share_is_told_alone(size: str) -> None:
     """A slip on one side was told beside it (> 0.99)."""
     log = scrubbing("figure8", 0.03, 0.4, seed=1)

@@ -126,6 +126,7 @@ def test_a_walk_that_was_taken_for_rough_contact_is_found_from_a_larger_level() 
     assert fit.parameters["gyro_bias_walk.density"].value == pytest.approx(0.00025, rel=0.5)
 
 
+@pytest.mark.full_size
 def test_a_walk_beyond_the_end_of_its_prior_is_told_as_large_as_it_is() -> None:
     """It was cut off there, by four of what a log of a minute tells it to."""
     described = ROBOT.plant.gyro.bias_walk_density_rad_s_per_sqrt_s

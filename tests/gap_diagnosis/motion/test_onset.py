@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, model_of, moved_only, nodes_of, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
@@ -72,7 +73,10 @@ def test_inside_its_window_an_effect_acts_as_ever_and_outside_not_at_all(variant
 
 @pytest.mark.parametrize(
     ("effect", "parameter", "size"),
-    [("reference_yaw", "angle", 0.02), ("reference_time_offset", "offset", 0.05)],
+    [
+        ("reference_yaw", "angle", 0.02),
+        *at_full_size(("reference_time_offset", "offset", 0.05)),
+    ],
 )
 def test_a_reference_that_turns_or_lags_from_some_time_on_is_told_with_its_onset(
     effect: str, parameter: str, size: float

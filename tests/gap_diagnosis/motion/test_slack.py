@@ -59,6 +59,7 @@ def test_wheels_that_only_wander_within_tolerance_stay_no_gap() -> None:
     assert beside.explained < 3
 
 
+@pytest.mark.full_size
 def test_a_larger_tyre_of_a_car_is_told_beside_wheels_that_wander_within_tolerance(
     tmp_path: Path,
 ) -> None:

@@ -61,6 +61,7 @@ def test_a_reference_that_averages_over_three_tenths_of_a_second_is_no_gap(seed:
     assert probability > 0.8
 
 
+@pytest.mark.full_size
 @pytest.mark.parametrize("seed", [2, *at_full_size(1)])
 def test_a_reference_behind_a_filter_is_late_and_nothing_else(seed: int) -> None:
     """Wheels lost their hold in eleven windows, which took 200 s to tell."""

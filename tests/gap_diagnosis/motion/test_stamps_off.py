@@ -92,6 +92,7 @@ def test_of_stamps_that_are_right_nothing_is_said() -> None:
     assert not any("stamp of the reference" in note for note in found.notes)
 
 
+@pytest.mark.full_size
 def test_a_cause_is_told_as_surely_beside_stamps_that_are_off() -> None:
     """0.87 where they were taken for noise of positions and headings."""
     wider = EffectSetting("wheelbase_scale", (("scale", 0.03),))

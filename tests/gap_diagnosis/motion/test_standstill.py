@@ -74,6 +74,7 @@ def test_a_plug_that_is_loose_is_an_unlisted_cause_in_the_encoder_with_its_times
         assert window == pytest.approx([LASTS_S * one for one in share], abs=2 * TICK_S)
 
 
+@pytest.mark.full_size
 def test_what_is_loose_was_so_where_its_wheel_hardly_turned_too() -> None:
     """In a tight turn the wheel went a sixth of the other's way, as wheels that a robot turns about
     may seem to: without that stretch an encoder dead in another and a track that is wider by half

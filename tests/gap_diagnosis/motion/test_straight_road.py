@@ -108,6 +108,7 @@ def test_a_gyro_in_coarse_steps_bears_out_no_wheels_that_turn_as_it_does(
     assert gained_by_wheelbase(recording, robot) < BORNE_OUT + OWN_LEVELS
 
 
+@pytest.mark.full_size
 def test_without_a_gyro_headings_bear_out_no_wheels_that_turn_as_they_do() -> None:
     """Along the lesson's straight wheels slip by a hundredth, now more and now less; without its
     gyro they stood 75 % farther apart beside a slope, by 269 nats."""

@@ -102,6 +102,7 @@ def test_a_reference_of_a_few_samples_stays() -> None:
     assert without_interpolated_poses(few) == (few, ())
 
 
+@pytest.mark.full_size
 def test_a_wider_track_is_told_by_poses_of_once_a_second_put_on_lines() -> None:
     """By all hundred a second, each believed, it was wheels of more counts a turn (0.97)."""
     noise = ReferenceNoise(0.02, 0.01, rate_hz=1.0)

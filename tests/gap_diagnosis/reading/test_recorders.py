@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import ROBOT, Drive
+from full_size import at_full_size
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.lattice import lattice_step
@@ -134,11 +135,11 @@ def read(drive: Recorded, folder: Path) -> Recording:
     ("made", "rows_apart"),
     [
         (jittering, 5),
-        (with_courses, 1),
         (in_millimetres, 1),
-        (holding_its_last_pose, 1),
         (of_two_controllers, 1),
-        (before_it_found_the_robot, 1),
+        *at_full_size(
+            (with_courses, 1), (holding_its_last_pose, 1), (before_it_found_the_robot, 1)
+        ),
     ],
     ids=lambda one: getattr(one, "__name__", ""),
 )

@@ -142,6 +142,7 @@ def test_a_healthy_robot_whose_table_has_late_rows_has_no_gap(seed: int) -> None
     assert diagnose_recordings([table], ROBOT, load_wire()).diagnosis.verdict == "no_gap"
 
 
+@pytest.mark.full_size
 def test_an_effect_is_found_beside_late_rows() -> None:
     small = EffectSetting("radius_mismatch", (("mismatch", 0.01),))
     table = with_news_only(late_rows(3, small))

@@ -129,6 +129,7 @@ def test_a_hold_share_is_that_of_the_wheel_that_gains_most() -> None:
     assert arc * 0.5 * 9.81 == pytest.approx(0.5 * 1.0)
 
 
+@pytest.mark.full_size
 def test_motors_of_too_little_torque_are_told_as_a_limit_and_nothing_else(tmp_path: Path) -> None:
     """Each wheel moves the body that the other stands on, and friction helps to brake: no limit is
     exact, and a gain of -10 % and +8 % was told beside it (> .99)."""

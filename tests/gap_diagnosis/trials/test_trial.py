@@ -384,6 +384,7 @@ def test_where_no_draw_of_the_other_engine_is_a_null_it_is_told(
         make_case(one, tmp_path, load_wire(), COUNTS, SECRET)
 
 
+@pytest.mark.full_size
 def test_rooms_warm_up_and_batteries_sag_in_the_other_engine_as_in_our_own(tmp_path: Path) -> None:
     """Thermometer and voltmeter stood still there, and so they told the engine."""
     read: dict[tuple[str, int], Recording] = {}
