@@ -27,7 +27,7 @@ from hil_harness.robot import load_robot
 
 PLANT = load_robot().plant
 TICK_US = 10_000
-DRIVEN = ("squares", "docking")
+DRIVEN = ("squares", "tour")
 DRIVEN_TOO = sorted({*drives.FAMILIAR, *drives.NEW, drives.SHORT} - {*DRIVEN})
 
 
