@@ -23,8 +23,12 @@ _SPREAD: Final = 2.5
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
-_NOISE_ROWS: Final = 16
-"""A small robot seldom goes as fast for longer, at 20 rows a second."""
+_EVEN_S: Final = 0.7
+"""A small robot seldom goes as fast for longer."""
+_FEWEST_ROWS: Final = 16
+_MOST_ROWS: Final = 64
+_CLOSE_S: Final = 0.03
+"""Of a wheel's speeds: closer to one another they bend by little."""
 _WHOLE: Final = 0.02
 _NEARLY_ALL: Final = 0.98
 _LEAST_WHOLE: Final = 50
@@ -71,9 +75,8 @@ def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
         return AddedUp(ticks, unsure, is_counted=True)
     crept = _crept(told, t_s)
     every = told + crept
-    variance = (
-        _bends2(every) + np.maximum(_rounded2(told), np.where(told != 0.0, _noise2(told), 0.0))
-    ) * apart_s**2
+    noise2 = np.where(told != 0.0, _noise2(told, float(np.median(apart_s[1:]))), 0.0)
+    variance = (_bends2(every) + np.maximum(_rounded2(told), noise2)) * apart_s**2
     # What crept in one go is off together.
     for first, stop in _runs(crept != 0.0):
         way = float(np.sum((crept * apart_s)[first:stop]))
@@ -172,23 +175,29 @@ def _bends2(speed: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(bend**2, _BENT_ROWS) / 16.0)
 
 
-def _noise2(speed: Floats) -> float:
+def _noise2(speed: Floats, row_s: float) -> float:
     """Return the variance of that noise of a speed which adds up.
 
     What counts are rounded by does not: of their differences each takes back what the one before
     took. White noise of variance s² and differences of white noise of variance q² give second
     differences of variance 6 s² + 20 q², and from one to the next -4 s² - 15 q².
     """
-    rows = speed[: len(speed) // _NOISE_ROWS * _NOISE_ROWS].reshape(-1, _NOISE_ROWS)
+    many = min(max(round(_EVEN_S / row_s), _FEWEST_ROWS), _MOST_ROWS)
+    rows = speed[: len(speed) // many * many].reshape(-1, many)
     rows = rows[np.all(rows != 0.0, axis=1)]
     if len(rows) == 0:
         return 0.0
-    # Where a robot speeds up or slows down, what bends is its way.
-    first, second = rows[:, : _NOISE_ROWS // 2], rows[:, _NOISE_ROWS // 2 :]
-    changes = np.abs(second.mean(axis=1) - first.mean(axis=1))
-    bends = np.diff(rows[changes <= np.median(changes)], 2, axis=1)
-    shared = bends[:, 1:] * bends[:, :-1]
-    return max(float(1.5 * np.mean(bends**2) + 2.0 * np.mean(shared)), 0.0)
+    if is_seldom := row_s > _CLOSE_S:
+        # Where a robot speeds up or slows down, what bends is its way.
+        first, second = rows[:, : many // 2], rows[:, many // 2 :]
+        changes = np.abs(second.mean(axis=1) - first.mean(axis=1))
+        rows = rows[changes <= np.median(changes)]
+    bends = np.diff(rows, 2, axis=1)
+    shared = np.mean(bends[:, 1:] * bends[:, :-1], axis=1)
+    found = 1.5 * np.mean(bends**2, axis=1) + 2.0 * shared
+    # From one row to the next that is close a way bends by less than counts are rounded by: of that
+    # all rows are needed to tell noise, and a start among them is left out by the median.
+    return max(float(np.mean(found) if is_seldom else np.median(found)), 0.0)
 
 
 def _rounded2(told: Floats) -> Floats:

@@ -155,6 +155,15 @@ DRIVES: tuple[Row, ...] = (
         {"table.csv": DRIVE, "gps.csv": _columns("t_s,x_m,y_m") + "1.9,2,2\n"},
     ),
     Row(
+        "a table as reference without a whole row",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: fewer than two whole rows: expected a pose in each",
+        {
+            "table.csv": DRIVE,
+            "gps.csv": "t_s,x_m,y_m\n" + "".join(f"{k}.0,{k},\n{k}.5,,{k}\n" for k in range(9)),
+        },
+    ),
+    Row(
         "a reference that is not there",
         "chiplog diagnose table.csv --reference a.tum",
         "a.tum: cannot read this reference: No such file or directory",
