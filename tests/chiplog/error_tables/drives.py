@@ -160,7 +160,7 @@ DRIVES: tuple[Row, ...] = (
         "gps.csv: fewer than two whole rows: expected a pose in each",
         {
             "table.csv": DRIVE,
-            "gps.csv": "t_s,x_m,y_m\n" + "".join(f"{k}.0,{k},\n{k}.5,,{k}\n" for k in range(9)),
+            "gps.csv": "t_s,x_m,y_m\n" + "".join(f"{k}.0,{k},\n{k}.5,,{k}\n" for k in range(30)),
         },
     ),
     Row(
