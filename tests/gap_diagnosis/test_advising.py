@@ -122,6 +122,7 @@ def test_robots_without_effects_of_their_own_share_what_is_known_of_the_drives()
     assert with_library(PRIOR, {}) is PRIOR
 
 
+@pytest.mark.full_size
 def test_slip_is_told_from_a_lever_arm_by_a_drive_at_another_speed_or_on_the_spot():
     winner = named(("lateral_slip",), ("reference_lever_arm",))
     (only,) = advice(winner, lesson_with_slip(), with_speeds(WIRE))

@@ -12,6 +12,7 @@ from typing import NoReturn
 
 import pytest
 from diagnosed import CASES, ROBOT, WIRE, diagnose, diagnosed, number, recording
+from full_size import at_full_size
 
 from gap_diagnosis.diagnose import diagnose as diagnose_files
 from gap_diagnosis.diagnose import diagnose_recordings
@@ -34,7 +35,7 @@ def test_three_effects_at_once_are_named() -> None:
     assert found.verdict == "gyro_bias+reference_time_offset+wheelbase_scale"
 
 
-@pytest.mark.parametrize("name", ["pair", "three"])
+@pytest.mark.parametrize("name", ["pair", *at_full_size("three")])
 def test_values_lie_within_four_standard_deviations(name: str) -> None:
     for key, value in CASES[name].values.items():
         known = number(diagnosed(name), key)
@@ -43,6 +44,7 @@ def test_values_lie_within_four_standard_deviations(name: str) -> None:
         assert known.sd < 0.1 * value
 
 
+@pytest.mark.full_size
 def test_play_behind_a_motor_is_the_drives_and_the_odometry_shows_it() -> None:
     found = diagnosed("play")
     assert found.verdict == "backlash"

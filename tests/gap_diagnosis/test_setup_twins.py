@@ -76,6 +76,7 @@ def by_positions_alone(name: str, *effects: EffectSetting) -> Recording:
     return replace(recording, gyro_code=None, gyro_rate_rad_s=None)
 
 
+@pytest.mark.full_size
 def test_swapped_wheels_are_told_by_the_way_a_reference_without_headings_bends() -> None:
     """Nobody asked for them: a real robot's path, mirrored (1.1 m off in 30 s), was a reference out
     of scale by a third. About so large an error a straight line says that they explain nothing."""

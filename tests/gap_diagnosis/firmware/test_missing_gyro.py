@@ -68,6 +68,7 @@ def test_wheels_and_odometry_alone_are_nothing_to_compare() -> None:
         diagnose_recordings([table], robot(), wire())
 
 
+@pytest.mark.full_size
 def test_a_held_out_log_without_a_gyro_is_not_replayed_either() -> None:
     """A healthy one had a gap of 0.8 mm, and no floor."""
     calm = scenario("calibration")

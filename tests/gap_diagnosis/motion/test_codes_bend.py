@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, model_of, nodes_of, without_noise
 
 from gap_diagnosis.explanations.gyro import adc_stuck_bit, chance_of_bit
@@ -24,7 +25,7 @@ from hil_harness.scenarios import scenario
 COMPANIONS = frozenset({"gyro_bias", "gyro_scale", "gyro_nonlinearity", "gyro_asymmetry"})
 
 
-@pytest.mark.parametrize("value", [0, 1])
+@pytest.mark.parametrize("value", [0, *at_full_size(1)])
 def test_what_a_gyro_may_be_off_by_is_no_companion_of_a_stuck_bit(value: int) -> None:
     """About no effect a scale of 0.3 % bends nothing; where a bit is held it moves each step."""
     bias = 1e-4 if value == 0 else -1e-4
@@ -49,6 +50,7 @@ def test_what_a_gyro_may_be_off_by_is_no_companion_of_a_stuck_bit(value: int) ->
         assert both < alone + 1.0, effect
 
 
+@pytest.mark.full_size
 def test_wheels_that_roll_roughly_do_not_tell_which_code_a_held_bit_hides() -> None:
     """A tick's rate varies by the contact's noise of that tick: by 90 codes here, not by a few."""
     log = synthetic_recording(
@@ -75,7 +77,7 @@ def test_wheels_that_roll_roughly_do_not_tell_which_code_a_held_bit_hides() -> N
     assert fits[best].levels[noise] < 0.7 * fits[0.0].levels[noise]
 
 
-@pytest.mark.parametrize(("bit", "value"), [(7, 0), (8, 1)])
+@pytest.mark.parametrize(("bit", "value"), [(7, 0), *at_full_size((8, 1))])
 def test_a_stuck_bit_makes_no_noisy_gyro(bit: int, value: int) -> None:
     """How it makes codes jump is known in the mean only: what that leaves was a noise of seven
     times the described one, named beside the bit (9 nats, 1.0 in three of eleven sealed cases)."""

@@ -63,6 +63,7 @@ def test_a_car_with_one_larger_tyre_leads_where_its_gps_says(tmp_path: Path, see
     assert np.abs(larger.heading_rad - plain.heading_rad)[moves].max() < 3 * 0.02
 
 
+@pytest.mark.full_size
 def test_wheels_that_slip_as_they_speed_up_are_told_as_large_as_that_beside_a_gyros_lag() -> None:
     """A lag within tolerance that trailed the turns as counted, and not as slipped, took a
     hundredth of the slip: one standard deviation, each time."""

@@ -67,7 +67,7 @@ def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: 
     assert found.effects == {"encoder_dead"}
 
 
-@pytest.mark.parametrize("name", ["calibration", *at_full_size("random")])
+@pytest.mark.parametrize("name", at_full_size("calibration", "random"))
 def test_beside_positions_alone_the_gyro_tells_what_its_wheel_did(name: str) -> None:
     """The way by the one wheel left turned round and round; bent onto fixes without headings it was
     that of a gyro that reads 1.1 rad/s too little for a while (unlisted, 0.96), or of tyres that
@@ -215,7 +215,9 @@ def test_nothing_said_beside_a_dead_encoder_leans_on_what_stands_in_for_its_coun
     assert best.effects == {"encoder_dead"}
 
 
-@pytest.mark.parametrize(("drive", "bias_rad_s"), [("figure8", 0.024), ("calibration", 0.003)])
+@pytest.mark.parametrize(
+    ("drive", "bias_rad_s"), [("calibration", 0.003), *at_full_size(("figure8", 0.024))]
+)
 def test_what_is_wrong_with_the_gyro_besides_is_said_beside_a_dead_encoder(
     drive: str, bias_rad_s: float
 ) -> None:

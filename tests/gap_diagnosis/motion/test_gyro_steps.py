@@ -105,6 +105,7 @@ def test_the_steps_of_a_gyro_are_found_beside_lost_samples() -> None:
     assert motion.gyro_step_lsb == pytest.approx(lsb, rel=1e-6)
 
 
+@pytest.mark.full_size
 def test_a_coarse_gyro_that_says_zero_all_along_a_straight_is_no_gap() -> None:
     """It was a ValueError: the logarithm of no rate at all."""
     found = diagnose_recordings([drive("stop_and_go", 1, 0.0)], ROBOT, WIRE).diagnosis

@@ -83,6 +83,7 @@ def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_o
     assert max(scan.found.values(), key=scan._belief).effects == frozenset(six)
 
 
+@pytest.mark.full_size
 def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
     """Or every effect gains what a longer search for the noise gains."""
     log = synthetic_recording(

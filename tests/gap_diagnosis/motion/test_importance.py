@@ -163,6 +163,7 @@ def test_a_weight_is_the_likelihood_as_the_effects_bend_over_that_along_the_line
     assert abs(weights[1]) > 1.0, "so far off the lines are astray"
 
 
+@pytest.mark.full_size
 def test_the_evidence_of_three_bent_sizes_is_that_of_brute_force() -> None:
     bends = Bends(MODEL, *fitted(*BENT))
     found = bends.corrected()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE, moved_only, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
@@ -58,6 +59,7 @@ def slipping_loosely(
     return log, 1.0 - went / (went + float(slipped[-1]))
 
 
+@pytest.mark.full_size
 def test_a_wheel_that_slips_now_more_and_now_less_is_told_to_slip_and_when(size: str) -> None:
     """A third more or less each third of a second: contact that is rough at times was told, without
     a name (> 0.99)."""

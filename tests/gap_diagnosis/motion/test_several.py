@@ -84,6 +84,7 @@ def test_beside_a_gyro_that_clips_a_scale_is_told_along_a_column_about_it() -> N
     assert abs(size + 0.02) > 0.002
 
 
+@pytest.mark.full_size
 def test_a_reference_far_off_in_time_whose_clock_drifts_brings_no_company() -> None:
     """A sample speaks of the tick that it was taken in; at that of its stamp, a quarter of a second
     later, three effects more made up for what wheels and floor had done meanwhile."""

@@ -43,6 +43,7 @@ def test_wheels_that_hold_slip_by_no_more_than_is_usual(size: str) -> None:
         assert model.no_effect_levels[SLIP_WANDER] <= model.level_prior.median[SLIP_WANDER]
 
 
+@pytest.mark.full_size
 def test_a_gyro_scale_needs_no_slip_for_company_where_slip_wanders(size: str) -> None:
     """Of a random walk alone a slip, and up to four more, gained 5, 27 and 35 nats beside it."""
     for seed in some_of(size, (3, 2)):

@@ -50,6 +50,7 @@ def seen_but_from(whole: Recording, start_s: float, stop_s: float) -> NDArray[np
     return (whole.reference.t_s < start_s) | (whole.reference.t_s > stop_s)
 
 
+@pytest.mark.full_size
 @given(
     start_s=st.floats(5.0, 75.0), lasts_s=st.floats(1.0, 20.0), sense=st.sampled_from([1.0, -1.0])
 )

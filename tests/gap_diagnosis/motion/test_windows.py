@@ -91,6 +91,7 @@ def test_where_a_wheel_stands_each_moment_of_it_may_be_the_end() -> None:
     assert abs(span_s / (8.0 / math.sqrt(12.0)) - 1.0) < 0.1
 
 
+@pytest.mark.full_size
 def test_a_window_is_sought_again_where_its_effect_is_fitted() -> None:
     """At the levels of noise that it was first sought at, it ended two ticks late: 15 nats, and as
     much noise as a tick of a quarter of a wheel's way makes, for another effect to take up."""

@@ -352,6 +352,7 @@ def test_a_null_of_the_other_engine_lies_there_as_any_case_does(tmp_path: Path) 
     assert rolling_m == pytest.approx(radius_m, rel=0.002)
 
 
+@pytest.mark.full_size
 def test_a_null_of_the_other_engine_is_measured_and_driven_anew_where_it_is_none(
     tmp_path: Path,
 ) -> None:
