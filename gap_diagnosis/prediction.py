@@ -159,8 +159,9 @@ class Motion:
     @cached_property
     def told_rad2_per_s(self) -> float:
         """Variance of the robot's turn that noise of wheels which say speeds adds up to in 1 s."""
-        per_rad = self.radius_m / self.wheelbase_m
-        return per_rad**2 * noise_of_speeds(self.wheel_unsure_rad2) / self.tick_s
+        return noise_of_speeds(
+            self.wheel_unsure_rad2, self.radius_m / self.wheelbase_m, self.tick_s
+        )
 
     def bent_part(self, rates: Floats) -> Floats:
         """Return of rates by the wheels what a reference takes the place of: what lasts."""
@@ -178,15 +179,16 @@ class Motion:
         return np.asarray(self.t_s - self.t_s[0])
 
 
-def noise_of_speeds(unsure_rad2: Floats) -> float:
-    """Return the usual variance of a step, of both wheels together, by the noise of their speeds.
+def noise_of_speeds(unsure_rad2: Floats, turn_per_rad: float, tick_s: float) -> float:
+    """Return what noise of wheels' speeds usually adds to a turn's variance [rad²/s].
 
-    *unsure_rad2*: float64[2, n], variance of each step. Where a wheel speeds up more is unsure of
-    it, which is no noise.
+    *unsure_rad2*: float64[2, n], variance of each wheel's step of *tick_s*; one rad of a wheel
+    turns the robot by *turn_per_rad*. Where a wheel speeds up more is unsure of it, which is no
+    noise.
     """
     both = unsure_rad2.sum(axis=0)
     moving = both[both > 0.0]
-    return float(np.median(moving)) if len(moving) else 0.0
+    return turn_per_rad**2 * float(np.median(moving)) / tick_s if len(moving) else 0.0
 
 
 _Told = TypeVar("_Told")

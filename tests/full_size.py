@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from _pytest.mark.structures import ParameterSet
 
 
-def at_full_size(*values: Any) -> list[ParameterSet]:
+def at_full_size(*values: Any) -> list[Any]:
     """Return values of a parametrised test, or tuples of values, as cases of the full size."""
     return [
         pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=pytest.mark.full_size)

@@ -146,7 +146,7 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     width_s = _smoothed_by_s(motion)
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = counting_slope(width_s / step_s) * (per_count / step_s) ** 2
-    noise += motion.told_rad2_per_s / (2.0 * math.sqrt(math.pi) * width_s)
+    noise += averaged(motion.told_rad2_per_s, width_s)
     return with_details(smooth, width_s / step_s, noise, step_s)
 
 
@@ -214,6 +214,12 @@ def _range_around(smooth: Floats, width: float, step_s: float) -> Floats:
     that its power around is of: at a ramp's foot the ramp counts."""
     size = 2 * math.ceil(3.0 * (width + _AROUND_S / step_s)) + 1
     return np.asarray(maximum_filter1d(smooth, size) - minimum_filter1d(smooth, size))
+
+
+def averaged(rad2_per_s: float, width_s: float) -> float:
+    """Return the variance [rad²/s²] of a turn rate whose white noise adds so much to the turn's
+    variance in 1 s, smoothed by a Gaussian of *width_s*."""
+    return rad2_per_s / (2.0 * math.sqrt(math.pi) * width_s)
 
 
 def counting_slope(width: float) -> float:

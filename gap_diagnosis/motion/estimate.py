@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations.choices import frozen_runs
 from gap_diagnosis.explanations.known import known_effects
-from gap_diagnosis.explanations.reference import USUAL_S, likely_signal
+from gap_diagnosis.explanations.reference import USUAL_S, averaged, likely_signal
 from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.lattice import step_of_values
 from gap_diagnosis.motion.blanks import blanks, lost_ways_m2, stretches
@@ -187,7 +187,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         if recording.unsure_ticks2 is None
         else recording.unsure_ticks2 * rad_per_count**2
     )
-    told_rad2_per_s = noise_of_speeds(unsure_rad2) * (radius_m / wheelbase_m) ** 2 / step_s
+    told_rad2_per_s = noise_of_speeds(unsure_rad2, radius_m / wheelbase_m, step_s)
     lasting_s = turn_smoothing_s(
         heading, np.abs(rates) * radius_m, wheelbase_m, step_s, told_rad2_per_s
     )
@@ -271,7 +271,7 @@ def _turn_rate(
     little, much = (gaussian_filter1d(rate, max(width_s / step_s, 0.5)) for width_s in widths_s)
     if told_rad2_per_s == 0.0:
         return np.asarray(little)
-    noise = told_rad2_per_s / (2.0 * math.sqrt(math.pi) * max(widths_s[0], 0.5 * step_s))
+    noise = averaged(told_rad2_per_s, max(widths_s[0], 0.5 * step_s))
     return np.asarray(much + likely_signal(little - much, noise, step_s) * (little - much))
 
 

@@ -187,7 +187,8 @@ def _noise2(speed: Floats, row_s: float) -> float:
     rows = rows[np.all(rows != 0.0, axis=1)]
     if len(rows) == 0:
         return 0.0
-    if is_seldom := row_s > _CLOSE_S:
+    is_seldom = row_s > _CLOSE_S
+    if is_seldom:
         # Where a robot speeds up or slows down, what bends is its way.
         first, second = rows[:, : many // 2], rows[:, many // 2 :]
         changes = np.abs(second.mean(axis=1) - first.mean(axis=1))

@@ -67,7 +67,8 @@ def test_without_a_gyro_the_reference_tells_what_its_wheel_did(name: str, side: 
     assert found.effects == {"encoder_dead"}
 
 
-@pytest.mark.parametrize("name", at_full_size("calibration", "random"))
+@pytest.mark.full_size
+@pytest.mark.parametrize("name", ["calibration", "random"])
 def test_beside_positions_alone_the_gyro_tells_what_its_wheel_did(name: str) -> None:
     """The way by the one wheel left turned round and round; bent onto fixes without headings it was
     that of a gyro that reads 1.1 rad/s too little for a while (unlisted, 0.96), or of tyres that
