@@ -29,6 +29,7 @@ from gap_diagnosis.facts import (
     not_looked_for,
     not_replayed,
     notes_on,
+    sizes_of_wheels,
     untrusted,
 )
 from gap_diagnosis.granted import NOTHING, Granted
@@ -241,6 +242,7 @@ def diagnose_recordings(
                 is_unknown=verdict == UNKNOWN,
             ),
             *untrusted(ordered[0]),
+            *sizes_of_wheels(ordered[0]),
             *not_replayed(analyses, held, robot),
             *notes_on(
                 analyses,

@@ -19,7 +19,15 @@ from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
-from gap_diagnosis.result_parts import Candidate, Gap, InputFile, LogFacts, Metric, Role
+from gap_diagnosis.result_parts import (
+    Candidate,
+    Gap,
+    InputFile,
+    LogFacts,
+    Metric,
+    NumberEstimate,
+    Role,
+)
 from hil_harness.effects import Effect, catalogue
 from hil_harness.robot import Robot
 
@@ -169,6 +177,22 @@ def not_replayed(
         for one in (*logs, *([] if held is None else [held]))
         if one.odometry_x_m is not None and lacks_the_gyro(one, robot)
     )
+
+
+def sizes_of_wheels(leading: Candidate) -> tuple[str, ...]:
+    """Say how large each wheel is, where the first candidate says it by mean and mismatch."""
+    sizes = [leading.parameters.get(one) for one in _SIZES]
+    mean, apart = (one.estimate if isinstance(one, NumberEstimate) else None for one in sizes)
+    if mean is None or apart is None:
+        return ()
+    return (
+        "radius_scale and radius_mismatch together are two sizes of wheels: left "
+        f"{100 * (mean - apart / 2):+.2f} %, right {100 * (mean + apart / 2):+.2f} % beside "
+        "what is described.",
+    )
+
+
+_SIZES: Final = ("radius_scale.scale", "radius_mismatch.mismatch")
 
 
 def untrusted(leading: Candidate) -> tuple[str, ...]:

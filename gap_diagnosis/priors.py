@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
@@ -16,6 +16,10 @@ from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect, EffectParameter
 
 _BELIEVED: Final = 8.0
+
+WHEELS: Final = frozenset({"radius_mismatch", "radius_scale"})
+"""Together they say any two sizes of wheels: one wheel of another size, a tyre that is new or low,
+is one cause and as likely as any other single one."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,26 @@ class Prior:
         if count <= last:
             return self.effects[count]
         return self.effects[last] * (self.effects[last] / self.effects[last - 1]) ** (count - last)
+
+    def log_probability_of(self, effects: Set[str], log_prior: Mapping[str, float]) -> float:
+        """Return the log probability of so many effects, and that they are these in any order.
+
+        *log_prior*: of each, that a single one is this. One wheel of another size counts as one.
+        """
+        count = len(effects)
+        usual = math.log(math.factorial(count) * self.chance_of(count))
+        usual += math.fsum(log_prior[name] for name in effects)
+        if not effects >= WHEELS:
+            return usual
+        as_one = self.log_probability_of(effects - {max(WHEELS)}, log_prior)
+        return float(np.logaddexp(usual, as_one))
+
+    def share_of_one_wheel(self, effects: Set[str], among: int) -> float:
+        """Return how much of the probability of a set that has `WHEELS` is that of one wheel of
+        another size; *among* so many effects, all as likely."""
+        even = dict.fromkeys(effects, -math.log(among))
+        as_one = self.log_probability_of(effects - {max(WHEELS)}, even)
+        return math.exp(as_one - self.log_probability_of(effects, even))
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
 from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block
 from gap_diagnosis.no_news import NEAR, moved
-from gap_diagnosis.priors import Prior
-from gap_diagnosis.set_scores import Score, Scores, log_prior_of, single_priors
+from gap_diagnosis.priors import WHEELS, Prior
+from gap_diagnosis.set_scores import Score, Scores, single_priors
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 from gap_diagnosis.unseen import with_one_unseen
 
@@ -102,7 +102,7 @@ class Ranking:
         return {one.effects: one for one in self.sets}
 
     def group(self, effects: Effects) -> list[Ranked]:
-        """Return the other sets of at most as many effects that are not told apart from this.
+        """Return the other sets of at most as many causes that are not told apart from this.
 
         Where one effect of a set gains no more than chance gives, it names no cause: the others
         stand for themselves, whether they are in the group or just out of it. Nor do sizes that no
@@ -113,7 +113,7 @@ class Ranking:
             one
             for one in self.sets
             if one.effects != effects
-            and len(one.effects) <= len(effects)
+            and (len(one.effects) <= len(effects) or _causes(one.effects) <= _causes(effects))
             and one.log_evidence > -0.5 * NEVER
             and 2 * (own.explained - _as_well(one, own)) < THRESHOLD
         ]
@@ -161,7 +161,7 @@ def rank(
     for effect in owned:
         evidence, likelihood = singles[effect]
         single = frozenset({effect})
-        scored[single] = (evidence, likelihood, log_prior_of(single, prior, log_prior))
+        scored[single] = (evidence, likelihood, prior.log_probability_of(single, log_prior))
     bent = _bent_by_a_mistake(logs)
     driven = _of_alone("drive", logs) & singles.keys()
     first_seen = max(driven, key=lambda effect: singles[effect][0], default="")
@@ -183,7 +183,7 @@ def rank(
         evidence, likelihood = total_of(logs, pair) if exact else quick_of(logs, pair)
         if not exact:
             quick.add(pair)
-        scored[pair] = (evidence, likelihood, log_prior_of(pair, prior, log_prior))
+        scored[pair] = (evidence, likelihood, prior.log_probability_of(pair, log_prior))
     scored |= _triples(logs, prior, scored, singles, log_prior)
     scored |= _scores_of(logs, prior, log_prior, several)
     with_bit = _with_a_held_bit(logs, several, scored)
@@ -261,7 +261,7 @@ def _scores_of(
 ) -> Scores:
     """Return the scores of those sets of which every name is in the library."""
     return {
-        effects: (*total_of(logs, effects), log_prior_of(effects, prior, log_prior))
+        effects: (*total_of(logs, effects), prior.log_probability_of(effects, log_prior))
         for effects in sets
         if effects <= log_prior.keys()
     }
@@ -309,7 +309,7 @@ def _triples(
     for pair in pairs[:_TRIPLED]:
         for effect in apart:
             names = pair | {effect}
-            weight = log_prior_of(names, prior, log_prior)
+            weight = prior.log_probability_of(names, log_prior)
             if _is_shared(logs, pair, effect):
                 found[names] = (*total_of(logs, names), weight)
                 continue
@@ -332,6 +332,11 @@ def _pairs_within(
     larger = [one for one, value in likely.items() if len(one) > 2 and value > top - NEAR]
     within = {frozenset(pair) for one in larger for pair in combinations(sorted(one), 2)}
     return {pair: (*total_of(logs, pair), scored[pair][2]) for pair in within & quick}
+
+
+def _causes(effects: Effects) -> int:
+    """Return how many causes a set is at least."""
+    return len(effects) - (effects >= WHEELS)
 
 
 def _as_well(one: Ranked, own: Ranked) -> float:
@@ -411,7 +416,7 @@ def _with_others_apart(
                 continue
             gained, likelier, _ = scored[some]
             together = gained + evidence, likelier + likelihood
-            weight = log_prior_of(names, prior, log_prior)
+            weight = prior.log_probability_of(names, log_prior)
             found[names] = (*(total_of(logs, names) if is_shared else together), weight)
     known = {one for one in large if len(one) + 1 < len(prior.effects)}
     for some in sorted(known, key=lambda one: (-scored[one][0], sorted(one)))[:_LARGER]:
@@ -419,7 +424,7 @@ def _with_others_apart(
             names = some | {effect}
             if names in found:
                 continue
-            weight = log_prior_of(names, prior, log_prior)
+            weight = prior.log_probability_of(names, log_prior)
             found[names] = (*total_of(logs, names), weight)
     return found
 

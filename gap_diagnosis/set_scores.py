@@ -7,20 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gap_diagnosis.block_sums import Effects
-from gap_diagnosis.priors import Prior
 
 Score = tuple[float, float, float]
 """Log evidence, log likelihood and log prior of a set."""
 Scores = dict[Effects, Score]
-
-
-def log_prior_of(effects: Effects, prior: Prior, log_prior: Mapping[str, float]) -> float:
-    """Return the log probability of so many effects, and that they are these in any order."""
-    count = len(effects)
-    return (
-        math.log(math.factorial(count) * prior.chance_of(count))
-        + math.fsum(log_prior[name] for name in effects)
-    )  # fmt: skip
 
 
 def single_priors(owned: Sequence[str], stage_of: Mapping[str, str]) -> dict[str, float]:

@@ -9,7 +9,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.hypothesis import NEVER, Block
 from gap_diagnosis.no_news import NEAR
 from gap_diagnosis.priors import Prior
-from gap_diagnosis.set_scores import Score, Scores, log_prior_of
+from gap_diagnosis.set_scores import Score, Scores
 
 _NEARLY: Final = 5.0
 """Sets within so many nats of the likeliest have something of the probability."""
@@ -42,7 +42,7 @@ def with_one_unseen(
             gained, likelier = _gained_beside(effect, effects, scored)
             if larger in weighed and weighed[larger][0] > evidence + gained - NEAR:
                 continue
-            weight = log_prior_of(larger, prior, log_prior)
+            weight = prior.log_probability_of(larger, log_prior)
             weighed[larger] = evidence + gained, likelihood + likelier, weight
             beside[larger] = effects
     return {larger: (effects, weighed[larger]) for larger, effects in beside.items()}

@@ -19,6 +19,7 @@ from gap_diagnosis.motion.importance import Bends
 from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.onset import is_a_moment
+from gap_diagnosis.priors import WHEELS
 from gap_diagnosis.recording import Floats
 from hil_harness.effects import catalogue
 
@@ -228,6 +229,7 @@ class Accounts:
         weighed = [
             one.log_evidence
             + sum(t.log_weight + t.variant.log_share for t in one.terms)
+            + self._as_one_wheel(gram, one)
             - self._beyond_belief(one.terms, self._sizes(one))
             for one in scored
         ]
@@ -244,6 +246,31 @@ class Accounts:
             gram.levels,
         )
         return found, [scored[i].terms[-1] for i in order]
+
+    def _as_one_wheel(self, gram: Gram, scored: Scored) -> float:
+        """Return what it adds to both sizes of wheels [nat] that most often they are one wheel's:
+        the mean is off by half of by how much they differ.
+
+        Along that line there is one size to find, and what lies within the mean's tolerance is a
+        mismatch alone.
+        """
+        effects = {term.variant.effect for term in scored.terms}
+        if not effects >= WHEELS:
+            return 0.0
+        (mean,) = (t for t in scored.terms if t.variant.effect == "radius_scale")
+        (apart,) = (t for t in scored.terms if t.variant.effect == "radius_mismatch")
+        others = [term for term in scored.terms if term is not mean and term is not apart]
+        tolerance = max(apart.tolerances[0], 2.0 * mean.tolerances[0])
+        lines = []
+        for half in (-0.5, 0.5):
+            of_mean = tuple((column, half * weight) for column, weight in mean.weights[0])
+            weights = ((*apart.weights[0], *of_mean),)
+            lines.append(replace(apart, weights=weights, tolerances=(tolerance,)))
+        prior = self.model.prior
+        on_a_line = [score(gram, [*others, line], prior).log_evidence for line in lines]
+        gained = log_sum(np.array(on_a_line)) - math.log(len(lines)) - scored.log_evidence
+        share = prior.share_of_one_wheel(effects, max(len(self.by_effect), 1))
+        return float(np.logaddexp(math.log1p(-share), math.log(share) + gained))
 
     def _beyond_a_line(self) -> list[Found]:
         """Return the account at the described levels of wheels that by a straight line would stand
@@ -330,9 +357,8 @@ class Accounts:
 
     def _belief(self, one: Found) -> float:
         """Return the log evidence with the prior of so many effects among those of the motion."""
-        count = len(one.effects)
-        prior = math.log(math.factorial(count) * self.model.prior.chance_of(count))
-        return self.gained(one)[0] + prior - count * math.log(max(len(self.by_effect), 1))
+        even = dict.fromkeys(one.effects, -math.log(max(len(self.by_effect), 1)))
+        return self.gained(one)[0] + self.model.prior.log_probability_of(one.effects, even)
 
     def _ranked(self) -> list[Found]:
         return sorted(self.found.values(), key=lambda one: -one.log_evidence)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.no_news import notes
-from gap_diagnosis.priors import ParameterPrior
+from gap_diagnosis.priors import WHEELS, ParameterPrior
 from gap_diagnosis.ranking import THRESHOLD, rank
 
 NATS = st.floats(-50, 2000)
@@ -148,6 +148,12 @@ def test_a_group_has_no_set_of_more_effects() -> None:
     better = ranking.of(frozenset({"wheelbase_scale", "gyro_bias"}))
     assert better.log_likelihood >= ranking.best.log_likelihood
     assert ranking.group(frozenset({"wheelbase_scale"})) == []
+
+
+def test_a_size_of_one_wheel_stands_in_a_group_with_a_single_effect() -> None:
+    gains = {"missed_ticks": 100.0, "radius_scale": 20.0, "radius_mismatch": 50.0}
+    group = ranked(FakeBlock(gains, pairs={WHEELS: 99.0})).group(frozenset({"missed_ticks"}))
+    assert [one.effects for one in group] == [WHEELS]
 
 
 def test_a_group_has_no_passengers() -> None:
