@@ -209,13 +209,16 @@ class _Grid:
         ]
         self._course = model.scattered(terms, coefficients, levels)
         values, nuisances, tangent = model.linearised(terms, coefficients, levels)
-        free = list(nuisances)
+        free, slope = list(nuisances), 0
         for term in tangent:
-            if term.variant is not self._variant:
+            if term.variant is self._variant:
+                (((slope, _),),) = term.weights
+            else:
                 sds = scales_of(model.prior, term)[-1]
                 free += [(one[0][0], float(sd)) for one, sd in zip(term.weights, sds, strict=True)]
         white = self._whitened(values)
-        self._data = white[:, 0]
+        # Sizes are told along chords here: what the fit added along the tangent is taken off.
+        self._data = white[:, 0] - size * white[:, 1 + slope]
         self._free = white[:, [1 + index for index, _ in free]] * np.array([sd for _, sd in free])
         loaded = np.eye(self._free.shape[1]) + self._free.T @ self._free
         self._lower = np.linalg.cholesky(loaded)
@@ -233,8 +236,11 @@ class _Grid:
         self.add(np.union1d(nearest_ticks(np.linspace(t_s[0], t_s[-1], _PARTS + 1), t_s), now))
         first, last = np.searchsorted(self.ends_s, now)
         (columns,) = self._columns
-        inside = columns[:, self._details[last]] - columns[:, self._details[first]]
-        self._data = self._data - self._size * inside
+        smooth, inside = (
+            columns[:, places[last]] - columns[:, places[first]]
+            for places in (self._smooth, self._details)
+        )
+        self._data = self._data + self._size * (smooth - inside)
 
     def _whitened(self, values: Floats) -> Floats:
         nodes = self._model.nodes
