@@ -39,11 +39,14 @@ def corrections(diagnosis: Diagnosis, robot: Robot) -> tuple[Correction, ...]:
     """Return the constants that the winning effects correct, in the order of the effects.
 
     An effect with a value that ``robot.toml`` cannot hold (a fraction of a tick) is left out; so is
-    a second effect on a constant that the first has corrected.
+    one that acts for a while, and a second effect on a constant that the first has corrected.
     """
+    known = diagnosis.which[0].parameters
     found: dict[tuple[str, str], Correction] = {}
     for key, (estimate, sd) in _numbers(diagnosis.which[0]).items():
         rule = _RULES.get(key)
+        if f"{key.partition('.')[0]}.start_s" in known:
+            continue
         correction = None if rule is None else rule(robot, estimate, sd)
         if correction is not None:
             found.setdefault((correction.table, correction.key), correction)

@@ -33,6 +33,8 @@ from hil_harness.toml_source import TomlSource, parse_toml, shorten
 
 _VALUE: Final = r"[-+0-9._eExXobA-Fa-f]+"
 _DIGITS: Final = 9
+_TICKS_S: Final = 0.1
+"""A few ticks: no window is told from the log's own end by less."""
 _MOST_DIGITS: Final = 17
 _RIVALS: Final = 3
 """So many other explanations are named on a changed line; explained.toml names all."""
@@ -68,7 +70,7 @@ def effects_text(
         lines.append(f"# For the corrected description; it has taken up {', '.join(without)}.")
     for effect in best.effects:
         if effect not in (NO_GAP, UNKNOWN) and effect not in without:
-            lines += ["", *_effect_table(effect, best, known)]
+            lines += ["", *_effect_table(effect, best, known, _ends_of(diagnosis))]
     for one in diagnosis.granted:
         lines += ["", f"# Known before, by {shorten(one.file)}.", *_known_table(one)]
     text = "\n".join(lines) + "\n"
@@ -120,7 +122,20 @@ def _origin(diagnosis: Diagnosis) -> Iterator[str]:
         yield "There is no effect to switch on."
 
 
-def _effect_table(name: str, candidate: Candidate, known: Mapping[str, Effect]) -> Iterator[str]:
+def _ends_of(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return when the logs begin and end [s, log time]: what acts up to there is not known to
+    end there."""
+    if not diagnosis.logs:
+        return {}
+    return {
+        "start_s": min(one.start_s for one in diagnosis.logs),
+        "stop_s": max(one.start_s + one.duration_s for one in diagnosis.logs),
+    }
+
+
+def _effect_table(
+    name: str, candidate: Candidate, known: Mapping[str, Effect], ends_s: Mapping[str, float]
+) -> Iterator[str]:
     effect = known.get(name)
     if effect is None:
         raise DiagnosisError(
@@ -133,9 +148,18 @@ def _effect_table(name: str, candidate: Candidate, known: Mapping[str, Effect]) 
         for key, estimate in candidate.parameters.items()
         if key.partition(".")[0] == name
     }
-    for parameter in effect.parameters:
-        if parameter.name in estimates:
-            yield from _parameter_lines(parameter, estimates[parameter.name])
+    for parameter in effect.settable:
+        estimate = estimates.get(parameter.name)
+        end_s = None if parameter in effect.parameters else ends_s.get(parameter.name)
+        if estimate is not None and not _is_an_end(estimate, end_s):
+            yield from _parameter_lines(parameter, estimate)
+
+
+def _is_an_end(estimate: ParameterEstimate, end_s: float | None) -> bool:
+    """Tell whether a time is that at which the logs begin or end."""
+    if end_s is None or isinstance(estimate, ChoiceEstimate):
+        return False
+    return abs(estimate.estimate - end_s) < _TICKS_S
 
 
 def _known_table(one: KnownEffect) -> Iterator[str]:

@@ -123,6 +123,27 @@ def test_choices_and_windows_are_written_as_the_simulator_takes_them(tmp_path: P
     assert dict(slip.values) == {"side": "left", "ratio": 0.03, "start_s": 12.0}
 
 
+def of_a_while(**window: NumberEstimate) -> Diagnosis:
+    """Return: a track that is wider for a while, in a log of 60 s."""
+    return samples.single("wheelbase_scale", scale=number(0.04, 0.0005), **window)
+
+
+def test_an_effect_that_began_on_the_way_begins_in_the_simulator_as_well(tmp_path: Path) -> None:
+    """It acted from the start there; the log's own end is none of the effect's."""
+    file = tmp_path / "explained.toml"
+    window = {"start_s": number(30.0, 0.1, "s"), "stop_s": number(59.99, 0.001, "s")}
+    file.write_text(effects_text(of_a_while(**window)), encoding="utf-8")
+    (wider,) = load_effects(file)
+    assert dict(wider.values) == {"scale": 0.04, "start_s": 30.0}
+
+
+def test_what_acts_for_a_while_corrects_no_constant() -> None:
+    """A calibration of all times had a track that was wider for half a minute."""
+    window = {"start_s": number(10.0, 0.1, "s"), "stop_s": number(40.0, 0.1, "s")}
+    assert corrected_effects(of_a_while(), load_robot()) == ("wheelbase_scale",)
+    assert corrected_effects(of_a_while(**window), load_robot()) == ()
+
+
 def estimated(parameter: EffectParameter) -> ParameterEstimate:
     """Return what a diagnosis could say of `parameter`: its choice, or a size within its range."""
     if parameter.kind in ("choice", "message"):
