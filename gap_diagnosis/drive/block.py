@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -11,8 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
-from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.grid import Weighted
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
 from gap_diagnosis.drive.likelihood import (
@@ -29,6 +31,7 @@ from gap_diagnosis.drive.likelihood import (
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
 from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_described
+from gap_diagnosis.drive.spell import ends, sought
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -46,6 +49,8 @@ _STRAIGHT: Final = 0.005
 """where they are straight for less than that, of a gain or as a share of what bends."""
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
+_DRIVES: Final = frozenset({*BENT, "drive_gain"})
+"""What a drive does that may begin and end."""
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
 """What a drive that does as it is told is off by less than its tolerances."""
 
@@ -99,6 +104,7 @@ class DriveBlock:
         # a gain does not: counts of 5 % less see a limit of 5 % less.
         self._nominal = shapes.angle({})
         self._fits: dict[frozenset[str], Fit] = {}
+        self._settled: dict[frozenset[str], tuple[Setting, dict[str, float]]] = {}
         self._levels_with: dict[frozenset[str], Floats] = {}
         self._nameless = -math.inf
         setting = setting_of(
@@ -158,7 +164,7 @@ class DriveBlock:
         """
         for mistake in self.effects & set(SETUP):
             self.fit(frozenset({mistake}))
-        found, likelihood = unlisted(self._null, self._robot, self._without)
+        found, likelihood = unlisted(self._null, self._robot, self._without, self._spell)
         found = self._beside_manner(found, frozenset())
         return Fit((), max(found, self._nameless), max(likelihood, self._nameless))
 
@@ -177,6 +183,55 @@ class DriveBlock:
         return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
+        found = self._fit_all_along(effects)
+        if self._spell is None or not effects & _DRIVES or effects & set(SETUP):
+            return found
+        return self._for_a_while(self._spell, effects, found)
+
+    @cached_property
+    def _spell(self) -> Spell | None:
+        """The blocks in which the drive answers otherwise, if that is not all along."""
+        return sought(self._null, self._robot) if self._data.acting is None else None
+
+    def _acting(self, spell: Spell) -> DriveBlock:
+        """Return the block of effects that act in a spell alone; without any it is the same."""
+        block = copy(self)
+        block._data = replace(self._data, acting=spell)
+        block._shapes = Shapes(block._data, self._robot)
+        block._fits, block._levels_with, block._settled = {frozenset(): Fit((), 0.0, 0.0)}, {}, {}
+        block._spell = None
+        return block
+
+    def _for_a_while(self, spell: Spell, effects: frozenset[str], all_along: Fit) -> Fit:
+        """Return the fit of effects that act all along or in a spell, sought about this one."""
+        block = self._acting(spell)
+        block.fit(effects)
+        if effects not in block._settled:
+            return all_along
+        setting, values = block._settled[effects]
+        told = ends(setting, values, block._levels_with[effects], self._robot, spell)
+        if not told.told:
+            return all_along
+        block = self._acting(told.spell)
+        fit = block.fit(effects)
+        gained = fit.log_evidence + told.log_width
+        gained += prior.log_of_spell(self._data.angle.shape[1], len(told.told))
+        if gained <= all_along.log_evidence:
+            return all_along
+        self._levels_with[effects] = block._levels_with[effects]
+        when = {name: end.estimate(self._data) for name, end in told.told.items()}
+        return replace(
+            fit,
+            log_evidence=float(np.logaddexp(gained, all_along.log_evidence)),
+            log_likelihood=max(fit.log_likelihood, all_along.log_likelihood),
+            parameters={
+                **fit.parameters,
+                **{f"{one}.{name}": e for one in effects & _DRIVES for name, e in when.items()},
+            },
+            windows=(told.window(self._data),),
+        )
+
+    def _fit_all_along(self, effects: frozenset[str]) -> Fit:
         silent = {one: self._shapes.log_silent(one) for one in effects & set(BENT)}
         idle = {one for one, share in silent.items() if share == 0.0}
         if idle:
@@ -214,6 +269,7 @@ class DriveBlock:
             settled = all(abs(bends[one] - was) <= _STRAIGHT * was for one, was in values.items())
             if settled and max(changes) < _STRAIGHT:
                 break
+        self._settled[effects] = setting, setting.values(point)
         total, grid, scale_weights = evidence(setting, levels, start=point)
         estimates = parameters(setting, levels, grid, scale_weights)
         self._levels_with[effects] = levels

@@ -18,6 +18,8 @@ from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
+Spell = tuple[int, int]
+"""The first block in which effects act, and the one behind the last."""
 
 _BLOCK_S: Final = 0.04
 _RECEPTION_S: Final = 0.004
@@ -70,6 +72,7 @@ class DriveData:
         limits: what of table [drive] the wheels outrun, as they have it, by key.
         manner: float64[c, 2, m], what a drive that does as it is told adds in its own manner; every
             hypothesis has it.
+        acting: in which blocks effects act; None: in all.
     """
 
     dt_s: float
@@ -90,6 +93,7 @@ class DriveData:
     delay_sd_s: float
     limits: Mapping[str, float] = field(default_factory=dict)
     manner: Floats | None = None
+    acting: Spell | None = None
 
     def limits_beside(self, robot: Robot) -> tuple[float, float]:
         """Return the largest wheel rate [rad/s] and acceleration [rad/s²] of the described drive,

@@ -129,7 +129,7 @@ def _nuisances(
     angle = shapes.angle(values)
     columns, sds = [], []
     if "drive_gain" not in effects:
-        columns += list(shapes.gain_columns(values, angle))
+        columns += list(shapes.lasting_gain_columns(values, angle))
         sds += [_NUISANCE_SD["gain"]] * 2
     delay_s = variant.data.delay_sd_s
     delays = [("drive_lag", _NUISANCE_SD["lag"]), ("drive_delay", delay_s)]
@@ -137,7 +137,7 @@ def _nuisances(
     delays += [("drive_delay", _SHORTLY_S)] if delay_s > _SHORT_OF * _SHORTLY_S else []
     for effect, step in delays:
         if effect not in effects:
-            columns.append((shapes.angle({**values, effect: step}) - angle) / step)
+            columns.append((shapes.angle(values, always={effect: step}) - angle) / step)
             sds.append(step)
     nuisances = np.zeros((0, *angle.shape))
     if columns:

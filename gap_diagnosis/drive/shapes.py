@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.answer import predict
-from gap_diagnosis.drive.data import DriveData, drive_data
+from gap_diagnosis.drive.answer import for_a_while, predict
+from gap_diagnosis.drive.data import DriveData, Spell, drive_data
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 About = tuple[float, float, float]
 """Gains of the left and of the right wheel, and by what share wheels slow down faster than they
 speed up."""
+
+AS_DESCRIBED: Final = (1.0, 1.0, 0.0)
+_NOTHING: Final[Mapping[str, float]] = {}
 
 BENT: Final = (
     "drive_acceleration_limit", "drive_deadband", "drive_delay", "drive_lag", "drive_saturation",
@@ -112,6 +115,21 @@ def drive_beside_described(recording: Recording, robot: Robot) -> DriveData | No
     return None if data is None else data.beside(Shapes(data, robot).angle({}))
 
 
+def masked(columns: Floats, spell: Spell) -> Floats:
+    """Return what columns float64[c, 2, m] add to the angles where they act in a spell alone."""
+    steps = np.diff(columns, axis=2, prepend=columns[..., :1])
+    steps[..., : spell[0]] = 0.0
+    steps[..., spell[1] :] = 0.0
+    return np.asarray(np.cumsum(steps, axis=2))
+
+
+def _of_each(change: Floats) -> Floats:
+    """Return a change of both wheels, float64[2, m], as that of each: float64[2, 2, m]."""
+    columns = np.zeros((2, *change.shape))
+    columns[0, 0], columns[1, 1] = change
+    return columns
+
+
 class Shapes:
     """Predictions of one recording's wheel angles under the described drive and its deviations."""
 
@@ -174,8 +192,31 @@ class Shapes:
         }[effect]
         return math.log(share[0] * scale), math.log(share[1] * scale)
 
-    def angle(self, values: Mapping[str, float], about: About = (1.0, 1.0, 0.0)) -> Floats:
-        """Return block means of the wheel angles: float64[2, m]; *values* by effect."""
+    def angle(
+        self,
+        values: Mapping[str, float],
+        about: About = AS_DESCRIBED,
+        *,
+        always: Mapping[str, float] = _NOTHING,
+        gain: float = 1.0,
+    ) -> Floats:
+        """Return block means of the wheel angles: float64[2, m].
+
+        *values* by effect, and *about* what gains and braking, where effects act; by how much the
+        drive deviates *always*, and its *gain*.
+        """
+        within = self._rows({**values, **always}, (gain * about[0], gain * about[1], about[2]))
+        if self._data.acting is None:
+            return self._data.blocks(within)
+        first, last = (int(self._data.start[block]) for block in self._data.acting)
+        beside = self._rows(always, (gain, gain, 0.0))
+        described_s = self._lag_s + always.get("drive_lag", 0.0)
+        lags_s = described_s, described_s + values.get("drive_lag", 0.0)
+        rows = for_a_while(beside, within, (first, last), lags_s, self._data.dt_s)
+        return self._data.blocks(rows)
+
+    def _rows(self, values: Mapping[str, float], about: About) -> Floats:
+        """Return the wheel angles at the rows, float64[2, n]."""
         angles: Any = predict(
             self._data.commanded,
             self._data.rate_0,
@@ -188,18 +229,19 @@ class Shapes:
             np.array(about[:2]),
             about[2],
         )
-        return self._data.blocks(angles)
+        return np.asarray(angles)
 
     def gain_columns(
-        self, values: Mapping[str, float], angle: Floats, about: About = (1.0, 1.0, 0.0)
+        self, values: Mapping[str, float], angle: Floats, about: About = AS_DESCRIBED
     ) -> Floats:
-        """Return what a relative gain of each wheel adds to the angles *about* others:
-        float64[2, 2, m]."""
+        """Return what a relative gain of each wheel adds to the angles *about* others where effects
+        act: float64[2, 2, m]."""
         more = self.angle(values, (about[0] + _STEP, about[1] + _STEP, about[2]))
-        change = (more - angle) / _STEP
-        columns = np.zeros((2, *change.shape))
-        columns[0, 0], columns[1, 1] = change
-        return columns
+        return _of_each((more - angle) / _STEP)
+
+    def lasting_gain_columns(self, values: Mapping[str, float], angle: Floats) -> Floats:
+        """Return what a relative gain of each wheel adds that it always has: float64[2, 2, m]."""
+        return _of_each((self.angle(values, gain=1.0 + _STEP) - angle) / _STEP)
 
     def braking_column(self, values: Mapping[str, float], angle: Floats, about: About) -> Floats:
         """Return what a share of faster braking adds to the angles: float64[1, 2, m]."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.columns import Variant
-from gap_diagnosis.drive.data import DriveData
+from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.likelihood import (
     Setting,
     evidence,
@@ -21,7 +21,7 @@ from gap_diagnosis.drive.likelihood import (
     setting_of,
 )
 from gap_diagnosis.drive.noise import Levels, whitened
-from gap_diagnosis.drive.shapes import FEWEST_POLES, WAVE, Shapes
+from gap_diagnosis.drive.shapes import FEWEST_POLES, WAVE, Shapes, masked
 from gap_diagnosis.drive.told import GIVES_WAY, is_as_described, off
 from hil_harness.robot import Robot
 
@@ -100,7 +100,9 @@ class Manner:
         return _LEFT * self.gained
 
 
-def unlisted(null: Null, robot: Robot, without: frozenset[str]) -> tuple[float, float]:
+def unlisted(
+    null: Null, robot: Robot, without: frozenset[str], spell: Spell | None = None
+) -> tuple[float, float]:
     """Return logarithms of evidence and best likelihood of a drive without a name, less those of
     no effect.
 
@@ -108,14 +110,21 @@ def unlisted(null: Null, robot: Robot, without: frozenset[str]) -> tuple[float, 
     that come late, or a gain of each wheel, some function of its speed, or of driving and of
     turning, all of unknown size: what is left to a motor, a velocity loop or an engine not in the
     library. Or one that answers slow commands in a way of their own, or whose poles show in its
-    rate. A steady gain is a listed effect, unless the library is *without* it.
+    rate. A steady gain is a listed effect, unless the library is *without* it. Any of the first may
+    be all along or in a *spell*.
     """
     shapes = Shapes(null.data, robot)
     does_as_told = as_told(null.data, robot)
     found = []
+    log_spell = prior.log_of_spell(null.data.angle.shape[1])
     for columns in shapes.foreign(has_gains="drive_gain" in without):
-        one = foreign(null, robot, columns)
-        found.append(replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one)
+        ways = [foreign(null, robot, columns)]
+        if spell is not None:
+            one = foreign(null, robot, masked(columns, spell))
+            ways.append(replace(one, evidence=one.evidence + log_spell))
+        found += [
+            replace(one, evidence=min(one.evidence, 0.0)) if does_as_told else one for one in ways
+        ]
     slow = shapes.slow()
     if len(slow):
         one = foreign(null, robot, slow)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.drive.answer import predict
+from gap_diagnosis.drive.answer import for_a_while, predict
 from gap_diagnosis.drive.data import DriveData, drive_data
 from gap_diagnosis.recording import Floats, Recording
 from hil_harness.robot import Robot
@@ -83,7 +83,26 @@ def late_s_of(data: DriveData, robot: Robot, parameters: Mapping[str, float]) ->
 
 
 def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats:
-    """Return the wheels' angles at the rows, float64[2, n]."""
+    """Return the wheels' angles at the rows, float64[2, n], with effects that begin or end within
+    the log as they do."""
+    within = _all_along(data, robot, known)
+    rows = [_row_at(data, known, name) for name in ("start_s", "stop_s")]
+    if rows == [None, None]:
+        return within
+    first, last = rows[0] or 0, rows[1] or within.shape[1]
+    lag_s = robot.plant.drive.time_constant_s
+    lags_s = lag_s, lag_s + known.get("drive_lag.time_constant", 0.0)
+    return for_a_while(_all_along(data, robot, {}), within, (first, last), lags_s, data.dt_s)
+
+
+def _row_at(data: DriveData, known: Mapping[str, float], name: str) -> int | None:
+    """Return the row at which effects begin or end, which they all do together; None where that is
+    the log's own end."""
+    found = [value for key, value in known.items() if key.endswith(f".{name}")]
+    return round((found[0] - float(data.time_s[0])) / data.dt_s) if found else None
+
+
+def _all_along(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats:
     drive = robot.plant.drive
     fastest, strongest = data.limits_beside(robot)
     gains = [1.0 + known.get(f"drive_gain.{side}", 0.0) for side in ("left", "right")]

@@ -1,0 +1,90 @@
+"""A drive that does otherwise from some time on, or for a while, is told with its times."""
+
+import numpy as np
+import pytest
+from drive_recordings import ACTUATION, ROBOT, block_of, evidence, simulated
+from full_size import at_full_size
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gap_diagnosis.drive.answer import for_a_while
+from gap_diagnosis.gap.drive_path import commanded_path
+
+START_S, STOP_S = 18.0, 30.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("drive_lag", {"time_constant": 0.15}),
+        *at_full_size(
+            ("drive_saturation", {"limit": 6.0}),
+            ("drive_delay", {"delay": 0.06}),
+            ("drive_gain", {"left": -0.04, "right": -0.04}),
+            ("drive_deadband", {"rate": 1.5}),
+            ("drive_acceleration_limit", {"limit": 8.0}),
+        ),
+    ],
+)
+def test_what_begins_on_the_way_is_told_with_its_size_and_its_beginning(effect, values):
+    """A lag of 0.15 s from half of a log on was no gap (0.96): the drive's answer varied, it was
+    taken to."""
+    block = block_of(simulated({effect: {**values, "start_s": START_S}}))
+    fit = block.fit(frozenset({effect}))
+    assert fit.log_evidence > 100.0
+    for name, size in values.items():
+        told = fit.parameters[f"{effect}.{name}"]
+        assert float(told.value) == pytest.approx(size, abs=4 * told.sd + 1e-3 * abs(size))
+    begins = fit.parameters[f"{effect}.start_s"]
+    assert np.quantile(begins.samples, [0.001, 0.999]) == pytest.approx(
+        [START_S] * 2, abs=8 * begins.sd
+    )
+    assert f"{effect}.stop_s" not in fit.parameters
+    (other, *_) = {"drive_lag", "drive_delay"} - {effect}
+    assert evidence(block, other) < fit.log_evidence - 20.0
+
+
+def test_what_ends_again_is_told_with_both_its_ends():
+    window = {"start_s": START_S, "stop_s": STOP_S}
+    block = block_of(simulated({"drive_lag": {"time_constant": 0.1, **window}}))
+    fit = block.fit(frozenset({"drive_lag"}))
+    ((start_s, stop_s),) = fit.windows
+    # An end is told where the drive does something that shows it.
+    assert start_s == pytest.approx(START_S, abs=1.0)
+    assert stop_s == pytest.approx(STOP_S, abs=1.0)
+    assert fit.parameters["drive_lag.time_constant"].value == pytest.approx(0.1, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "effects", [{}, {"drive_lag": {"time_constant": 0.05}}], ids=["healthy", "lags all along"]
+)
+def test_what_is_as_it_was_has_no_window(effects):
+    block = block_of(simulated(effects))
+    assert all(block.fit(frozenset({one})).windows == () for one in ACTUATION)
+
+
+def test_a_drive_that_changes_in_a_way_that_is_not_listed_is_no_drive_as_described():
+    block = block_of(simulated({"drive_lag": {"time_constant": 0.1, "start_s": START_S}}))
+    assert block.unexplained().log_evidence > 100.0
+
+
+def test_the_simulated_drive_changes_when_the_effect_begins():
+    lag = {"time_constant": 0.15}
+    log = simulated({"drive_lag": {**lag, "start_s": START_S}})
+    known = {"drive_lag.time_constant": 0.15, "drive_lag.start_s": START_S}
+    as_described, as_found = commanded_path(log, ROBOT), commanded_path(log, ROBOT, known)
+    before = log.t_s < START_S
+    assert np.array_equal(as_described[before], as_found[before])
+    counted_m = (2 * np.pi / ROBOT.plant.encoder.ticks_per_rev) * ROBOT.plant.wheels.radius_m
+    turned_rad = counted_m * (log.right_ticks - log.left_ticks) / ROBOT.plant.wheels.wheelbase_m
+    off_rad = [np.abs(path[:, 2] - turned_rad).max() for path in (as_described, as_found)]
+    assert off_rad[1] < 0.1 * off_rad[0]
+
+
+@given(st.integers(0, 49), st.integers(0, 50), st.floats(0.0, 0.5))
+def test_of_two_drives_that_do_the_same_it_makes_no_difference_when_they_change(first, rows, lag_s):
+    angles = np.cumsum(np.sin(np.arange(100.0)).reshape(2, 50), axis=1)
+    angles -= angles[:, :1]
+    ends = first, min(first + rows, 50)
+    changed = for_a_while(angles, angles, ends, (lag_s, lag_s), 0.01)
+    assert np.allclose(changed, angles, atol=1e-12)
