@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from can_bus import MessageSpec, Raw, make_message, open_log_writer
+from can_bus import COUNTER_MODULO, MessageSpec, make_message, open_log_writer
 from gap_diagnosis.recording import Reference
 from gap_diagnosis.trials.reference_noise import Draw, ReferenceLevels, reference_errors
 from hil_harness.assembly import Wire
@@ -33,22 +33,20 @@ _TAU: Final = 2 * math.pi
 def write_log(path: Path, run: EffectRun, robot: Robot, wire: Wire) -> None:
     """Write the frames of a run as the ECU received and sent them."""
     frames = _Frames(run, robot, wire)
-    entries: list[tuple[int, int, int, MessageSpec, int, int]] = []
+    entries: list[tuple[int, int, int, MessageSpec, bytearray]] = []
     signals = wire.signal_map
     for rank, roles in enumerate(((*SENSOR_ROLES, *COMMAND_ROLES), ODOMETRY_ROLES)):
         for spec in signals.messages(roles):
             stamp_us, counter, payload = frames.came(spec, is_answer=rank == 1)
+            data = frames.encoded(spec, payload, counter)
             entries += [
-                (stamp, rank, spec.frame_id, spec, count, row)
-                for stamp, count, row in zip(
-                    stamp_us.tolist(), counter.tolist(), payload.tolist(), strict=True
-                )
+                (stamp, rank, spec.frame_id, spec, one)
+                for stamp, one in zip(stamp_us.tolist(), data, strict=True)
             ]
     entries.sort(key=lambda entry: entry[:3])
     with open_log_writer(path) as log:
-        for stamp, rank, _, spec, count, row in entries:
-            data = encode_frame(spec, frames.raw(spec, row), count)
-            log.write(make_message(spec, data, stamp), rank == 0)
+        for stamp, rank, _, spec, one in entries:
+            log.write(make_message(spec, one, stamp), rank == 0)
 
 
 class _Frames:
@@ -84,31 +82,54 @@ class _Frames:
         counter = run.answer_tick[frame] if is_answer else frame
         return np.rint(time_us / self._rate).astype(np.int64), counter, payload
 
-    def raw(self, spec: MessageSpec, tick: int) -> dict[str, Raw]:
-        """Return the raw value of each signal of a message in a tick."""
-        run = self._run
-        raw: dict[str, Raw] = {signal.name: signal.initial_raw for signal in spec.payload}
+    def encoded(self, spec: MessageSpec, ticks: Ints, counters: Ints) -> list[bytearray]:
+        """Return a message's frames: payloads of these *ticks*, protected by *counters*."""
+        columns = self._raw(spec, ticks)
+        rows = zip(*(columns[signal.name] for signal in spec.payload), strict=True)
+        if not spec.is_plain:
+            return [
+                encode_frame(spec, dict(zip(columns, row, strict=True)), counter)
+                for row, counter in zip(rows, counters.tolist(), strict=True)
+            ]
+        if not spec.is_protected:
+            return [spec.pack(row) for row in rows]
+        alive = (counters % COUNTER_MODULO).tolist()
+        return [spec.pack(row, counter) for row, counter in zip(rows, alive, strict=True)]
+
+    def _raw(self, spec: MessageSpec, ticks: Ints) -> dict[str, list[Any]]:
+        """Return the raw values of each signal of a message in these ticks."""
+        raw: dict[str, list[Any]] = {
+            signal.name: [signal.initial_raw] * len(ticks) for signal in spec.payload
+        }
         if any(spec is message for message in self._sensors.messages):
-            mask = (1 << self._robot.plant.encoder.counter_bits) - 1
-            counts = SensorCounts(
-                int(run.left_count[tick]) & mask,
-                int(run.right_count[tick]) & mask,
-                int(run.gyro_code[tick]),
-                self._robot.plant.accelerometer.zero_code,
-                self._robot.plant.accelerometer.zero_code,
-                int(run.temperature_code[tick]),
-                int(run.supply_code[tick]),
-            )
-            raw.update(self._sensors.raw_values(spec, counts))
+            read = [self._sensors.raw_values(spec, one) for one in self._counts(ticks)]
+            raw |= {name: [one[name] for one in read] for name in raw}
         for role, values in self._columns.items():
             mapped = self._wire.signal_map.get(role)
             if mapped is None or mapped.message is not spec:
                 continue
-            value = float(values[tick])
+            told = values[ticks].tolist()
             if role == "odom_heading":
-                value = (value + math.pi) % _TAU - math.pi
-            raw[mapped.signal.name] = mapped.to_raw(value)
+                told = [(value + math.pi) % _TAU - math.pi for value in told]
+            raw[mapped.signal.name] = [mapped.to_raw(value) for value in told]
         return raw
+
+    def _counts(self, ticks: Ints) -> Iterator[SensorCounts]:
+        """Yield what the sensors read in these ticks."""
+        run, plant = self._run, self._robot.plant
+        mask = (1 << plant.encoder.counter_bits) - 1
+        level = np.full(len(ticks), plant.accelerometer.zero_code)
+        read = (
+            run.left_count[ticks].astype(np.int64) & mask,
+            run.right_count[ticks].astype(np.int64) & mask,
+            run.gyro_code[ticks],
+            level,
+            level,
+            run.temperature_code[ticks],
+            run.supply_code[ticks],
+        )
+        whole = (one.astype(np.int64).tolist() for one in read)
+        return map(SensorCounts._make, zip(*whole, strict=True))
 
 
 def measured(run: EffectRun, levels: ReferenceLevels, draw: Draw, seed: int) -> Reference:

@@ -17,7 +17,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn, cast
+from typing import Any, Final, NoReturn, cast
 
 from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.reading import read_recordings
@@ -29,6 +29,9 @@ from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
 Method = Callable[..., Any]
+
+_LOADING_S: Final = 10.0
+"""Of so short a drive a diagnosis runs the same machine code as of a whole one."""
 
 
 def work(case: Path, out: Path, key: Path, method: Path | None = None) -> None:
@@ -80,7 +83,9 @@ def load() -> None:
     """Load what a diagnosis needs, its machine code too: by that of a drive made up here."""
     robot, wire = load_robot(None), load_wire()
     square = scenario("square")
-    drive = synthetic_recording(robot, wire, square, (), 1, reference=ReferenceNoise())
+    drive = synthetic_recording(
+        robot, wire, square, (), 1, reference=ReferenceNoise(), duration_s=_LOADING_S
+    )
     diagnose_recordings([drive], robot, wire)
 
 

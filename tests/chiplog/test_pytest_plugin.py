@@ -49,7 +49,9 @@ def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult
 def run_apart(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
     """Run a test file in a process of its own, and workers of its own."""
     pytester.makepyfile(test)
-    return pytester.runpytest_subprocess("-p", "lean", "-p", "no:cacheprovider", *options)
+    lean = ("lean", "no:cacheprovider", "no:hypothesispytest")  # a third of the time to start
+    plugins = [word for name in lean for word in ("-p", name)]
+    return pytester.runpytest_subprocess(*plugins, *options)
 
 
 def test_a_test_drives_a_robot_over_the_bus(pytester: pytest.Pytester) -> None:
@@ -485,7 +487,7 @@ def test_failures_in_a_worker_show_their_frames_too(pytester: pytest.Pytester) -
             assert False
         """,
         "-n",
-        "2",
+        "1",
     )
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*chiplog: the last 30 frames on the bus*", "*the log is kept*"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "lean")
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "lean", "-p", "no:hypothesispytest")
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
 
 

@@ -48,6 +48,7 @@ def run(folder: Path, home: Path) -> tuple[bool, int]:
         if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
     }
     environment |= {"PYTHONPATH": str(folder), "HOME": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["NUMBA_OPT"] = "0"  # what is cached when has nothing to do with how fast it is
     result = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(folder)],
         cwd=folder,

@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from chiplog.cli import main
+from chiplog.pages.drawing import Picture
 from chiplog.pages.study import study_page
 from firmware_model import FirmwareDescription, KernelConfig, build_config
 from firmware_model.cortex_m import Job
@@ -69,6 +71,16 @@ def small_study(**changes: Any) -> Study:
     scenarios = (scenario("lesson"), scenario("figure8"))
     asked = Study(ROBOT, WIRE, points, scenarios, (1, 2, 3), Course(distance_m=2.0))
     return replace(asked, **changes)
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave a page's pictures out: they take most of a small study, and here nobody looks."""
+
+    def said(name: str, title: str, caption: str, *_: Any, **__: Any) -> Picture:
+        return Picture(title, caption, Markup(""))
+
+    monkeypatch.setattr("chiplog.pages.study_pictures.picture", said)
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +226,7 @@ def test_a_study_with_more_seeds_runs_only_those(tmp_path: Path) -> None:
     assert sorted(read) == [[1, 2]] * 24 + [[3]] * 24
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_study_that_is_killed_loses_no_line_and_runs_none_twice(tmp_path: Path) -> None:
     words = ["study", "--sweep", "position.frac_bits=12..31", "--scenario", "lesson"]
     words += ["--seeds", "4", "--after", "10 m", "--workers", "1", "--out", str(tmp_path / "out")]
@@ -231,7 +244,7 @@ def test_a_study_that_is_killed_loses_no_line_and_runs_none_twice(tmp_path: Path
 
 
 def test_the_command_finds_the_cheapest_and_export_c_takes_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
 ) -> None:
     out = tmp_path / "out"
     words = ["study", "--sweep", "trig.entries=64,1024", "--sweep", "tick_rate_hz=100,200"]
@@ -250,6 +263,7 @@ def test_the_command_finds_the_cheapest_and_export_c_takes_it(
     page = (out / "study.html").read_text()
     assert page.count("<svg") >= 6
     assert "http" not in page.replace("http://www.w3.org", "").replace("http-equiv", "")
+    request.getfixturevalue("no_pictures")
     assert main([*words, "--meet", "position 1 nm after 4 m"]) == 1
     assert "None of 4 configurations holds" in capsys.readouterr().out
     # Of what the sensors and the robot add to it, arithmetic is proved to be a small part.
@@ -259,6 +273,7 @@ def test_the_command_finds_the_cheapest_and_export_c_takes_it(
     assert "no format changes the rest" in said
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_results_in_parquet_are_those_in_csv(tmp_path: Path) -> None:
     parquet = importlib.import_module("pyarrow.parquet")
     words = ["study", "--sweep", "rounding=floor,half_up", "--scenario", "lesson", "--seeds", "2"]
@@ -272,6 +287,7 @@ def test_results_in_parquet_are_those_in_csv(tmp_path: Path) -> None:
             assert ours[key] == float(theirs[key])
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_forced_configurations_run_and_their_overflows_are_counted_but_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -287,6 +303,7 @@ def test_forced_configurations_run_and_their_overflows_are_counted_but_never_cho
     assert "Cheapest that holds “position 1 mm after 8 m”: position.word_bits = 48" in said
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_what_c_cannot_hold_is_run_by_force_and_counted_and_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -307,6 +324,7 @@ def test_what_c_cannot_hold_is_run_by_force_and_counted_and_never_chosen(
         assert in_c[name] == in_python[name]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_constant_of_zero_is_run_by_force_and_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -324,6 +342,7 @@ def test_a_constant_of_zero_is_run_by_force_and_never_chosen(
     assert main(["export-c", "--robot", str(tmp_path / "robot.toml"), "--out", str(tmp_path)]) == 0
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_table_without_room_is_run_by_force_and_never_chosen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -336,6 +355,7 @@ def test_a_table_without_room_is_run_by_force_and_never_chosen(
     assert "trig.entries = 16" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_what_effects_make_the_wheels_count_is_held_against_the_word(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -51,6 +52,7 @@ SEEN[:3, 40:60] = False  # the reference is lost for a second
 SEEN[3, 90:95] = False
 
 
+@cache
 def dense_covariance() -> Floats:
     """Return the covariance of all residuals, block after block, written down without a filter.
 
@@ -163,9 +165,6 @@ def _scaled(factor: float, part: tuple[float, dict[int, float]]) -> tuple[float,
     return factor * part[0], part[1]
 
 
-COVARIANCE = dense_covariance()
-
-
 def laid_out(values: Floats) -> Floats:
     """Return stacked residuals float64[rows, c] as the filter takes them, NaN where unseen."""
     columns = np.full((NODES.count, CHANNELS, values.shape[1]), np.nan)
@@ -175,21 +174,21 @@ def laid_out(values: Floats) -> Floats:
 
 def drawn(count: int, seed: int) -> Floats:
     # Start pose and angle vary by metres and radians, what is measured by a thousandth.
-    factor = np.linalg.cholesky(COVARIANCE)
-    return factor @ np.random.default_rng(seed).standard_normal((len(COVARIANCE), count))
+    factor = np.linalg.cholesky(dense_covariance())
+    return factor @ np.random.default_rng(seed).standard_normal((len(dense_covariance()), count))
 
 
 def test_inner_products_are_those_of_the_dense_inverse_covariance():
     values = drawn(3, seed=1)
     white, _ = whiten(laid_out(values), COURSE, LEVELS, NODES.ticks)
-    assert len(white) == len(COVARIANCE)
-    expected = values.T @ np.linalg.solve(COVARIANCE, values)
+    assert len(white) == len(dense_covariance())
+    expected = values.T @ np.linalg.solve(dense_covariance(), values)
     np.testing.assert_allclose(white.T @ white, expected, rtol=1e-4, atol=1e-3)
 
 
 def test_the_log_determinant_is_that_of_the_dense_covariance():
     _, log_variance = whiten(laid_out(drawn(1, seed=1)), COURSE, LEVELS, NODES.ticks)
-    assert log_variance.sum() == pytest.approx(np.linalg.slogdet(COVARIANCE)[1], abs=1e-2)
+    assert log_variance.sum() == pytest.approx(np.linalg.slogdet(dense_covariance())[1], abs=1e-2)
 
 
 def test_slip_beside_an_effect_of_nothing_is_as_beside_none():
