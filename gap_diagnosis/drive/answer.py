@@ -7,9 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
 
 _GONE: Final = 1e-20
 """What is left of a rate by then is less than any digit of it."""
@@ -107,32 +104,31 @@ def predict(
     return angle
 
 
+@njit(cache=True, error_model="numpy")
 def for_a_while(
-    described: Floats,
-    within: Floats,
-    rows: tuple[int, int],
-    lags_s: tuple[float, float],
-    dt_s: float,
-) -> Floats:
-    """Return the angles float64[2, n] of wheels that turn as *described*, and from one row to
-    another as a drive *within* has it.
+    described: Any, within: Any, first: int, last: int, lags_s: Any, dt_s: float
+) -> Any:
+    """Return the angles float64[2, n] of wheels that turn as *described*, and from row *first* to
+    row *last* as a drive *within* has it.
 
     A rate goes on where drives change, and fades into the new one's with its lag: *lags_s* of the
     described drive and of that within.
     """
-    steps = np.diff(described, axis=1, prepend=0.0)
-    inside = np.diff(within, axis=1, prepend=0.0)
-    last_of_all = steps.shape[1] - 1
-    for row, other, lag_s in zip(rows, (inside, steps.copy()), reversed(lags_s), strict=True):
-        if 0 < row < last_of_all:
-            more = steps[:, row] - other[:, row]
-            steps[:, row + 1 :] = other[:, row + 1 :]
-            if lag_s > 0.0:
-                fading = np.exp(-dt_s / lag_s * np.arange(1, last_of_all - row + 1))
-                steps[:, row + 1 :] += np.outer(more, fading)
-        elif row == 0:
-            steps = inside.copy()
-    return np.asarray(np.cumsum(steps, axis=1))
+    n = described.shape[1]
+    angle = np.zeros((2, n))
+    for wheel in range(2):
+        step, more, fade = 0.0, 0.0, 0.0
+        for row in range(1, n):
+            acts = first < row <= last
+            drive = within if acts else described
+            if row > 1 and (row == first + 1 or row == last + 1):
+                more = step - (drive[wheel, row - 1] - drive[wheel, row - 2])
+                lag_s = lags_s[1] if acts else lags_s[0]
+                fade = math.exp(-dt_s / lag_s) if lag_s > 0.0 else 0.0
+            more *= fade
+            step = drive[wheel, row] - drive[wheel, row - 1] + more
+            angle[wheel, row] = angle[wheel, row - 1] + step
+    return angle
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -31,7 +31,7 @@ from gap_diagnosis.drive.likelihood import (
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
 from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_described
-from gap_diagnosis.drive.spell import ends, sought
+from gap_diagnosis.drive.spell import Ends, ends, sought
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -105,6 +105,7 @@ class DriveBlock:
         self._nominal = shapes.angle({})
         self._fits: dict[frozenset[str], Fit] = {}
         self._settled: dict[frozenset[str], tuple[Setting, dict[str, float]]] = {}
+        self._changes: dict[str, Ends] = {}
         self._levels_with: dict[frozenset[str], Floats] = {}
         self._nameless = -math.inf
         setting = setting_of(
@@ -183,10 +184,15 @@ class DriveBlock:
         return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
-        found = self._fit_all_along(effects)
-        if self._spell is None or not effects & _DRIVES or effects & set(SETUP):
-            return found
-        return self._for_a_while(self._spell, effects, found)
+        drives = effects & _DRIVES
+        if self._spell is None or not drives or effects & set(SETUP):
+            return self._fit_all_along(effects)
+        if len(effects) == 1:
+            return self._for_a_while(self._spell, effects, self._fit_all_along(effects))
+        # Beside others a change is where it is alone.
+        leader = max(drives, key=lambda one: self.fit(frozenset({one})).log_evidence)
+        told = self._changes.get(leader)
+        return self._fit_all_along(effects) if told is None else self._fit_within(told, effects)
 
     @cached_property
     def _spell(self) -> Spell | None:
@@ -202,32 +208,38 @@ class DriveBlock:
         block._spell = None
         return block
 
-    def _for_a_while(self, spell: Spell, effects: frozenset[str], all_along: Fit) -> Fit:
-        """Return the fit of effects that act all along or in a spell, sought about this one."""
+    def _for_a_while(self, spell: Spell, effect: frozenset[str], all_along: Fit) -> Fit:
+        """Return the fit of an effect that acts all along or in a spell, sought about this one."""
         block = self._acting(spell)
-        block.fit(effects)
-        if effects not in block._settled:
+        block.fit(effect)
+        if effect not in block._settled:
             return all_along
-        setting, values = block._settled[effects]
-        told = ends(setting, values, block._levels_with[effects], self._robot, spell)
+        setting, values = block._settled[effect]
+        told = ends(setting, values, block._levels_with[effect], self._robot, spell)
         if not told.told:
             return all_along
-        block = self._acting(told.spell)
-        fit = block.fit(effects)
-        gained = fit.log_evidence + told.log_width
-        gained += prior.log_of_spell(self._data.angle.shape[1], len(told.told))
-        if gained <= all_along.log_evidence:
+        fit = self._fit_within(told, effect)
+        if fit.log_evidence <= all_along.log_evidence:
             return all_along
-        self._levels_with[effects] = block._levels_with[effects]
-        when = {name: end.estimate(self._data) for name, end in told.told.items()}
+        self._changes |= dict.fromkeys(effect, told)
         return replace(
             fit,
-            log_evidence=float(np.logaddexp(gained, all_along.log_evidence)),
+            log_evidence=float(np.logaddexp(fit.log_evidence, all_along.log_evidence)),
             log_likelihood=max(fit.log_likelihood, all_along.log_likelihood),
-            parameters={
-                **fit.parameters,
-                **{f"{one}.{name}": e for one in effects & _DRIVES for name, e in when.items()},
-            },
+        )
+
+    def _fit_within(self, told: Ends, effects: frozenset[str]) -> Fit:
+        """Return the fit of effects that act in a spell."""
+        block = self._acting(told.spell)
+        fit = block.fit(effects)
+        self._levels_with[effects] = block._levels_with.get(effects, self._null.levels)
+        when = {name: end.estimate(self._data) for name, end in told.told.items()}
+        ends_of = {f"{one}.{name}": e for one in effects & _DRIVES for name, e in when.items()}
+        log_spell = prior.log_of_spell(self._data.angle.shape[1], len(told.told))
+        return replace(
+            fit,
+            log_evidence=fit.log_evidence + told.log_width + log_spell,
+            parameters={**fit.parameters, **ends_of},
             windows=(told.window(self._data),),
         )
 

@@ -212,7 +212,7 @@ class Shapes:
         beside = self._rows(always, (gain, gain, 0.0))
         described_s = self._lag_s + always.get("drive_lag", 0.0)
         lags_s = described_s, described_s + values.get("drive_lag", 0.0)
-        rows = for_a_while(beside, within, (first, last), lags_s, self._data.dt_s)
+        rows = for_a_while(beside, within, first, last, lags_s, self._data.dt_s)
         return self._data.blocks(rows)
 
     def _rows(self, values: Mapping[str, float], about: About) -> Floats:

@@ -109,6 +109,7 @@ def ends(
     own = (0, blocks)
     everywhere = np.linspace(0, blocks, _PLACES + 1).astype(np.int64)
     step = int(np.diff(everywhere).max())
+    likely: dict[int, NDArray[np.int64]] = {}
     told: dict[str, End] = {}
     log_width = 0.0
 
@@ -117,30 +118,30 @@ def ends(
             one = (block, spell[1]) if place == 0 else (spell[0], block)
             yield _acting(setting, values, robot, one)
 
-    for is_last in (False, True):
-        for place, name in enumerate(("start_s", "stop_s")):
-            if spell[place] == own[place]:
-                continue
-            at = everywhere[everywhere < spell[1] if place == 0 else everywhere > spell[0]]
-            rough = np.array([_fits(*one) for one in moved(place, at)])
-            likely = at[rough > rough.max() - _AS_LIKELY]
-            first = max(likely.min() - step, 0 if place == 0 else spell[0] + 1)
-            last = min(likely.max() + step, spell[1] - 1 if place == 0 else blocks)
-            apart = max(1, (last - first) // _CLOSE)
-            at = np.arange(first, last + 1, apart)
-            found = np.array([_likelihood(*one, logs) for one in moved(place, at)])
-            best, top = int(at[np.argmax(found)]), float(found.max())
-            if is_last:
-                weights = np.exp(found - top)
-                width = math.log(apart * float(weights.sum()))
-                (at_the_end,) = moved(place, np.array([own[place]]))
-                to_the_end = _likelihood(*at_the_end, logs)
-                if top + width - math.log(blocks) < to_the_end:
-                    best = own[place]
-                else:
-                    log_width += width
-                    told[name] = End(at, weights / weights.sum())
-            spell = (best, spell[1]) if place == 0 else (spell[0], best)
+    within = [place for place in range(2) if spell[place] != own[place]]
+    # Of two ends each is led to by where the other is about.
+    for place in (*within[:-1], *reversed(within)):
+        at = everywhere[everywhere < spell[1] if place == 0 else everywhere > spell[0]]
+        rough = np.array([_fits(*one) for one in moved(place, at)])
+        best = int(at[np.argmax(rough)])
+        spell = (best, spell[1]) if place == 0 else (spell[0], best)
+        likely[place] = at[rough > rough.max() - _AS_LIKELY]
+    for place in within:
+        first = max(likely[place].min() - step, 0 if place == 0 else spell[0] + 1)
+        last = min(likely[place].max() + step, spell[1] - 1 if place == 0 else blocks)
+        apart = max(1, (last - first) // _CLOSE)
+        at = np.arange(first, last + 1, apart)
+        found = np.array([_likelihood(*one, logs) for one in moved(place, at)])
+        best, top = int(at[np.argmax(found)]), float(found.max())
+        weights = np.exp(found - top)
+        width = math.log(apart * float(weights.sum()))
+        (at_the_end,) = moved(place, np.array([own[place]]))
+        if top + width - math.log(blocks) < _likelihood(*at_the_end, logs):
+            best = own[place]
+        else:
+            log_width += width
+            told[("start_s", "stop_s")[place]] = End(at, weights / weights.sum())
+        spell = (best, spell[1]) if place == 0 else (spell[0], best)
     return Ends(spell, log_width, told)
 
 

@@ -92,7 +92,9 @@ def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats
     first, last = rows[0] or 0, rows[1] or within.shape[1]
     lag_s = robot.plant.drive.time_constant_s
     lags_s = lag_s, lag_s + known.get("drive_lag.time_constant", 0.0)
-    return for_a_while(_all_along(data, robot, {}), within, (first, last), lags_s, data.dt_s)
+    described = _all_along(data, robot, {})
+    angles: Floats = for_a_while(described, within, first, last, lags_s, data.dt_s)
+    return angles
 
 
 def _row_at(data: DriveData, known: Mapping[str, float], name: str) -> int | None:

@@ -86,5 +86,5 @@ def test_of_two_drives_that_do_the_same_it_makes_no_difference_when_they_change(
     angles = np.cumsum(np.sin(np.arange(100.0)).reshape(2, 50), axis=1)
     angles -= angles[:, :1]
     ends = first, min(first + rows, 50)
-    changed = for_a_while(angles, angles, ends, (lag_s, lag_s), 0.01)
+    changed = for_a_while(angles, angles, *ends, (lag_s, lag_s), 0.01)
     assert np.allclose(changed, angles, atol=1e-12)
