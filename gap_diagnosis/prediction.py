@@ -163,10 +163,21 @@ class Motion:
             self.wheel_unsure_rad2, self.radius_m / self.wheelbase_m, self.tick_s
         )
 
+    @cached_property
+    def is_bent(self) -> bool:
+        """Headings are bent onto a reference anywhere."""
+        return bool(self.bent.any())
+
+    @cached_property
+    def described_turn_rad(self) -> Floats:
+        """Turn of each tick by the description; as `Prediction.turn_rad` to the last digit."""
+        ways = self.radius_m * self.right_step_rad - self.radius_m * self.left_step_rad
+        return np.asarray(ways / self.wheelbase_m)
+
     def bent_part(self, rates: Floats) -> Floats:
         """Return of rates by the wheels what a reference takes the place of: what lasts."""
         width = self.bent_over_s / self.tick_s
-        return self.bent * _lasting(rates, width) if self.bent.any() else np.zeros_like(rates)
+        return self.bent * _lasting(rates, width) if self.is_bent else np.zeros_like(rates)
 
     @cached_property
     def described(self) -> Motion:
@@ -218,9 +229,6 @@ class Prediction:
         wheelbase_m: effective distance of the wheels.
         lateral_m: step to the left of the body's x axis.
         yaw_rad: turn that no wheel made.
-        turned_rad_s: turn rate by the wheels, as the effects so far have them turn.
-        showed_rad_s: what a reference showed of that change before any effect explained it.
-        gyro_rad_s: rate that the gyro should read.
         reference_forward_m, reference_left_m: tracked point in the body frame.
         reference_heading_rad: added to the reported heading.
         reference_delay_s: reported stamp - true time.
@@ -236,22 +244,46 @@ class Prediction:
     wheelbase_m: Floats = field(init=False)
     lateral_m: Floats = field(init=False)
     yaw_rad: Floats = field(init=False)
-    turned_rad_s: Floats = field(init=False)
-    gyro_rad_s: Floats = field(init=False)
-    showed_rad_s: Floats | float = 0.0
     reference_forward_m: Floats | float = 0.0
     reference_left_m: Floats | float = 0.0
     reference_heading_rad: Floats | float = 0.0
     reference_delay_s: Floats | float = 0.0
     reference_scale: float = 0.0
     encoder_delay_s: Floats | float = 0.0
+    _turned_rad_s: Floats = field(init=False)
+    _gyro_rad_s: Floats = field(init=False)
+    _showed_rad_s: Floats | float = field(init=False, default=0.0)
+    _is_to_turn: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         """Start from the description."""
         self.left_rad = self.motion.left_step_rad + self.motion.left_jump_rad
         self.right_rad = self.motion.right_step_rad + self.motion.right_jump_rad
-        self.turned_rad_s = self.gyro_rad_s = self.motion.turn_rate_rad_s
+        self._turned_rad_s = self._gyro_rad_s = self.motion.turn_rate_rad_s
         self.roll()
+
+    @property
+    def turned_rad_s(self) -> Floats:
+        """Turn rate by the wheels, as the effects so far have them turn."""
+        self._turn_if_due()
+        return self._turned_rad_s
+
+    @property
+    def showed_rad_s(self) -> Floats | float:
+        """What a reference showed of that change before any effect explained it."""
+        self._turn_if_due()
+        return self._showed_rad_s
+
+    @property
+    def gyro_rad_s(self) -> Floats:
+        """Rate that the gyro should read."""
+        self._turn_if_due()
+        return self._gyro_rad_s
+
+    @gyro_rad_s.setter
+    def gyro_rad_s(self, value: Floats) -> None:
+        self._turn_if_due()
+        self._gyro_rad_s = value
 
     def roll(self) -> None:
         """Let the wheels roll as described, by the turns explained so far."""
@@ -271,22 +303,27 @@ class Prediction:
         m = self.motion
         if m.wrap_bits:
             return
-        # In the same order as below: where nothing acts nothing is changed, to the last digit.
-        ways = m.radius_m * m.right_step_rad - m.radius_m * m.left_step_rad
-        described = ways / m.wheelbase_m
         # As smooth from row to row as the turn is: stamps may jitter.
-        tick_s = m.tick_s
-        changed = (self.turn_rad - described) / tick_s
-        if m.bent.any():
-            self.showed_rad_s = m.bent_part(changed)
-            changed = changed - self.showed_rad_s
-        self.gyro_rad_s = self.gyro_rad_s + changed
-        self.turned_rad_s = self.turned_rad_s + changed
+        changed = (self.turn_rad - m.described_turn_rad) / m.tick_s
+        if m.is_bent:
+            self._showed_rad_s = m.bent_part(changed)
+            changed = changed - self._showed_rad_s
+        self._gyro_rad_s = self._gyro_rad_s + changed
+        self._turned_rad_s = self._turned_rad_s + changed
+
+    def turn_at_last(self) -> None:
+        """Do so once anyone asks for it: what is compared with a gyro is what it reads beside."""
+        self._is_to_turn = True
+
+    def _turn_if_due(self) -> None:
+        if self._is_to_turn:
+            self._is_to_turn = False
+            self.turn()
 
     @property
     def gyro_added_rad_s(self) -> Floats:
         """What the gyro reads beside the turn that the wheels make."""
-        return np.asarray(self.gyro_rad_s - self.turned_rad_s)
+        return np.asarray(self._gyro_rad_s - self._turned_rad_s)
 
     @property
     def forward_m(self) -> Floats:

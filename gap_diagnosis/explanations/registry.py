@@ -226,7 +226,8 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     ordered = sorted(
         [*motion.granted, *settings], key=lambda one: (rank_of(one[0]), _declared(one[0]))
     )
-    rolled = False
+    # It rolls as described until the counts are read otherwise.
+    rolled = not any(rank_of(variant) == 0 for variant, _ in ordered)
     before: int | None = None
     for variant, coefficients in ordered:
         rank = rank_of(variant)
@@ -240,7 +241,7 @@ def predict(motion: Motion, settings: Sequence[Setting] = ()) -> Prediction:
     if not rolled:
         prediction.roll()
     if before in _OF_WHEELS:
-        prediction.turn()
+        prediction.turn_at_last()
     return prediction
 
 

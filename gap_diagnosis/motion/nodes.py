@@ -118,10 +118,11 @@ class Nodes:
         """Return the described way, float64[3, s]; where a log begins or ends in motion, the robot
         goes on as it did: one that stood still there would tell a delay by a leap."""
         inside = np.clip(true_t_s, *self.motion.t_s[[0, -1]])
-        way = np.asarray(self._way(inside))
+        way = _along(self._way.c, self._way.x, inside)
         outside = inside != true_t_s
-        ahead_s = (true_t_s - inside)[outside]
-        way[:, outside] += ahead_s * self._way(inside[outside], 1)
+        if outside.any():
+            ahead_s = (true_t_s - inside)[outside]
+            way[:, outside] += ahead_s * self._way(inside[outside], 1)
         return way
 
     @cached_property
@@ -151,7 +152,7 @@ class Nodes:
     @cached_property
     def _way_at_ticks(self) -> Floats:
         """The same at each sample's tick, float64[3, s]."""
-        return np.asarray(self._way(self.motion.t_s[self.sample_tick]))
+        return _along(self._way.c, self._way.x, self.motion.t_s[self.sample_tick])
 
     @cached_property
     def reference_noise(self) -> tuple[float, ...]:
@@ -290,7 +291,8 @@ def steps_of(motion: Motion) -> Steps:
 
 def _deviations(known: Steps, prediction: Prediction) -> tuple[Floats, Floats, Floats]:
     """Return how far a prediction leaves the estimated motion: x, y, heading, float64[n] each."""
-    return _deviation(*known, prediction.forward_m, prediction.lateral_m, prediction.turn_rad)
+    p = prediction
+    return _deviation(*known, p.left_m, p.right_m, p.wheelbase_m, p.lateral_m, p.yaw_rad)
 
 
 def _described(motion: Motion, step_s: float) -> Floats:
@@ -365,6 +367,28 @@ def _at(value: Floats | float, tick: Ints) -> Floats | float:
 
 
 @numba.njit(cache=True, nogil=True)
+def _along(coefficients: Floats, knots: Floats, t_s: Floats) -> Floats:
+    """Return a cubic spline of coefficients float64[4, k - 1, c] between knots float64[k] at times
+    that hardly ever go back: float64[c, s], as SciPy's `PPoly` to the last digit."""
+    channels = coefficients.shape[2]
+    places = np.empty((channels, len(t_s)))
+    piece = 0
+    for k in range(len(t_s)):
+        while piece > 0 and t_s[k] < knots[piece]:
+            piece -= 1
+        while piece < len(knots) - 2 and t_s[k] >= knots[piece + 1]:
+            piece += 1
+        since_s = t_s[k] - knots[piece]
+        for channel in range(channels):
+            place, power = 0.0, 1.0
+            for term in range(3, -1, -1):
+                place += coefficients[term, piece, channel] * power
+                power *= since_s
+            places[channel, k] = place
+    return places
+
+
+@numba.njit(cache=True, nogil=True)
 def _means(values: Floats, starts: Ints) -> Floats:
     """Return the means of values from each start to the next one."""
     means = np.empty(len(starts))
@@ -399,17 +423,19 @@ def _deviation(
     known_forward: Floats,
     known_lateral: Floats,
     known_turn: Floats,
-    forward: Floats,
+    left: Floats,
+    right: Floats,
+    wheelbase: Floats,
     lateral: Floats,
-    turn: Floats,
+    yaw: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """Add up what predicted steps differ from the estimated motion by, to first order."""
     count = len(step_x)
     x, y, angle = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(1, count):
-        d_forward = forward[k] - known_forward[k]
+        d_forward = 0.5 * (left[k] + right[k]) - known_forward[k]
         d_lateral = lateral[k] - known_lateral[k]
-        d_turn = turn[k] - known_turn[k]
+        d_turn = (right[k] - left[k]) / wheelbase[k] + yaw[k] - known_turn[k]
         d_middle = angle[k - 1] + 0.5 * d_turn
         x[k] = x[k - 1] + cosine[k] * d_forward - sine[k] * d_lateral - step_y[k] * d_middle
         y[k] = y[k - 1] + sine[k] * d_forward + cosine[k] * d_lateral + step_x[k] * d_middle

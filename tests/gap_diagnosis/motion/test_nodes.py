@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from motion_cases import EXACT, ROBOT, WIRE, Floats, nodes_of, without_noise
+from scipy.interpolate import CubicSpline
 
 from gap_diagnosis.explanations.registry import EXPLAINED, predict
 from gap_diagnosis.motion import nodes as nodes_module
-from gap_diagnosis.motion.nodes import residuals, steps_of
+from gap_diagnosis.motion.nodes import _along, residuals, steps_of
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.synthetic import synthetic_recording
 from hil_harness.scenarios import scenario
@@ -198,3 +199,10 @@ def test_a_log_that_begins_in_motion_begins_with_no_stop():
     motion = nodes_of(synthetic_recording(ROBOT, WIRE, scenario("lesson"), (), 1)).sharp
     usual = motion.left_step_rad[20:60].mean()
     assert motion.left_step_rad[1:20] == pytest.approx(usual, rel=0.15)
+
+
+def test_the_way_at_stamps_that_jitter_is_the_splines_to_the_last_digit() -> None:
+    spline = CubicSpline(np.arange(50.0), np.random.default_rng(3).normal(size=(3, 50)), axis=1)
+    t_s = np.linspace(0.0, 49.0, 400) + np.random.default_rng(4).normal(0.0, 0.5, 400)
+    t_s = np.clip(t_s, 0.0, 49.0)
+    assert np.array_equal(_along(spline.c, spline.x, t_s), spline(t_s))
