@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosed import WIRE
+from full_size import at_full_size
 
 from gap_diagnosis.drive.block import drive_block
 from gap_diagnosis.explanations.standstill import dead_ticks
@@ -50,7 +51,7 @@ def calibration_drive(robot: Robot, seed: int, *effects: EffectSetting) -> Recor
     )
 
 
-@pytest.mark.parametrize("seed", [715, 716, 717])
+@pytest.mark.parametrize("seed", [715, *at_full_size(716, 717)])
 def test_the_rounding_of_twenty_counts_a_turn_is_no_drive_without_a_name(
     tmp_path: Path, seed: int
 ) -> None:

@@ -48,11 +48,10 @@ def wrong(recording: Recording, signal: str, factor: float) -> Recording:
     ("signal", "factor"),
     [
         ("reference_position", 1000.0),
-        ("reference_position", 0.5),
         ("reference_heading", 180 / math.pi),
-        ("reference_heading", math.pi / 180),
         ("reference_heading", -1.0),
         ("reference", -1.0),
+        *at_full_size(("reference_position", 0.5), ("reference_heading", math.pi / 180)),
     ],
 )
 def test_a_wrong_signal_of_the_reference_is_found_and_put_right(signal: str, factor: float) -> None:
@@ -100,7 +99,7 @@ def healthy(name: str) -> tuple[Recording, Reference, Floats]:
     return recording, reference, reference.heading_rad
 
 
-@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+@pytest.mark.parametrize("quarters", [0, 1, *at_full_size(2, 3)])
 @pytest.mark.parametrize("name", ["random", *at_full_size("square", "figure8")])
 def test_a_clockwise_heading_is_turned_into_the_frame_of_its_positions(
     name: str, quarters: int
@@ -209,9 +208,8 @@ def mirrored(recording: Recording) -> Recording:
     ("name", "noise_m", "rate_hz"),
     [
         ("random", 0.0005, 100.0),
-        ("random", 0.02, 10.0),
-        ("random", 0.02, 1.0),
         ("square", 0.005, 10.0),
+        *at_full_size(("random", 0.02, 10.0), ("random", 0.02, 1.0)),
     ],
 )
 def test_mirrored_positions_are_told_without_any_heading(

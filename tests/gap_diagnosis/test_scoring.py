@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.scoring import LevelPrior, _step, _Steps, best_levels
 from gap_diagnosis.slopes import Weighed
@@ -37,8 +38,10 @@ def height(weigh: Weigh, levels: np.ndarray) -> float:
     return weigh(levels).log_evidence + PRIOR.log_density(np.log(levels))
 
 
-@pytest.mark.parametrize("start", [(0.94, 4.85), (0.94, 0.06), (1e-3, 5.0), (0.03, 0.3)])
-@pytest.mark.parametrize("memory_s", [0.2, 2.0, 5.0])
+@pytest.mark.parametrize(
+    "start", [(0.94, 4.85), (1e-3, 5.0), *at_full_size(((0.94, 0.06),), ((0.03, 0.3),))]
+)
+@pytest.mark.parametrize("memory_s", [0.2, 5.0, *at_full_size(2.0)])
 def test_two_levels_that_nearly_take_each_others_place_are_found_from_anywhere(
     start: tuple[float, float], memory_s: float
 ) -> None:

@@ -19,6 +19,7 @@ from foreign_drives import (
     disturbed,
     table_with_lost_rows,
 )
+from full_size import at_full_size
 
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.drive.limits import limits_of_bounds
@@ -30,7 +31,7 @@ from gap_diagnosis.trials.drives import drive as trial_drive
 from hil_harness.effects import EffectSetting
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])
 def test_a_drive_as_described_speaks_for_no_effect(seed: int) -> None:
     block = block_of(simulated(seed=seed))
     assert max(evidence(block, one) for one in block.effects) < 0.5
@@ -275,7 +276,7 @@ def test_swapped_wheels_and_dead_encoders_are_no_drive_effect() -> None:
 
 @pytest.mark.parametrize(
     ("signal", "factor"),
-    [("command_turn", 2.0), ("command_speed", 1000.0), ("command_turn", 57.29578)],
+    [("command_turn", 2.0), ("command_speed", 1000.0), *at_full_size(("command_turn", 57.29578))],
 )
 def test_a_command_in_the_wrong_unit_is_no_drive_effect(signal: str, factor: float) -> None:
     plain = simulated(seed=4, duration_s=40.0)

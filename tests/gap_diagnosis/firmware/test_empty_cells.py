@@ -44,7 +44,7 @@ def evidences(block: FirmwareBlock) -> dict[str, float]:
     return {one: block.fit(frozenset({one})).log_evidence for one in block.effects}
 
 
-@pytest.mark.parametrize("share", [0.005, 0.05])
+@pytest.mark.parametrize("share", [0.005, *at_full_size(0.05)])
 @pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])
 def test_a_healthy_robot_has_no_gap(seed: int, share: float) -> None:
     """Five of these six had a moving calibration, an auto zero or a coarse table (0.46 to 0.97)."""
@@ -74,9 +74,11 @@ def synthetic_table() -> Recording:
     ("effect", "changes"),
     [
         ("coarse_trig_table", {"trig_entries": 64, "trig_interpolated": 0}),
-        ("euler_integration", {"euler": "after"}),
-        ("firmware_resolution", {"resolution_variable": "step", "resolution_bits": 8}),
         ("stale_heading", {"stale_heading_cycles": 3}),
+        *at_full_size(
+            ("euler_integration", {"euler": "after"}),
+            ("firmware_resolution", {"resolution_variable": "step", "resolution_bits": 8}),
+        ),
     ],
 )
 def test_another_program_is_found_in_that_part(effect: str, changes: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from scipy.stats import beta
 from simulated import (
     float_pose,
@@ -117,7 +118,7 @@ def test_a_wrong_constant_is_found_within_its_interval(
     assert abs(float(estimate.value) - scale) < 5 * estimate.sd + 1e-12
 
 
-@pytest.mark.parametrize("bits", [31, 32])
+@pytest.mark.parametrize("bits", [31, *at_full_size(32)])
 def test_a_wrong_constant_is_found_where_the_position_runs_over(bits: int) -> None:
     """Places leap by as much as the word holds; a constant sought in them alone was another, and
     3.4 m of the gap stayed (case 2727 of the sealed trial)."""
@@ -179,7 +180,9 @@ def test_a_constant_is_known_to_the_values_that_give_the_same_bits_and_no_finer(
     assert 23 <= np.count_nonzero(inside) <= 39
 
 
-@pytest.mark.parametrize(("mode", "start_s"), [("gyro", 3.0), ("gyro", 8.0), ("blend", 3.0)])
+@pytest.mark.parametrize(
+    ("mode", "start_s"), [("gyro", 3.0), *at_full_size(("gyro", 8.0), ("blend", 3.0))]
+)
 def test_a_calibration_in_motion_is_found_with_its_window(mode: str, start_s: float) -> None:
     """How much of the gyro's drift a heading shows is the program's: a blend takes its share."""
     runs, one = plant_runs(TICKS), with_mode(mode)
@@ -230,9 +233,11 @@ def test_how_often_a_tick_is_missed_is_as_unsure_beside_another_effect_as_alone(
             {"constant": "wheel_radius", "constant_scale": 0.01, "euler": "after"},
             ("firmware_constant", "euler_integration"),
         ),
-        (
-            {"trig_entries": 64, "trig_interpolated": 0, "euler": "after"},
-            ("coarse_trig_table", "euler_integration"),
+        *at_full_size(
+            (
+                {"trig_entries": 64, "trig_interpolated": 0, "euler": "after"},
+                ("coarse_trig_table", "euler_integration"),
+            )
         ),
     ],
     ids=str,
@@ -250,7 +255,7 @@ def test_two_effects_are_found_together(changes: dict[str, Any], pair: tuple[str
     assert together > max(rivals) + CERTAIN_NATS
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("bits", [8, *at_full_size(10, 12)])
 def test_an_effect_that_another_hides_is_found_beside_it(bits: int) -> None:
     """Of a long log only programs are looked at that fit its beginning: alone, turns of so few bits
     fitted it worse than words that nobody had, and both together were an unlisted cause (0.95)."""

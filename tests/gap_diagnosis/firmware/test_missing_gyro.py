@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from simulated import kernel_pose, plant_runs, recording_of, robot, wire
 
 from firmware_model import STALE, run_batch
@@ -23,8 +24,10 @@ def blind(log: Recording) -> Recording:
     return replace(log, gyro_code=None, gyro_rate_rad_s=None)
 
 
-@pytest.mark.parametrize("has_reference", [True, False])
-@pytest.mark.parametrize("has_frames", [True, False])
+@pytest.mark.parametrize(
+    ("has_frames", "has_reference"),
+    [(True, False), (False, True), *at_full_size((True, True), (False, False))],
+)
 def test_a_healthy_robot_whose_gyro_nobody_recorded_has_no_gap(
     has_frames: bool, has_reference: bool
 ) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, SLIP_AND_BASE, calibration_drive
 
 from gap_diagnosis.motion.accounts import Accounts, Found
@@ -37,7 +38,7 @@ def dispersion_of(log: Recording, *effects: str) -> float:
     return dispersion(model, terms, fit.coefficients, fit.levels)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2)])
 def test_a_drive_that_is_explained_scatters_as_its_noise_does(seed: int) -> None:
     assert (
         dispersion_of(calibration_drive(seed, *SLIP_AND_BASE), "lateral_slip", "wheelbase_scale")

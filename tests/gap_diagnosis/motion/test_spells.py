@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, model_of, moved_only, some_of
 
 from gap_diagnosis.analysis import _for_a_while as for_a_while
@@ -103,7 +104,7 @@ def test_a_strong_one_is_weighed_in_the_window_in_which_it_acts() -> None:
 
 @pytest.mark.parametrize(
     ("start_s", "stop_s", "ratio"),
-    [(21.8, 28.5, 0.04), (21.8, 28.5, 0.004), (30.0, 44.0, 0.002)],
+    [(21.8, 28.5, 0.04), *at_full_size((21.8, 28.5, 0.004), (30.0, 44.0, 0.002))],
     ids=["sharp", "broad", "broader"],
 )
 def test_a_finer_grid_about_the_likeliest_window_is_worth_a_finer_grid_everywhere(

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from car_cases import read_car
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
@@ -98,7 +99,7 @@ def test_a_car_on_a_straight_road_has_no_wheelbase_to_be_told(tmp_path: Path, se
     assert gained_by_wheelbase(recording, robot) < BORNE_OUT + OWN_LEVELS
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])
 def test_a_gyro_in_coarse_steps_bears_out_no_wheels_that_turn_as_it_does(
     tmp_path: Path, seed: int
 ) -> None:
@@ -124,8 +125,8 @@ def test_without_a_gyro_headings_bear_out_no_wheels_that_turn_as_they_do() -> No
 
 
 @pytest.mark.parametrize("has_heading", [True, False])
-@pytest.mark.parametrize("gyro_scale", [0.0, 0.08])
-@pytest.mark.parametrize("scale", [-0.2, 0.15, 0.3])
+@pytest.mark.parametrize("gyro_scale", [0.08, *at_full_size(0.0)])
+@pytest.mark.parametrize("scale", [-0.2, 0.3, *at_full_size(0.15)])
 def test_wheels_that_stand_far_apart_beside_a_reference_are_told_to(
     scale: float, gyro_scale: float, *, has_heading: bool
 ) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, model_of, nodes_of
 
 from gap_diagnosis.motion.bases import basis, turns
@@ -47,7 +48,7 @@ def test_a_caster_that_turns_over_is_a_function_of_the_way_after_a_reversal() ->
 
 
 @pytest.mark.parametrize(
-    ("side", "width_rad"), [("left", 0.014), ("right", 0.014), ("left", 0.005)]
+    ("side", "width_rad"), [("left", 0.005), *at_full_size(("left", 0.014), ("right", 0.014))]
 )
 def test_play_without_its_name_is_a_function_of_the_way_after_a_wheels_reversal(
     side: str, width_rad: float
@@ -178,8 +179,8 @@ def test_a_gyro_that_lags_depends_on_how_fast_the_turning_changes() -> None:
     ("effect", "coefficient", "size", "variables"),
     [
         ("lateral_slip", "compliance", 0.01, {"lateral_acceleration"}),
-        ("turn_scrub", "scrub", 0.02, {"turn_rate"}),
         ("wheelbase_scale", "scale", 0.01, {"direction", "speed", "time", "distance"}),
+        *at_full_size(("turn_scrub", "scrub", 0.02, {"turn_rate"})),
     ],
 )
 def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_had(
@@ -220,9 +221,11 @@ def test_a_reference_without_the_name_of_its_fault_is_told_by_what_it_depends_on
     ("effect", "values", "variable"),
     [
         ("gyro_nonlinearity", (("quadratic", -0.02), ("cubic", 0.02)), "turn_rate"),
-        ("gyro_g_sensitivity", (("x", 0.002), ("y", -0.002)), "lateral_acceleration"),
         ("extra_ticks", (("side", "right"), ("rate", 4.0)), "time"),
-        ("cross_slope_drift", (("ratio", 0.01), ("direction", 0.5)), "heading"),
+        *at_full_size(
+            ("gyro_g_sensitivity", (("x", 0.002), ("y", -0.002)), "lateral_acceleration"),
+            ("cross_slope_drift", (("ratio", 0.01), ("direction", 0.5)), "heading"),
+        ),
     ],
 )
 def test_a_cause_with_a_way_of_its_own_loses_little_for_want_of_its_name(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 from motion_cases import model_of
 from scipy.ndimage import uniform_filter1d
 from wandering import wandering_by
@@ -245,7 +246,7 @@ def test_columns_of_unlisted_causes_are_laid_out_once_for_all_levels(
 
 @pytest.mark.parametrize(
     ("changed", "searches"),
-    [((), 1), ((0,), 2), ((6,), 2), ((7, 8), 2)],
+    [((), 1), ((0,), 2), *at_full_size(((6,), 2), ((7, 8), 2))],
     ids=["quiet", "rough floor", "moving reference", "slowly turning reference"],
 )
 def test_levels_are_sought_anew_only_where_some_noise_is_louder_than_described(
@@ -300,7 +301,7 @@ LATE = (
 """What a late reference may pass for."""
 
 
-@pytest.mark.parametrize("offset_s", [-0.008, -0.011])
+@pytest.mark.parametrize("offset_s", [-0.011, *at_full_size(-0.008)])
 def test_what_no_gap_takes_beyond_tolerance_is_fitted_whatever_a_straight_line_says(
     offset_s: float,
 ) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.priors import default_prior
@@ -168,7 +169,11 @@ def test_of_an_effect_without_a_name_it_is_measured_how_clear_it_is(
 
 @pytest.mark.parametrize(
     "effect",
-    ["extra_ticks", "gyro_temperature_scale", "missed_ticks", "supply_ratio", "wheelbase_scale"],
+    [
+        "gyro_temperature_scale",
+        "missed_ticks",
+        *at_full_size("extra_ticks", "supply_ratio", "wheelbase_scale"),
+    ],
 )
 def test_a_size_is_so_often_its_limit_as_it_is_said_to_be(effect: str, tmp_path: Path) -> None:
     """Beside a gyro that never warms up nothing shows what warmth does: eight times the tolerance
