@@ -29,6 +29,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from firmware_model.integers import FLOOR, HALF_EVEN, HALF_UP, TOWARD_ZERO
@@ -151,3 +152,9 @@ class Play:
         """Return what is left of so many units after the way that they take at least."""
         way = self._counts(units) - self.jitter
         return units - self._cost(way, price)
+
+
+@lru_cache(maxsize=256)
+def priced(play: Play) -> tuple[tuple[Fraction, Fraction], ...]:
+    """Return each price with what a run can have at it [units], however long a drive is."""
+    return tuple((price, play.each(price)) for price in play.prices())

@@ -39,7 +39,7 @@ from firmware_model.config import MODE_WHEEL, TRIG_CORDIC, KernelConfig
 from firmware_model.errors import FirmwareError
 from firmware_model.integers import FLOOR, TOWARD_ZERO
 from firmware_model.pace import Pace
-from firmware_model.play import Play
+from firmware_model.play import Play, priced
 from firmware_model.tables import CORDIC_ANGLE_BITS, CORDIC_GUARD_BITS
 
 _WIDEST: Final = 64
@@ -211,8 +211,8 @@ def _summed(config: KernelConfig, asked: Demand, unit: Fraction, cuts: int) -> F
     pace, trembling = _pace(config, asked, unit), asked.jitter * _count_steps(config)
     sums = []
     for play in Play.of(config, asked.jitter):
-        for price in play.prices():
-            each = play.each(price) * one
+        for price, units in priced(play):
+            each = units * one
             both = price * way * unit + change / 2 * each
             if pace is not None and not play.is_one_way:
                 paced = Fraction(pace.bound(float(way * one), asked.ticks, float(each)))
