@@ -7,7 +7,7 @@ less than a unit: bounds here follow each rounding exactly, so that coarse forma
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Final
@@ -176,7 +176,7 @@ def position_reach(config: KernelConfig, envelope: Envelope) -> Reach:
     ticks, per_count = envelope.mission_ticks, _per_count(config)
     mission = demand(config, envelope)
     counts = min(mission.counted, Fraction(2 * envelope.wheel_ticks(1) * ticks))
-    kinds = _kinds(config, envelope)
+    kinds = _kinds(config, replace(envelope, mission_ticks=0, way_ticks=0))
     every_kind = (*kinds, *_seldom(config, envelope, len(kinds) + 1))
     moved = np.array([float(one.moved) for one in every_kind])
     asked = np.array([float(one.counts) for one in every_kind])
@@ -239,19 +239,21 @@ def _per_count(config: KernelConfig) -> Fraction:
     return Fraction(product, 1 << (config.step_shift + config.position_shift))
 
 
-def _kinds(config: KernelConfig, envelope: Envelope) -> list[Frame]:
-    """Return the frames of 1, 2, … counts, each after as few ticks as it takes."""
+@lru_cache(maxsize=4)
+def _kinds(config: KernelConfig, envelope: Envelope) -> tuple[Frame, ...]:
+    """Return the frames of 1, 2, … counts, each after as few ticks as it takes: the same in every
+    mission."""
     direction = largest_direction(config)
     most = min(2 * envelope.wheel_ticks(envelope.gap_ticks), _ENUMERATED_COUNTS)
     fits = _every_step_fits(config, envelope)
-    return [
+    return tuple(
         Frame(
             every=_least_ticks(envelope, counts),
             counts=counts,
             moved=_moved(config, _longest_step(config, counts, fits), direction),
         )
         for counts in range(1, most + 1)
-    ]
+    )
 
 
 def _seldom(config: KernelConfig, envelope: Envelope, counts: int) -> list[Frame]:
