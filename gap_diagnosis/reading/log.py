@@ -53,7 +53,8 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     tick = log.rows.tick - log.rows.tick[0]
     unsure = None
     if _is_speed(log.wire.signal_map["left_count"]):
-        left, right = _speed(log, "left_count"), _speed(log, "right_count")
+        left = _speed(log, "left_count", "right_count")
+        right = _speed(log, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
@@ -109,11 +110,15 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
     )
 
 
-def _speed(log: LogByTicks, role: Role) -> AddedUp:
-    mapped, raw = _readings(log, role)
-    speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
+def _speed(log: LogByTicks, role: Role, other: Role) -> AddedUp:
+    scale = ticks_per_unit(log.wire.signal_map[role].quantity, log.plant)
     ecu_s = np.asarray(log.rows.tick * log.period_s, dtype=np.float64)
-    return integrated_speed(speed, ecu_s, scale=ticks_per_unit(mapped.quantity, log.plant))
+    return integrated_speed(_told(log, role), ecu_s, scale=scale, other=_told(log, other))
+
+
+def _told(log: LogByTicks, role: Role) -> Floats:
+    mapped, raw = _readings(log, role)
+    return raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
 
 
 def _readings(log: LogByTicks, role: Role) -> tuple[MappedSignal, Floats]:

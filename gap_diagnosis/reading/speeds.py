@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.lattice import step_of_values
+
 Floats = NDArray[np.float64]
 
 _BENT_ROWS: Final = 2.0
@@ -23,6 +25,10 @@ _SPREAD: Final = 2.5
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
+_SETTLES_S: Final = 0.7
+"""The slowest loop of a wheel that many tune: a judgement;"""
+_SETTLED: Final = 4.0
+"""after so many times that it stands."""
 _EVEN_S: Final = 0.7
 """A small robot seldom goes as fast for longer."""
 _FEWEST_ROWS: Final = 16
@@ -55,8 +61,13 @@ class AddedUp:
     is_counted: bool = False
 
 
-def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
+def integrated_speed(
+    speed: Floats, time_s: Floats, *, scale: float, other: Floats | None = None
+) -> AddedUp:
     """Return the running count that wheel speeds, float64[n], add up to (a gap is bridged).
+
+    While the *other* wheel turns, this one may turn by less than a step of its signal and say 0;
+    where that says 0 as well the robot stands.
 
     Trapezoids. What they do not know: where a speed bends within a row (nothing says whether it is
     of the moment), what a step of the signal rounds off for as long as it says the same, how far a
@@ -76,7 +87,9 @@ def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
     crept = _crept(told, t_s)
     every = told + crept
     noise2 = np.where(told != 0.0, _noise2(told, float(np.median(apart_s[1:]))), 0.0)
-    variance = (_bends2(every) + np.maximum(_rounded2(told), noise2)) * apart_s**2
+    is_led = told != 0.0 if other is None else (told != 0.0) | (np.nan_to_num(other[valid]) != 0.0)
+    rounded2 = np.where(is_led, _rounded2(told, is_led), _unsettled2(is_led, told, t_s))
+    variance = (_bends2(every) + np.maximum(rounded2, noise2)) * apart_s**2
     # What crept in one go is off together.
     for first, stop in _runs(crept != 0.0):
         way = float(np.sum((crept * apart_s)[first:stop]))
@@ -201,8 +214,9 @@ def _noise2(speed: Floats, row_s: float) -> float:
     return max(float(np.mean(found) if is_seldom else np.median(found)), 0.0)
 
 
-def _rounded2(told: Floats) -> Floats:
-    """Return the variance of a row's speed by the signal's step, float64[n]; none at rest.
+def _rounded2(told: Floats, is_led: NDArray[np.bool_]) -> Floats:
+    """Return the variance of a row's speed by the signal's step, float64[n], where the robot *is
+    led* anywhere.
 
     While a wheel turns as fast, to a step of its signal, it is off by the same: of so many rows
     each takes its share. That a value between two steps is told now as the one and now as the
@@ -213,7 +227,7 @@ def _rounded2(told: Floats) -> Floats:
     if len(moving) == 0:
         return np.zeros(len(told))
     step = float(np.quantile(moving, 0.01))
-    same = np.cumsum(np.concatenate(([True], changes > 0.0))) - 1
+    same = np.cumsum(np.concatenate(([True], (changes > 0.0) | np.diff(is_led)))) - 1
     lengths = np.bincount(same)[same]
     smooth = gaussian_filter1d(told, _STEADY_ROWS, mode="nearest")
     first = 0
@@ -223,7 +237,20 @@ def _rounded2(told: Floats) -> Floats:
         if np.ptp(told[first:stop]) < _SPREAD * step:
             lengths[first:stop] = np.maximum(lengths[first:stop], stop - first)
         first = stop
-    return np.asarray(np.where(told != 0.0, lengths * step**2 / 12.0, 0.0))
+    return np.asarray(lengths * step**2 / 12.0)
+
+
+def _unsettled2(is_led: NDArray[np.bool_], told: Floats, t_s: Floats) -> Floats:
+    """Return the variance of a row's speed, float64[n], after the robot came to rest.
+
+    A loop with an integral lets it creep to its place, by less than half a step of its signal and
+    ever less, all in one direction: a row takes its share of as many as that lasts.
+    """
+    led_s = np.maximum.accumulate(np.where(is_led, t_s, -np.inf))
+    since_s = t_s - led_s
+    most = np.where(since_s < _SETTLED * _SETTLES_S, np.exp(-since_s / _SETTLES_S), 0.0)
+    lasts_rows = _SETTLES_S / float(np.median(np.diff(t_s)))
+    return np.asarray((0.5 * step_of_values(told) * most) ** 2 * lasts_rows)
 
 
 def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -160,7 +160,8 @@ def read_table_recording(
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
     t_s, unsure, late_s = table.t_s, None, 0.0
     if _is_speed(table):
-        left, right = _speed(table, "left_count"), _speed(table, "right_count")
+        left = _speed(table, "left_count", "right_count")
+        right = _speed(table, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
@@ -216,10 +217,10 @@ def _wheel(table: _Table, role: Role) -> Floats:
     )
 
 
-def _speed(table: _Table, role: Role) -> AddedUp:
+def _speed(table: _Table, role: Role, other: Role) -> AddedUp:
     mapped = table.map.columns[role]
     scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
-    return integrated_speed(table.last(role), table.t_s, scale=scale)
+    return integrated_speed(table.last(role), table.t_s, scale=scale, other=table.last(other))
 
 
 def _is_speed(table: _Table) -> bool:
