@@ -292,4 +292,5 @@ def _reference(log: LogByTicks) -> Reference | None:
         (value(y), y.quantity),
         None if heading is None else unwrapped(value(heading)),
         str(log.path),
+        is_turned_round=heading is not None and heading.si_factor < 0,
     )

@@ -300,5 +300,12 @@ def _reference(table: _Table, t_s: Floats) -> Reference | None:
         return None
     heading = _quantity(table, "reference_heading")
     of_x, of_y = (table.map.columns[role].quantity for role in ("reference_x", "reference_y"))
-    heading = None if heading is None else unwrapped(heading)
-    return reference_of(t_s, (x, of_x), (y, of_y), heading, str(table.path))
+    mapped = table.map.get("reference_heading")
+    return reference_of(
+        t_s,
+        (x, of_x),
+        (y, of_y),
+        None if heading is None else unwrapped(heading),
+        str(table.path),
+        is_turned_round=mapped is not None and mapped.si_factor < 0,
+    )
