@@ -51,13 +51,14 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     """
     log = LogByTicks(path, robot, wire)
     tick = log.rows.tick - log.rows.tick[0]
-    unsure = None
+    unsure = half_row = None
     if _is_speed(log.wire.signal_map["left_count"]):
         left = _speed(log, "left_count", "right_count")
         right = _speed(log, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+            half_row = np.stack([left.half_row_ticks, right.half_row_ticks])
     else:
         left_ticks, right_ticks = _wheel(log, "left_count"), _wheel(log, "right_count")
     gyro = _gyro_beside(log, right_ticks - left_ticks)
@@ -86,6 +87,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
         speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
+        half_row_ticks=half_row,
         notes=(
             *faulty_messages(log.wire.database),
             *_boundless(log),

@@ -53,11 +53,13 @@ class AddedUp:
     Attributes:
         ticks: float64[n], running count; NaN where there is no speed.
         unsure_ticks2: float64[n], variance of the step that ends at each row.
+        half_row_ticks: float64[n], what half a row more at each row's speed adds to the count.
         is_counted: the speeds are differences of counts, which `ticks` then are.
     """
 
     ticks: Floats
     unsure_ticks2: Floats
+    half_row_ticks: Floats
     is_counted: bool = False
 
 
@@ -74,16 +76,16 @@ def integrated_speed(
     wheel crept that is too slow for its sensor, and what the noise of speeds adds up to.
     """
     valid = np.flatnonzero(np.isfinite(speed))
-    ticks, unsure = np.full(len(speed), np.nan), np.zeros(len(speed))
+    ticks, unsure, half = np.full(len(speed), np.nan), np.zeros(len(speed)), np.zeros(len(speed))
     if len(valid) < 3:
         ticks[valid] = 0.0
-        return AddedUp(ticks, unsure)
+        return AddedUp(ticks, unsure, half)
     told, t_s = speed[valid], time_s[valid]
     apart_s = np.diff(t_s, prepend=t_s[0])
     counted = _counts(told * scale, apart_s)
     if counted is not None:
         ticks[valid] = counted
-        return AddedUp(ticks, unsure, is_counted=True)
+        return AddedUp(ticks, unsure, half, is_counted=True)
     crept = _crept(told, t_s)
     every = told + crept
     noise2 = np.where(told != 0.0, _noise2(told, float(np.median(apart_s[1:]))), 0.0)
@@ -97,7 +99,8 @@ def integrated_speed(
     steps = 0.5 * (every + np.append(every[0], every[:-1])) * apart_s
     ticks[valid] = np.cumsum(steps) * scale
     unsure[valid] = variance * scale**2
-    return AddedUp(ticks, unsure)
+    half[valid] = 0.5 * every * apart_s * scale
+    return AddedUp(ticks, unsure, half)
 
 
 def _counts(ticks_per_s: Floats, apart_s: Floats) -> Floats | None:

@@ -158,13 +158,14 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
-    t_s, unsure, late_s = table.t_s, None, 0.0
+    t_s, unsure, half_row, late_s = table.t_s, None, None, 0.0
     if _is_speed(table):
         left = _speed(table, "left_count", "right_count")
         right = _speed(table, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+            half_row = np.stack([left.half_row_ticks, right.half_row_ticks])
     else:
         left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
         if table.map.get("ecu_time") is None:
@@ -197,6 +198,7 @@ def read_table_recording(
         else (lattice_step(left_ticks), lattice_step(right_ticks)),
         speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
         unsure_ticks2=unsure,
+        half_row_ticks=half_row,
         stamps_late_s=late_s,
         notes=table.missing(),
     )
