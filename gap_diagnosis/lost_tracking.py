@@ -31,6 +31,9 @@ _AT_REST: Final = 0.5
 robot whose wheels spin."""
 _HOLE_S: Final = 0.9
 """Every motion capture blinks: no samples for about a second, while the robot drives on,"""
+_FILLED_S: Final = 1.0
+"""What writes a reference on the log's rows holds its pose for so long before the first and after
+the last one that was measured: there it only ends."""
 _HOLE_STEPS: Final = 10.0
 """and for so many of the usual steps, is a loss."""
 _AROUND: Final = 5
@@ -68,7 +71,7 @@ class Lost:
     Attributes:
         frozen: samples left out.
         leaps: put back.
-        stopped: windows of the frozen samples.
+        stopped: windows of the frozen samples, but for what was filled up at the ends.
         holes: windows without samples.
     """
 
@@ -110,7 +113,11 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     lost = Lost(
         int(frozen.sum()),
         tuple(leaps),
-        tuple((float(t_s[first]), float(t_s[stop - 1])) for first, stop in stopped),
+        tuple(
+            (float(t_s[first]), float(t_s[stop - 1]))
+            for first, stop in stopped
+            if not _is_filled(t_s, first, stop)
+        ),
         _holes(t_s, rolled_m),
     )
     if not stopped and not leaps:
@@ -118,6 +125,11 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     for leap in leaps:
         kept = _put_back(kept, leap)
     return replace(recording, reference=kept), lost
+
+
+def _is_filled(t_s: Floats, first: int, stop: int) -> bool:
+    is_at_an_end = first == 1 or stop == len(t_s)
+    return is_at_an_end and float(t_s[stop - 1] - t_s[first - 1]) < _FILLED_S
 
 
 def _way_m(reference: Reference, motion: Motion, delay_s: Floats, steps_rad: Floats) -> Floats:

@@ -117,6 +117,8 @@ class Recording:
         unsure_ticks2: float64[2, n], variance of the step of each wheel to each row, where ways
             were added up from speeds; None where counts were recorded, or speeds that are their
             differences.
+        half_row_ticks: float64[2, n], what each wheel's count has more where its speeds are means
+            since the row before, not of the moment; None where that is no question, or answered.
         stamps_late_s: by how much the stamps of a table's rows were taken to be late on average,
             because they jitter: so much it may be off itself.
         notes: what was read otherwise than it may be meant, each a sentence.
@@ -150,6 +152,7 @@ class Recording:
     clock_skew_sd: float = float("nan")
     speed_cycle_s: float = 0.0
     unsure_ticks2: Floats | None = None
+    half_row_ticks: Floats | None = None
     stamps_late_s: float = 0.0
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()

@@ -92,8 +92,8 @@ def standstills(motion: Motion, *, is_loose: bool = False) -> list[Standstill]:
 
     Only while the other side's counts, and where the gyro says that its wheel turned meanwhile, by
     a fifth of what the other one did: a robot that turns about a wheel was not dead, unless its
-    plug *is_loose*, for then less will do. Where only the counts tell, one that stands to the log's
-    end will do.
+    plug *is_loose*, for then less will do; and by more than a signal hides that says 0 below its
+    least speed. Where only the counts tell, one that stands to the log's end will do.
     """
     steps = {"left": motion.left_step_rad, "right": motion.right_step_rad}
     tick_s = motion.tick_s
@@ -110,7 +110,8 @@ def standstills(motion: Motion, *, is_loose: bool = False) -> list[Standstill]:
             rolled_rad = np.abs(other[inside]).sum()
             unseen_rad = np.cumsum(other[inside] + sign * turned_rad[inside])
             missed_rad = float(np.ptp(unseen_rad))
-            told = missed_rad > share * rolled_rad
+            hidden_rad = _least_told_rad(step, motion) * (last + 1 - first)
+            told = missed_rad > max(share * rolled_rad, hidden_rad)
             if motion.gyro_turn_rad is None:
                 told = last == len(step) - 1
             if rolled_rad > _DEAD_TICKS * motion.rad_per_count and told:
@@ -125,6 +126,16 @@ def standstills(motion: Motion, *, is_loose: bool = False) -> list[Standstill]:
                 by = first + int(np.argmax(gone))
                 found.append(Standstill(side, first, last, missed_rad, by))
     return found
+
+
+def _least_told_rad(step: Floats, motion: Motion) -> float:
+    """Return the turn in a row below which a wheel's speed may be told as 0; a count misses none.
+
+    Of a row between two speeds one may be 0, not beside a row that turned as well.
+    """
+    turns = step != 0.0
+    told = np.abs(step[1:-1][turns[1:-1] & turns[:-2] & turns[2:]])
+    return float(told.min()) if motion.has_speeds and len(told) else 0.0
 
 
 def dead_ticks(motion: Motion) -> NDArray[np.bool_]:

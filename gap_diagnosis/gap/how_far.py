@@ -37,7 +37,9 @@ METRICS_OF_STAGE: Final[Mapping[str, tuple[str, ...]]] = {
 _MANY_DRAWS: Final = 0.5
 """Of drawn windows so many must have a gap to close for an interval of it: a judgement."""
 _MOVED: Final = 0.5
-"""An effect that moves a path by less of its floor does not act in it, if it acts in another."""
+"""An effect that moves a path by less of its floor does not act in it, if it acts in another;"""
+_OF_THE_GAP: Final = 0.2
+"""nor one that moves it by a smaller part of its gap than of another's times this: a judgement."""
 _CLEAR: Final = 3.0
 """So many floors are no doubt a gap."""
 _RESAMPLES: Final = 2000
@@ -164,9 +166,9 @@ def gap_of(
     """Return the gap in the metric in which *stage* acts; None where none of these was measured.
 
     What the effects hardly move is not theirs (of an odometry by its gyro a wider axle moves
-    nothing), as long as they move another. Of several the first that stands clearly above its
-    floor; without any the one that stands highest, if there is a gap to close (before at least 1.2
-    floor), or else the first.
+    nothing, and wheels that differ by 1 % next to nothing), as long as they move another. Of
+    several the first that stands clearly above its floor; without any the one that stands highest,
+    if there is a gap to close (before at least 1.2 floor), or else the first.
     """
     metrics = metrics_of(compared)
     able = [name for name in METRICS_OF_STAGE.get(stage, tuple(UNITS)) if name in metrics]
@@ -174,6 +176,8 @@ def gap_of(
         return None
     moved = {name: moved_by(compared[name]) for name in able}
     able = [name for name in able if moved[name] >= min(_MOVED, max(moved.values()))]
+    of_gap = {name: moved[name] / max(_above_floor(metrics[name]), 1e-12) for name in able}
+    able = [name for name in able if of_gap[name] >= _OF_THE_GAP * max(of_gap.values())]
     telling = [name for name in able if metrics[name].closed is not None]
     clear = [name for name in telling if _above_floor(metrics[name]) >= _CLEAR]
     if clear or not telling:

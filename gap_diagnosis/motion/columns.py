@@ -163,6 +163,8 @@ def build_columns(
                 limit = tolerances.get(f"{effect}.{name}", size.tolerance)
                 if variant.report.get("frame") in _OF_A_ROW:
                     limit = max(limit, motion.tick_s)
+                if effect == _OFFSET:
+                    limit = max(limit, _OF_A_CYCLE * speed_cycle_s)
                 steps = [0.0] * len(variant.coefficients)
                 # A step of the effect's usual size: a lag far below a tick changes nothing at all.
                 step = math.sqrt(limit * max(size.high, limit))
@@ -201,10 +203,11 @@ def build_columns(
                 nuisances.append((len(base) - 2, sd))
     free = {index for index, _ in nuisances}
     delays = {i for one in terms if one.variant.effect == _OFFSET for i, _ in one.weights[0]} & free
+    late: set[int] = set()
     healthy: list[tuple[Variant, float, float]] = []
     if speed_cycle_s > 0:
         # A mean since the speed before is that of half a cycle ago; what else was smoothed is late.
-        healthy.append((_LATE_COUNTS, _DELAY_S, 0.5 * speed_cycle_s))
+        healthy.append((_LATE_COUNTS, _DELAY_S, _OF_A_CYCLE * speed_cycle_s))
     creep = prior.of(_CREEP, "compliance").tolerance
     healthy.append((_CREEP_IN_TURNS, creep, 0.5 * creep))
     if not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
@@ -223,10 +226,11 @@ def build_columns(
             nuisances.append((len(base) - 2, sd))
             little[len(base) - 2] = variant, 0
             if variant is _LATE_COUNTS:
-                delays.add(len(base) - 2)
+                late.add(len(base) - 2)
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
-    return Columns(values, tuple(_late_alone(terms, delays, lags)), tuple(nuisances), little)
+    held = {_LATENCY: delays | late, _OFFSET: late}
+    return Columns(values, tuple(_late_alone(terms, held, lags)), tuple(nuisances), little)
 
 
 def described_residuals(nodes: Nodes) -> Floats:
@@ -244,18 +248,19 @@ def described_residuals(nodes: Nodes) -> Floats:
     return left + change
 
 
-def _late_alone(terms: Sequence[Term], delays: Set[int], lags: Set[int]) -> Iterable[Term]:
-    """Return the terms; beside late counts no tolerance of the *delays* is free, beside a late gyro
-    none of its *lags*.
+def _late_alone(
+    terms: Sequence[Term], delays: Mapping[str, Set[int]], lags: Set[int]
+) -> Iterable[Term]:
+    """Return the terms; beside an effect none of its *delays* within tolerance is free, beside a
+    late gyro none of its *lags*.
 
-    The two are one delay: counts late by much, and put back by the tolerance's straight line, are
-    the way without its bends, and so without the rows' own noise; and a gyro that is late by more
-    and put back by a lag below zero is one that smooths.
+    The two are one delay: counts or a reference late by much, and put back by the tolerance's
+    straight line, are the way without its bends, and so without the rows' own noise; and a gyro
+    that is late by more and put back by a lag below zero is one that smooths.
     """
     for term in terms:
-        held: Set[int] = set()
-        if term.variant.effect == _LATENCY:
-            held = lags if term.variant.report["frame"] == "IMU" else delays
+        is_gyro = term.variant.report.get("frame") == "IMU"
+        held = lags if is_gyro else delays.get(term.variant.effect, set())
         little = tuple((index, 0.0) for index in sorted(held))
         yield replace(term, weights=tuple((*parts, *little) for parts in term.weights))
 
@@ -363,6 +368,8 @@ _FAST_M_S: Final = 1.0
 """In slower turns both are no more than what is no news of a lateral slip and of a wheelbase."""
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
+_OF_A_CYCLE: Final = 0.5
+"""A mean since the speed before is late by so much of a cycle, and nothing says which it is."""
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
 MOVES_IN_TIME: Final = _DELAYS | {_SKEW}
 """Late counts are an early reference: along chords to either side, or of other lengths, the two

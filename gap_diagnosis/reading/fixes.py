@@ -27,12 +27,15 @@ def reference_of(
     y: tuple[Floats, Quantity | None],
     heading_rad: Floats | None,
     name: str,
+    *,
+    is_turned_round: bool = False,
 ) -> Reference | None:
     """Return the reference of columns or signals float64[n] in SI units, each with what it
     measures; None where fewer than two samples are whole.
 
     Angles are a longitude (x) and a latitude (y). Where both are zero to the last digit a receiver
-    had no fix.
+    had no fix. A heading beside them that ran clockwise and *is turned round* is a compass's: it
+    counts from north.
 
     Raises DiagnosisError for a length beside an angle, and for angles that are no such place.
     """
@@ -53,7 +56,10 @@ def reference_of(
     if of_x == "angle":
         _refuse_no_places(y_m, x_m, name)
         x_m, y_m = east_north_m(y_m, x_m)
-    heading_rad = None if heading_rad is None else heading_rad[known]
+    if heading_rad is not None:
+        heading_rad = heading_rad[known]
+        if is_turned_round and of_x == "angle":
+            heading_rad = heading_rad + 0.5 * math.pi
     return Reference(t_s[known], x_m, y_m, heading_rad, without_fix=int(without_fix.sum()))
 
 

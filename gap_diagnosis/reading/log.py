@@ -51,12 +51,14 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     """
     log = LogByTicks(path, robot, wire)
     tick = log.rows.tick - log.rows.tick[0]
-    unsure = None
+    unsure = half_row = None
     if _is_speed(log.wire.signal_map["left_count"]):
-        left, right = _speed(log, "left_count"), _speed(log, "right_count")
+        left = _speed(log, "left_count", "right_count")
+        right = _speed(log, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+            half_row = np.stack([left.half_row_ticks, right.half_row_ticks])
     else:
         left_ticks, right_ticks = _wheel(log, "left_count"), _wheel(log, "right_count")
     gyro = _gyro_beside(log, right_ticks - left_ticks)
@@ -85,6 +87,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         clock_skew_sd=log.clock.skew_sd,
         speed_cycle_s=log.period_s if _is_speed(log.wire.signal_map["left_count"]) else 0.0,
         unsure_ticks2=unsure,
+        half_row_ticks=half_row,
         notes=(
             *faulty_messages(log.wire.database),
             *_boundless(log),
@@ -109,11 +112,15 @@ def _wheel(log: LogByTicks, role: Role) -> Floats:
     )
 
 
-def _speed(log: LogByTicks, role: Role) -> AddedUp:
-    mapped, raw = _readings(log, role)
-    speed = raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
+def _speed(log: LogByTicks, role: Role, other: Role) -> AddedUp:
+    scale = ticks_per_unit(log.wire.signal_map[role].quantity, log.plant)
     ecu_s = np.asarray(log.rows.tick * log.period_s, dtype=np.float64)
-    return integrated_speed(speed, ecu_s, scale=ticks_per_unit(mapped.quantity, log.plant))
+    return integrated_speed(_told(log, role), ecu_s, scale=scale, other=_told(log, other))
+
+
+def _told(log: LogByTicks, role: Role) -> Floats:
+    mapped, raw = _readings(log, role)
+    return raw * mapped.si_per_lsb + mapped.signal.offset * mapped.si_factor
 
 
 def _readings(log: LogByTicks, role: Role) -> tuple[MappedSignal, Floats]:
@@ -287,4 +294,5 @@ def _reference(log: LogByTicks) -> Reference | None:
         (value(y), y.quantity),
         None if heading is None else unwrapped(value(heading)),
         str(log.path),
+        is_turned_round=heading is not None and heading.si_factor < 0,
     )

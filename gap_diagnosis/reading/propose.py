@@ -169,6 +169,7 @@ def propose(
     _hear_the_command(search, turn)
     for role in _ODOMETRY:
         _choose(search, role, _is_odometry, turn if role == "odom_heading" else None)
+    _hear_the_receiver(search)
     for role in _SENSORS:
         _choose(search, role, None)
     return {role: search.guesses[role] for role in ROLES if role in search.guesses}
@@ -207,6 +208,16 @@ def _choose_fixes(search: _Search) -> None:
         unit = (unit_of_signal(signal, True) or "deg") if search.is_table else None
         chosen[role] = Guess(role, signal, unit, reasons=("a receiver's fixes by their name",))
     search.guesses |= chosen
+
+
+def _hear_the_receiver(search: _Search) -> None:
+    """Give a heading that stands beside a receiver's fixes, and beside no other place, to them."""
+    guesses = search.guesses
+    has_places = {"odom_x", "odom_y", "reference_heading"} & set(guesses)
+    if _PLACES.keys() <= guesses.keys() and "odom_heading" in guesses and not has_places:
+        guesses["reference_heading"] = replace(
+            guesses.pop("odom_heading"), role="reference_heading"
+        )
 
 
 def _is_place(search: _Search, signal: FoundSignal, words: frozenset[str], most_deg: float) -> bool:

@@ -20,6 +20,12 @@ from gap_diagnosis.clock_setting import with_clock_set
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.cut_off import unfinished_line
+from gap_diagnosis.reading.quaternions import (
+    NORM_TOLERANCE,
+    heading_of,
+    is_no_unit,
+    says_no_heading,
+)
 from gap_diagnosis.reading.reference_table import read_reference_table
 from gap_diagnosis.reading.ros_reference import RosPoses, read_ros_poses, ros_file
 from gap_diagnosis.reading.table_file import is_cut_off as is_table_cut_off
@@ -33,9 +39,7 @@ MAX_ROWS: Final = 20_000_000
 _MAX_LINE: Final = 1000
 _CHUNK: Final = 50_000
 _FORM: Final = "t x y z qx qy qz qw, eight numbers"
-_TURNING_M: Final = 0.5
 _LEAST_OVERLAP_S: Final = 2.0
-_NORM_TOLERANCE: Final = 0.05
 
 
 def read_reference(path: str | Path) -> Reference:
@@ -76,14 +80,10 @@ def read_reference(path: str | Path) -> Reference:
         "the stamp does not come after the one before",
         "ascending stamps (sort -n orders a file)",
     )
-    x, y, z, w = rows[:, 4:].T
-    norm = np.sqrt(x * x + y * y + z * z + w * w)
-    _refuse(
-        path, lines, np.abs(norm - 1) > _NORM_TOLERANCE, "the quaternion is not of length 1", _FORM
-    )
-    heading = unwrapped(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    _refuse(path, lines, is_no_unit(rows[:, 4:]), "the quaternion is not of length 1", _FORM)
+    heading = unwrapped(heading_of(rows[:, 4:]))
     x_m, y_m = rows[:, 1].copy(), rows[:, 2].copy()
-    has_headings = poses.has_headings and not (np.ptp(heading) == 0 and _bends(x_m, y_m))
+    has_headings = poses.has_headings and not says_no_heading(heading, x_m, y_m)
     heading_rad = heading if has_headings else None
     return Reference(t_s.copy(), x_m, y_m, heading_rad, without_fix=poses.without_fix)
 
@@ -175,7 +175,7 @@ def is_cut_pose(line: str) -> bool:
     words = line.replace(",", " ").split()
     if len(words) != 8 or not all(map(_is_number, words)):
         return True
-    return abs(math.hypot(*map(float, words[4:])) - 1) > _NORM_TOLERANCE
+    return abs(math.hypot(*map(float, words[4:])) - 1) > NORM_TOLERANCE
 
 
 def _bounded(file: TextIO) -> Iterator[str]:
@@ -212,10 +212,3 @@ def _refuse(
 ) -> None:
     if bad.any():
         raise DiagnosisError(f"{path}:{lines[int(np.argmax(bad))]}: {what}: expected {expected}")
-
-
-def _bends(x_m: Floats, y_m: Floats) -> bool:
-    """Tell whether positions leave the line through their principal axis."""
-    centred = np.stack([x_m - x_m.mean(), y_m - y_m.mean()])
-    spread = np.linalg.svd(centred, full_matrices=False, compute_uv=False)
-    return bool(spread[-1] / np.sqrt(len(x_m)) > 0.05 * _TURNING_M)

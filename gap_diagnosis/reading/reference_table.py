@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,12 @@ from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.clock_names import reference_time_unit
 from gap_diagnosis.reading.fixes import reference_of
 from gap_diagnosis.reading.propose import Guess, propose_reference
+from gap_diagnosis.reading.quaternions import (
+    heading_of,
+    is_no_unit,
+    quaternion_columns,
+    says_no_heading,
+)
 from gap_diagnosis.reading.signals_found import clock_of_table, signals_of_table
 from gap_diagnosis.reading.table_file import read_columns
 from gap_diagnosis.recording import Reference
@@ -23,8 +30,8 @@ Floats = NDArray[np.float64]
 def read_reference_table(path: Path) -> Reference:
     """Read the reference that a table's columns are by their names.
 
-    A clock; a latitude and a longitude, or positions x and y; a heading where there is one. Rows
-    without a number in one of them are left out.
+    A clock; a latitude and a longitude, or positions x and y; a heading where there is one, or a
+    quaternion. Rows without a number in one of them are left out.
 
     Raises DiagnosisError for a table that cannot be read, has no clock or no positions, two columns
     that could be the same, a position without a unit, stamps that do not ascend, and fewer than two
@@ -42,7 +49,9 @@ def read_reference_table(path: Path) -> Reference:
             "longitude, or x and y with their unit, as in x_m and y_m"
         )
     units = {role: _unit(path, guess) for role, guess in guesses.items()}
-    columns = read_columns(path, [clock, *(guess.signal.path for guess in guesses.values())])
+    turned = () if "reference_heading" in guesses else quaternion_columns(found)
+    poses = [guess.signal.path for guess in guesses.values()]
+    columns = read_columns(path, [clock, *poses, *turned])
     t_s = columns[clock] * reference_time_unit(columns[clock], clock)
     back = np.flatnonzero(np.diff(t_s) <= 0)
     if len(back) > 0:
@@ -54,6 +63,8 @@ def read_reference_table(path: Path) -> Reference:
         role: columns[guess.signal.path] * units[role].factor for role, guess in guesses.items()
     }
     heading = value.get("reference_heading")
+    if turned:
+        heading = _heading(path, np.stack([columns[name] for name in turned], axis=1))
     reference = reference_of(
         t_s,
         (value["reference_x"], units["reference_x"].quantity),
@@ -63,7 +74,20 @@ def read_reference_table(path: Path) -> Reference:
     )
     if reference is None:
         raise DiagnosisError(f"{path}: fewer than two whole rows: expected a pose in each")
+    told = reference.heading_rad
+    if turned and told is not None and says_no_heading(told, reference.x_m, reference.y_m):
+        return replace(reference, heading_rad=None)
     return reference
+
+
+def _heading(path: Path, quaternions: Floats) -> Floats:
+    wrong = np.flatnonzero(is_no_unit(quaternions))
+    if len(wrong) > 0:
+        raise DiagnosisError(
+            f"{path}: row {wrong[0] + 1}: the quaternion is not of length 1: expected its parts in "
+            "columns that end in x, y, z and w"
+        )
+    return heading_of(quaternions)
 
 
 def _unit(path: Path, guess: Guess) -> Unit:

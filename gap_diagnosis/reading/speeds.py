@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.lattice import step_of_values
+
 Floats = NDArray[np.float64]
 
 _BENT_ROWS: Final = 2.0
@@ -23,6 +25,10 @@ _SPREAD: Final = 2.5
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
+_SETTLES_S: Final = 0.7
+"""The slowest loop of a wheel that many tune: a judgement;"""
+_SETTLED: Final = 4.0
+"""after so many times that it stands."""
 _EVEN_S: Final = 0.7
 """A small robot seldom goes as fast for longer."""
 _FEWEST_ROWS: Final = 16
@@ -47,36 +53,45 @@ class AddedUp:
     Attributes:
         ticks: float64[n], running count; NaN where there is no speed.
         unsure_ticks2: float64[n], variance of the step that ends at each row.
+        half_row_ticks: float64[n], what half a row more at each row's speed adds to the count.
         is_counted: the speeds are differences of counts, which `ticks` then are.
     """
 
     ticks: Floats
     unsure_ticks2: Floats
+    half_row_ticks: Floats
     is_counted: bool = False
 
 
-def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
+def integrated_speed(
+    speed: Floats, time_s: Floats, *, scale: float, other: Floats | None = None
+) -> AddedUp:
     """Return the running count that wheel speeds, float64[n], add up to (a gap is bridged).
+
+    While the *other* wheel turns, this one may turn by less than a step of its signal and say 0;
+    where that says 0 as well the robot stands.
 
     Trapezoids. What they do not know: where a speed bends within a row (nothing says whether it is
     of the moment), what a step of the signal rounds off for as long as it says the same, how far a
     wheel crept that is too slow for its sensor, and what the noise of speeds adds up to.
     """
     valid = np.flatnonzero(np.isfinite(speed))
-    ticks, unsure = np.full(len(speed), np.nan), np.zeros(len(speed))
+    ticks, unsure, half = np.full(len(speed), np.nan), np.zeros(len(speed)), np.zeros(len(speed))
     if len(valid) < 3:
         ticks[valid] = 0.0
-        return AddedUp(ticks, unsure)
+        return AddedUp(ticks, unsure, half)
     told, t_s = speed[valid], time_s[valid]
     apart_s = np.diff(t_s, prepend=t_s[0])
     counted = _counts(told * scale, apart_s)
     if counted is not None:
         ticks[valid] = counted
-        return AddedUp(ticks, unsure, is_counted=True)
+        return AddedUp(ticks, unsure, half, is_counted=True)
     crept = _crept(told, t_s)
     every = told + crept
     noise2 = np.where(told != 0.0, _noise2(told, float(np.median(apart_s[1:]))), 0.0)
-    variance = (_bends2(every) + np.maximum(_rounded2(told), noise2)) * apart_s**2
+    is_led = told != 0.0 if other is None else (told != 0.0) | (np.nan_to_num(other[valid]) != 0.0)
+    rounded2 = np.where(is_led, _rounded2(told, is_led), _unsettled2(is_led, told, t_s))
+    variance = (_bends2(every) + np.maximum(rounded2, noise2)) * apart_s**2
     # What crept in one go is off together.
     for first, stop in _runs(crept != 0.0):
         way = float(np.sum((crept * apart_s)[first:stop]))
@@ -84,7 +99,8 @@ def integrated_speed(speed: Floats, time_s: Floats, *, scale: float) -> AddedUp:
     steps = 0.5 * (every + np.append(every[0], every[:-1])) * apart_s
     ticks[valid] = np.cumsum(steps) * scale
     unsure[valid] = variance * scale**2
-    return AddedUp(ticks, unsure)
+    half[valid] = 0.5 * every * apart_s * scale
+    return AddedUp(ticks, unsure, half)
 
 
 def _counts(ticks_per_s: Floats, apart_s: Floats) -> Floats | None:
@@ -201,8 +217,9 @@ def _noise2(speed: Floats, row_s: float) -> float:
     return max(float(np.mean(found) if is_seldom else np.median(found)), 0.0)
 
 
-def _rounded2(told: Floats) -> Floats:
-    """Return the variance of a row's speed by the signal's step, float64[n]; none at rest.
+def _rounded2(told: Floats, is_led: NDArray[np.bool_]) -> Floats:
+    """Return the variance of a row's speed by the signal's step, float64[n], where the robot *is
+    led* anywhere.
 
     While a wheel turns as fast, to a step of its signal, it is off by the same: of so many rows
     each takes its share. That a value between two steps is told now as the one and now as the
@@ -213,7 +230,7 @@ def _rounded2(told: Floats) -> Floats:
     if len(moving) == 0:
         return np.zeros(len(told))
     step = float(np.quantile(moving, 0.01))
-    same = np.cumsum(np.concatenate(([True], changes > 0.0))) - 1
+    same = np.cumsum(np.concatenate(([True], (changes > 0.0) | np.diff(is_led)))) - 1
     lengths = np.bincount(same)[same]
     smooth = gaussian_filter1d(told, _STEADY_ROWS, mode="nearest")
     first = 0
@@ -223,7 +240,20 @@ def _rounded2(told: Floats) -> Floats:
         if np.ptp(told[first:stop]) < _SPREAD * step:
             lengths[first:stop] = np.maximum(lengths[first:stop], stop - first)
         first = stop
-    return np.asarray(np.where(told != 0.0, lengths * step**2 / 12.0, 0.0))
+    return np.asarray(lengths * step**2 / 12.0)
+
+
+def _unsettled2(is_led: NDArray[np.bool_], told: Floats, t_s: Floats) -> Floats:
+    """Return the variance of a row's speed, float64[n], after the robot came to rest.
+
+    A loop with an integral lets it creep to its place, by less than half a step of its signal and
+    ever less, all in one direction: a row takes its share of as many as that lasts.
+    """
+    led_s = np.maximum.accumulate(np.where(is_led, t_s, -np.inf))
+    since_s = t_s - led_s
+    most = np.where(since_s < _SETTLED * _SETTLES_S, np.exp(-since_s / _SETTLES_S), 0.0)
+    lasts_rows = _SETTLES_S / float(np.median(np.diff(t_s)))
+    return np.asarray((0.5 * step_of_values(told) * most) ** 2 * lasts_rows)
 
 
 def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -158,12 +158,14 @@ def read_table_recording(
     clock, rows = table.clock, table.rows
     stamp_role: ColumnRole = "time" if table_map.get("time") is not None else "ecu_time"
     stamps = table.last(stamp_role) * table_map.columns[stamp_role].si_factor
-    t_s, unsure, late_s = table.t_s, None, 0.0
+    t_s, unsure, half_row, late_s = table.t_s, None, None, 0.0
     if _is_speed(table):
-        left, right = _speed(table, "left_count"), _speed(table, "right_count")
+        left = _speed(table, "left_count", "right_count")
+        right = _speed(table, "right_count", "left_count")
         left_ticks, right_ticks = left.ticks, right.ticks
         if not (left.is_counted and right.is_counted):
             unsure = np.stack([left.unsure_ticks2, right.unsure_ticks2])
+            half_row = np.stack([left.half_row_ticks, right.half_row_ticks])
     else:
         left_ticks, right_ticks = _wheel(table, "left_count"), _wheel(table, "right_count")
         if table.map.get("ecu_time") is None:
@@ -196,6 +198,7 @@ def read_table_recording(
         else (lattice_step(left_ticks), lattice_step(right_ticks)),
         speed_cycle_s=clock.period_s if _is_speed(table) else 0.0,
         unsure_ticks2=unsure,
+        half_row_ticks=half_row,
         stamps_late_s=late_s,
         notes=table.missing(),
     )
@@ -216,10 +219,10 @@ def _wheel(table: _Table, role: Role) -> Floats:
     )
 
 
-def _speed(table: _Table, role: Role) -> AddedUp:
+def _speed(table: _Table, role: Role, other: Role) -> AddedUp:
     mapped = table.map.columns[role]
     scale = ticks_per_unit(mapped.quantity, table.plant) * mapped.si_factor
-    return integrated_speed(table.last(role), table.t_s, scale=scale)
+    return integrated_speed(table.last(role), table.t_s, scale=scale, other=table.last(other))
 
 
 def _is_speed(table: _Table) -> bool:
@@ -299,5 +302,12 @@ def _reference(table: _Table, t_s: Floats) -> Reference | None:
         return None
     heading = _quantity(table, "reference_heading")
     of_x, of_y = (table.map.columns[role].quantity for role in ("reference_x", "reference_y"))
-    heading = None if heading is None else unwrapped(heading)
-    return reference_of(t_s, (x, of_x), (y, of_y), heading, str(table.path))
+    mapped = table.map.get("reference_heading")
+    return reference_of(
+        t_s,
+        (x, of_x),
+        (y, of_y),
+        None if heading is None else unwrapped(heading),
+        str(table.path),
+        is_turned_round=mapped is not None and mapped.si_factor < 0,
+    )

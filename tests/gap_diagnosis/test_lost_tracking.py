@@ -54,6 +54,18 @@ def test_poses_that_repeat_while_the_wheels_drive_are_left_out() -> None:
     assert lost.windows == ((t_s[FROZEN.start], t_s[FROZEN.stop - 1]),)
 
 
+def test_poses_that_fill_up_the_last_rows_are_left_out_and_no_loss() -> None:
+    """A table whose last fifth of a second held the last pose had an unlisted cause (0.93)."""
+    whole = reference()
+    held = {name: getattr(whole, name).copy() for name in ("x_m", "y_m", "heading_rad")}
+    for values in held.values():
+        values[1500:] = values[1499]
+    filled = replace(whole, **held).only(np.arange(len(whole.t_s)) < 1530)
+    _, lost = with_tracking(with_reference(filled), ROBOT)
+    assert lost.frozen == 30
+    assert lost.as_ever == 1.0
+
+
 def without_samples(hole: slice) -> Reference:
     there = np.ones(len(reference().t_s), dtype=np.bool_)
     there[hole] = False

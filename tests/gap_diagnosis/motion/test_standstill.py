@@ -165,3 +165,30 @@ def test_counts_that_stand_are_of_the_wheel_that_they_are_read_of() -> None:
     right = replace(left, left_ticks=left.right_ticks, right_ticks=left.left_ticks)
     for log, side in ((left, "left"), (right, "right")):
         assert {one.side for one in standstills(estimate_motion(log, ROBOT))} == {side}
+
+
+@pytest.mark.parametrize(("step_m_s", "dead"), [(0.05, False), (0.02, True)])
+def test_a_speed_told_as_zero_hides_less_than_the_least_that_is_told(
+    step_m_s: float, dead: bool
+) -> None:
+    """A healthy wheel inside a bend, 3 s slower than 25 mm/s, had a dead encoder (0.92)."""
+    row_s, wheels = 0.02, ROBOT.plant.wheels
+    t_s = row_s * np.arange(1500)
+    inside = (t_s > 10.0) & (t_s < 14.0)
+    left_m_s, right_m_s = np.full(len(t_s), 0.1), np.where(inside, 0.024, 0.1)
+    told = np.where(inside, 0.0, np.round(0.1 / step_m_s) * step_m_s)
+    told[-100:] = step_m_s
+    per_m = ROBOT.plant.encoder.ticks_per_rev / (2 * np.pi * wheels.radius_m)
+    log = Recording(
+        name="log",
+        tick_period_s=row_s,
+        t_s=t_s,
+        stamp_s=t_s,
+        tick=np.arange(len(t_s)),
+        left_ticks=np.cumsum(left_m_s) * row_s * per_m,
+        right_ticks=np.cumsum(0.5 * (told + np.append(told[0], told[:-1]))) * row_s * per_m,
+        gyro_rate_rad_s=(right_m_s - left_m_s) / wheels.wheelbase_m,
+        speed_cycle_s=row_s,
+        unsure_ticks2=np.zeros((2, len(t_s))),
+    )
+    assert bool(standstills(estimate_motion(log, ROBOT))) is dead

@@ -155,3 +155,23 @@ def test_fixes_on_the_bus_are_a_reference_too(tmp_path: Path) -> None:
     # A step of 1e-7 degrees is 11 mm to the north, and lies to either side of what it rounds.
     np.testing.assert_allclose(recording.reference.x_m, way_m()[0], atol=0.02)
     np.testing.assert_allclose(recording.reference.y_m, way_m()[1], atol=0.02)
+
+
+def test_a_compass_beside_fixes_is_their_heading_and_counts_from_north(tmp_path: Path) -> None:
+    """It was the odometry's: a healthy robot's firmware was a quarter turn off."""
+    t_s = np.arange(1000) / 50
+    rate_rad_s = 0.3 * np.sin(t_s)
+    heading_rad = 0.5 + np.cumsum(rate_rad_s) / 50
+    east_m, north_m = np.cumsum(np.cos(heading_rad)) / 5, np.cumsum(np.sin(heading_rad)) / 5
+    latitude, longitude, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, *FIRST_DEG, 0.0)
+    compass_deg = np.degrees(0.5 * np.pi - heading_rad) % 360
+    wheels_km_h = (36 - 2.7 * rate_rad_s, 36 + 2.7 * rate_rad_s)
+    rows = np.stack([t_s, *wheels_km_h, latitude, longitude, compass_deg], axis=1)
+    log = tmp_path / "car.csv"
+    names = "time_s,v_rl_kmh,v_rr_kmh,latitude,longitude,heading_deg"
+    np.savetxt(log, rows, fmt="%.9f", delimiter=",", header=names, comments="")
+    (tmp_path / "map.toml").write_text(propose_map(log, None)[2])
+    recording = read_recording(log, robot=load_robot(), signals=tmp_path / "map.toml")
+    assert recording.odometry_heading_rad is None
+    assert recording.reference is not None
+    np.testing.assert_allclose(recording.reference.heading_rad, heading_rad, atol=1e-6)

@@ -82,6 +82,37 @@ def test_positions_and_a_heading_in_their_units_are_a_reference(tmp_path: Path) 
     np.testing.assert_allclose(np.diff(reference.heading_rad), np.radians(1.0))
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "time_s,x_m,y_m,qx,qy,qz,qw",
+        "#timestamp [s],p_RS_R_x [m],p_RS_R_y [m],q_RS_x [],q_RS_y [],q_RS_z [],q_RS_w []",
+        "stamp_s,pose.position.x_m,pose.position.y_m,"
+        + ",".join(f"pose.orientation.{part}" for part in "xyzw"),
+    ],
+)
+def test_a_quaternion_in_columns_is_a_heading(names: str, tmp_path: Path) -> None:
+    """They were left out, and a reference with headings had none."""
+    t_s, east_m, north_m = way_m()
+    rows = zip(t_s, east_m, north_m, strict=True)
+    lines = [f"{t},{x},{y},0,0,{np.sin(2 + t / 20)},{np.cos(2 + t / 20)}" for t, x, y in rows]
+    reference = read_reference(written(tmp_path, names, lines))
+    assert reference.heading_rad is not None
+    np.testing.assert_allclose(np.diff(reference.heading_rad), 0.1 / FIX_HZ)
+
+
+def test_columns_that_hold_no_quaternion_are_an_error_and_one_for_all_is_no_heading(
+    tmp_path: Path,
+) -> None:
+    t_s, east_m, north_m = way_m()
+    rows = list(zip(t_s, east_m, north_m, strict=True))
+    names = "time_s,x_m,y_m,qx,qy,qz,qw"
+    with pytest.raises(DiagnosisError, match="row 1: the quaternion is not of length 1"):
+        read_reference(written(tmp_path, names, [f"{t},{x},{y},0,0,0,0" for t, x, y in rows]))
+    still = read_reference(written(tmp_path, names, [f"{t},{x},{y},0,0,0,1" for t, x, y in rows]))
+    assert still.heading_rad is None
+
+
 def test_east_and_north_in_metres_are_x_and_y(tmp_path: Path) -> None:
     t_s, east_m, north_m = way_m()
     lines = [f"{t},{y},{x}" for t, x, y in zip(t_s, east_m, north_m, strict=True)]

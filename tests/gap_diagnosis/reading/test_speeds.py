@@ -150,3 +150,36 @@ def test_a_small_robot_that_seldom_goes_as_fast_for_long_adds_no_more_noise() ->
     speed = np.convolve(asked, np.full(12, 1 / 12), mode="same")  # 0.6 s from one to the next
     found = integrated_speed(speed + rng.normal(0.0, 0.002, len(t_s)), t_s, scale=1.0)
     assert np.median(found.unsure_ticks2) == pytest.approx((0.002 * 0.05) ** 2, rel=0.3)
+
+
+def test_a_wheel_told_as_zero_while_the_other_one_turns_may_creep_by_less_than_a_step() -> None:
+    """Of a healthy robot's speeds in steps of 5 cm/s a wheel inside a bend had a dead encoder."""
+    random = np.random.default_rng(1)
+    step, rows, holds = 0.05, 100, 40
+    held = np.where(np.arange(holds) % 2, random.uniform(-0.5, 0.5, holds) * step, 0.7)
+    speed = np.convolve(np.repeat(held, rows), np.full(30, 1 / 30), "same")  # no wheel leaps
+    told = np.round(speed / step) * step
+    t_s = ROW_S * np.arange(len(speed))
+    turns = integrated_speed(told, t_s, scale=1.0, other=np.full(len(told), 0.3))
+    off = abs(turns.ticks[-1] - np.trapezoid(speed, t_s))
+    assert off < 3.0 * math.sqrt(turns.unsure_ticks2.sum())
+    crept2 = turns.unsure_ticks2[told == 0.0].sum()
+    assert crept2 == pytest.approx(holds / 2 * (rows * ROW_S * step) ** 2 / 12.0, rel=0.5)
+    stands = integrated_speed(told, t_s, scale=1.0, other=told)
+    assert stands.unsure_ticks2[told == 0.0].sum() < 0.5 * crept2
+
+
+@given(st.floats(0.1, 0.9), st.sampled_from([0.002, 0.01, 0.05]))
+def test_a_wheel_that_settles_is_told_as_standing_while_it_creeps(
+    settles_s: float, step: float
+) -> None:
+    """Of healthy robots whose wheels settle within a second, told in steps of 2 to 28 mm/s, each of
+    six had an unlisted cause or spurious counts (0.53 to 0.96)."""
+    t_s = ROW_S * np.arange(1000)
+    speed = 0.5 * np.where(t_s < 2.0, 1.0, np.exp(-(t_s - 2.0) / settles_s))
+    told = np.round(speed / step) * step
+    found = integrated_speed(told, t_s, scale=1.0, other=told)
+    still = told == 0.0
+    off = np.sum(speed[still]) * ROW_S
+    assert off < 3.0 * math.sqrt(found.unsure_ticks2[still].sum())
+    assert not found.unsure_ticks2[-100:].any()
