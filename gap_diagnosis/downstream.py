@@ -50,9 +50,12 @@ def driven(
 
     Its values are fitted on the ticks *kept* (bool[n]) of the diagnosed log; None: on all of them.
     """
-    data = drive_beside_described(where, robot)
     block = next((one for one in analysis.blocks if isinstance(one, DriveBlock)), None)
-    if data is None or block is None:
+    if block is None:
+        return None
+    robot = block.robot
+    data = drive_beside_described(where, robot)
+    if data is None:
         return None
     stages = catalogue()
     own = frozenset(

@@ -117,6 +117,14 @@ class Robot:
     tolerance: Tolerance
     source: TomlSource | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def describes_drive(self) -> bool:
+        """Whether it is said how the wheels answer their commands: a file that says neither how
+        late nor how fast describes no drive, and has the shipped robot's."""
+        if self.source is None:
+            return True
+        return any(("drive", key) in self.source.lines for key in ("time_constant_s", "delay_s"))
+
     def where(self, message: str) -> str:
         """Return the file, with the line of the first key that *message* names if it has it."""
         if self.source is None:

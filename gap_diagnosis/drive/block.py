@@ -33,7 +33,7 @@ from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
 from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_described
 from gap_diagnosis.drive.spell import Ends, ends, sought
 from gap_diagnosis.drive.told import mends
-from gap_diagnosis.drive.unlisted import Manner, Null, manner, unlisted
+from gap_diagnosis.drive.unlisted import Manner, Null, manner, own_manner, unlisted
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
@@ -51,6 +51,8 @@ _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _DRIVES: Final = frozenset({*BENT, "drive_gain"})
 """What a drive does that may begin and end."""
+_ANSWERS: Final = frozenset({"drive_delay", "drive_lag"})
+_PROMPT_S: Final = 1e-3
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
 """What a drive that does as it is told is off by less than its tolerances."""
 
@@ -66,12 +68,45 @@ def drive_block(
     *doubted*: the signals of which a mistake of the set-up may be. *without*: effects that nobody
     will ask for, so that they explain nothing away.
     """
+    block = _beside_its_manner(recording, robot, doubted, without)
+    if block is None or robot.describes_drive or not block.answers_otherwise():
+        return block
+    answers = as_it_answers(recording, robot)
+    return _beside_its_manner(recording, answers, doubted, without, answers) or block
+
+
+def _beside_its_manner(
+    recording: Recording,
+    robot: Robot,
+    doubted: frozenset[str],
+    without: frozenset[str],
+    answers: Robot | None = None,
+) -> DriveBlock | None:
     data = drive_beside_described(recording, robot)
     if data is None:
         return None
-    block = DriveBlock(data, robot, doubted, without)
+    block = DriveBlock(data, robot, doubted, without, answers=answers)
     own = block.manner()
-    return block if own is None else DriveBlock(data, robot, doubted, without, own)
+    return block if own is None else DriveBlock(data, robot, doubted, without, own, answers)
+
+
+def as_it_answers(recording: Recording, robot: Robot) -> Robot:
+    """Return the robot with the lag and the delay that a log shows of its drive; as it is where the
+    log shows nothing of it."""
+    prompt = _answering(robot, _PROMPT_S, 0.0)
+    data = drive_beside_described(recording, prompt)
+    if data is None:
+        return robot
+    known = DriveBlock(data, prompt, frozenset()).fit(_ANSWERS).parameters
+    lag_s, delay_s = (
+        float(known[key].value) for key in ("drive_lag.time_constant", "drive_delay.delay")
+    )
+    return _answering(robot, _PROMPT_S + lag_s, delay_s)
+
+
+def _answering(robot: Robot, lag_s: float, delay_s: float) -> Robot:
+    drive = robot.plant.drive.model_copy(update={"time_constant_s": lag_s, "delay_s": delay_s})
+    return replace(robot, plant=robot.plant.model_copy(update={"drive": drive}))
 
 
 class DriveBlock:
@@ -90,15 +125,18 @@ class DriveBlock:
         doubted: frozenset[str],
         without: frozenset[str] = frozenset(),
         own: Manner | None = None,
+        answers: Robot | None = None,
     ) -> None:
         """Prepare; *without* are effects that nobody will ask for, *own* is the drive's manner of
-        answering, which every hypothesis has."""
+        answering, which every hypothesis has; *answers*: the robot with a drive that this log
+        alone describes, of which it is no news how it answers."""
         data = data if own is None else replace(data, manner=own.columns)
         self._left = 0.0 if own is None else own.leaves
         self._data = data
         self._doubted = doubted
         self._without = without
         self._robot = robot
+        self.answers = answers
         shapes = self._shapes = Shapes(data, robot)
         # Errors of counting scale what the wheels turn, ramps at a limit of acceleration too, which
         # a gain does not: counts of 5 % less see a limit of 5 % less.
@@ -123,7 +161,13 @@ class DriveBlock:
     def effects(self) -> frozenset[str]:
         """The effects that this log's drive residuals can tell."""
         dead = {"encoder_dead"} if may_be_dead(self._data) else set[str]()
-        return frozenset({*BENT, *LINEAR, *dead, *possible(self._doubted)})
+        told = frozenset({*BENT, *LINEAR, *dead, *possible(self._doubted)})
+        return told if self.answers is None else told - _ANSWERS
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with the drive that its wheels are held against."""
+        return self._robot
 
     @property
     def undisturbed(self) -> Setting:
@@ -150,6 +194,8 @@ class DriveBlock:
     def manner(self) -> Manner | None:
         """Return the manner in which a drive that does as it is told answers, if it has one that no
         listed effect explains as well."""
+        if self.answers is not None:
+            return own_manner(self._null, self._robot)
         listed = self.effects - set(SETUP) - self._without
         return manner(
             self._null,
@@ -157,12 +203,20 @@ class DriveBlock:
             lambda: max((self.fit(frozenset({one})).log_evidence for one in listed), default=0.0),
         )
 
+    def answers_otherwise(self) -> bool:
+        """Tell whether a drive without a name is likelier than any listed effect of it."""
+        listed = (_DRIVES & self.effects) - self._without
+        best = max((self.fit(frozenset({one})).log_evidence for one in listed), default=0.0)
+        return self.unexplained().log_evidence > max(best, 0.0)
+
     def unexplained(self) -> Fit:
         """Return the fit of a drive that follows its commands otherwise than any effect has it.
 
         What a mistake of the commands explains without mending them, something does that is not
-        listed.
+        listed. Of a drive that nobody described nothing is otherwise.
         """
+        if self.answers is not None:
+            return Fit((), 0.0, 0.0)
         for mistake in self.effects & set(SETUP):
             self.fit(frozenset({mistake}))
         found, likelihood = unlisted(self._null, self._robot, self._without, self._spell)
@@ -335,7 +389,7 @@ class DriveBlock:
             turning=np.where(kept, self._data.turning, 0.0),
         )
         data = data.told(data.commanded).beside(self._shapes.angle({}))
-        return DriveBlock(data, self._robot, self._doubted, self._without)
+        return DriveBlock(data, self._robot, self._doubted, self._without, answers=self.answers)
 
     @property
     def data(self) -> DriveData:

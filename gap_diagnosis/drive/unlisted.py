@@ -152,11 +152,18 @@ def manner(null: Null, robot: Robot, listed: Callable[[], float]) -> Manner | No
     """
     if not is_as_described(null.data, robot):
         return None
+    own = own_manner(null, robot)
+    return own if own is not None and own.gained > listed() else None
+
+
+def own_manner(null: Null, robot: Robot) -> Manner | None:
+    """Return in which manner a drive answers other than a first-order lag; None where it hardly
+    does."""
     columns = np.concatenate(Shapes(null.data, robot).foreign()[:2])
     if 0.5 * _explained(null, [columns])[0] < _A_MANNER:
         return None
     gained = foreign(null, robot, columns).evidence
-    return Manner(columns, gained) if gained > max(listed(), _A_MANNER) else None
+    return Manner(columns, gained) if gained > _A_MANNER else None
 
 
 def foreign(null: Null, robot: Robot, columns: Floats) -> Foreign:
