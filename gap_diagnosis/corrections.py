@@ -45,7 +45,7 @@ def corrections(diagnosis: Diagnosis, robot: Robot) -> tuple[Correction, ...]:
     found: dict[tuple[str, str], Correction] = {}
     for key, (estimate, sd) in _numbers(diagnosis.which[0]).items():
         rule = _RULES.get(key)
-        if f"{key.partition('.')[0]}.start_s" in known:
+        if {f"{key.partition('.')[0]}.{end}" for end in ("start_s", "stop_s")} & known.keys():
             continue
         correction = None if rule is None else rule(robot, estimate, sd)
         if correction is not None:

@@ -17,6 +17,7 @@ from gap_diagnosis.firmware import lacks_the_gyro
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.motion.whitening import STAMP
 from gap_diagnosis.pareto import TRUSTED
+from gap_diagnosis.priors import WHEELS
 from gap_diagnosis.reading.ros_reference import ros_file
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import (
@@ -180,10 +181,12 @@ def not_replayed(
 
 
 def sizes_of_wheels(leading: Candidate) -> tuple[str, ...]:
-    """Say how large each wheel is, where the first candidate says it by mean and mismatch."""
+    """Say how large each wheel is, where the first candidate says it by mean and mismatch, both all
+    along."""
     sizes = [leading.parameters.get(one) for one in _SIZES]
     mean, apart = (one.estimate if isinstance(one, NumberEstimate) else None for one in sizes)
-    if mean is None or apart is None:
+    ends = {f"{effect}.{end}" for effect in WHEELS for end in ("start_s", "stop_s")}
+    if mean is None or apart is None or ends & leading.parameters.keys():
         return ()
     return (
         "radius_scale and radius_mismatch together are two sizes of wheels: left "

@@ -103,13 +103,14 @@ def with_tracking(recording: Recording, robot: Robot) -> tuple[Recording, Lost]:
     left, right = motion.left_steady_rad, motion.right_steady_rad
     way_m = _way_m(reference, motion, delay_s, np.abs(left + right))
     rolled_m = _way_m(reference, motion, delay_s, np.abs(left) + np.abs(right))
-    stopped = _stopped(reference, way_m)
+    stopped, t_s = _stopped(reference, way_m), reference.t_s
     frozen = np.zeros(len(way_m), dtype=np.bool_)
     for first, stop in stopped:
-        frozen[first:stop] = True
+        # Before it was measured the first pose is no better at the first stamp than later.
+        is_before = first == 1 and _is_filled(t_s, first, stop)
+        frozen[0 if is_before else first : stop] = True
     kept = reference.only(~frozen) if stopped else reference
     leaps = _leaps(kept, motion, delay_s[~frozen])
-    t_s = reference.t_s
     lost = Lost(
         int(frozen.sum()),
         tuple(leaps),

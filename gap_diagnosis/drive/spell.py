@@ -77,18 +77,20 @@ def sought(null: Null, robot: Robot) -> Spell | None:
     """Return the spell in which answers of another drive explain clearly more than all along; None
     where they do in none."""
     data = null.data
-    lags, late, _, bent, _ = Shapes(data, robot).foreign()
+    lags, late, gains, bent, _ = Shapes(data, robot).foreign()
     edges = np.linspace(0, data.angle.shape[1], _PARTS + 1).astype(int)
     parts = [(int(a), int(b)) for a, b in pairwise(edges)]
     residual = null.setting.columns({})[:1]
     gained: dict[tuple[int, int], float] = {}
     for columns in (lags, late, bent):
-        stacked = [residual, *(masked(columns, part) for part in parts)]
+        # Beside a gain of each wheel all along, which would make up for a part in the others.
+        stacked = [residual, gains, *(masked(columns, part) for part in parts)]
         white, _ = whitened(data, np.concatenate(stacked), Levels.of(null.levels, data.tick_rad))
-        by_part = white[1:].reshape(_PARTS, len(columns), -1)
+        always, by_part = white[1 : 1 + len(gains)], white[1 + len(gains) :]
+        by_part = by_part.reshape(_PARTS, len(columns), -1)
         until = np.concatenate((np.zeros((1, *by_part.shape[1:])), np.cumsum(by_part, axis=0)))
         for first, last in combinations(range(_PARTS + 1), 2):
-            one = until[last] - until[first]
+            one = np.concatenate((always, until[last] - until[first]))
             pull = one @ white[0]
             gain = 0.5 * float(pull @ np.linalg.lstsq(one @ one.T, pull)[0])
             gained[first, last] = max(gained.get((first, last), 0.0), gain)

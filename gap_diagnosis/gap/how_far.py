@@ -176,7 +176,7 @@ def gap_of(
         return None
     moved = {name: moved_by(compared[name]) for name in able}
     able = [name for name in able if moved[name] >= min(_MOVED, max(moved.values()))]
-    of_gap = {name: moved[name] / max(_above_floor(metrics[name]), 1e-12) for name in able}
+    of_gap = {name: _part(moved[name], _above_floor(metrics[name])) for name in able}
     able = [name for name in able if of_gap[name] >= _OF_THE_GAP * max(of_gap.values())]
     telling = [name for name in able if metrics[name].closed is not None]
     clear = [name for name in telling if _above_floor(metrics[name]) >= _CLEAR]
@@ -186,6 +186,11 @@ def gap_of(
         name = max(telling, key=lambda one: _above_floor(metrics[one]))
     chosen = metrics[name]
     return Gap(metric=name, held_out=held_out, all=metrics, **dict(chosen))
+
+
+def _part(moved: float, gap: float) -> float:
+    """Return the part of a gap that effects move; what moves more than there is moves all."""
+    return min(moved / max(gap, 1e-12), 1.0)
 
 
 def _above_floor(metric: Metric) -> float:

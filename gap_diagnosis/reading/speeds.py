@@ -29,6 +29,8 @@ _SETTLES_S: Final = 0.7
 """The slowest loop of a wheel that many tune: a judgement;"""
 _SETTLED: Final = 4.0
 """after so many times that it stands."""
+_GAP_ROWS: Final = 1.5
+"""Between rows that are further apart than so many usual ones one was lost."""
 _EVEN_S: Final = 0.7
 """A small robot seldom goes as fast for longer."""
 _FEWEST_ROWS: Final = 16
@@ -53,7 +55,8 @@ class AddedUp:
     Attributes:
         ticks: float64[n], running count; NaN where there is no speed.
         unsure_ticks2: float64[n], variance of the step that ends at each row.
-        half_row_ticks: float64[n], what half a row more at each row's speed adds to the count.
+        half_row_ticks: float64[n], what the count has more where speeds are means since the row
+            before.
         is_counted: the speeds are differences of counts, which `ticks` then are.
     """
 
@@ -99,7 +102,10 @@ def integrated_speed(
     steps = 0.5 * (every + np.append(every[0], every[:-1])) * apart_s
     ticks[valid] = np.cumsum(steps) * scale
     unsure[valid] = variance * scale**2
-    half[valid] = 0.5 * every * apart_s * scale
+    usual_s = float(np.median(apart_s[1:]))
+    # A mean after a gap goes back no further than elsewhere.
+    over_s = np.where(apart_s > _GAP_ROWS * usual_s, usual_s, apart_s)
+    half[valid] = np.cumsum(0.5 * np.diff(every, prepend=every[0]) * over_s) * scale
     return AddedUp(ticks, unsure, half)
 
 

@@ -66,6 +66,20 @@ def test_poses_that_fill_up_the_last_rows_are_left_out_and_no_loss() -> None:
     assert lost.as_ever == 1.0
 
 
+def test_poses_that_fill_up_the_first_rows_are_all_left_out() -> None:
+    """The first of them stayed: the pose of a third of a second later."""
+    whole = reference()
+    held = {name: getattr(whole, name).copy() for name in ("x_m", "y_m", "heading_rad")}
+    begins = 800
+    for values in held.values():
+        values[:begins] = values[begins]
+    filled = replace(whole, **held).only(np.arange(len(whole.t_s)) >= begins - 30)
+    cleaned, lost = with_tracking(with_reference(filled), ROBOT)
+    assert cleaned.reference is not None
+    assert cleaned.reference.t_s[0] > whole.t_s[begins - 1]
+    assert lost.as_ever == 1.0
+
+
 def without_samples(hole: slice) -> Reference:
     there = np.ones(len(reference().t_s), dtype=np.bool_)
     there[hole] = False

@@ -72,6 +72,18 @@ def test_the_way_is_in_time_whichever_the_speeds_are(row_s: float, means: bool) 
         assert found.half_row_ticks is None
 
 
+def test_means_are_added_up_over_their_own_rows_however_uneven_and_from_the_first_on() -> None:
+    """A log that began in motion began with half a row too many, and uneven rows trembled."""
+    rows_s = np.cumsum(np.random.default_rng(1).uniform(0.03, 0.07, 200))
+    way_m = np.interp(rows_s, FINE, WAY_M)
+    told = np.diff(way_m, prepend=np.interp(rows_s[0] - 0.05, FINE, WAY_M)) / np.diff(
+        rows_s, prepend=rows_s[0] - 0.05
+    )
+    added = integrated_speed(told, rows_s, scale=1.0)
+    ways_m = added.ticks + added.half_row_ticks
+    np.testing.assert_allclose(np.diff(ways_m), np.diff(way_m), atol=1e-9)
+
+
 def test_without_a_reference_that_tells_nothing_is_changed() -> None:
     recording = drive(0.1, means=True)
     seldom = drive(0.1, means=True, fix_s=1.0)

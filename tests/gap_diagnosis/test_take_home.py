@@ -142,6 +142,8 @@ def test_what_acts_for_a_while_corrects_no_constant() -> None:
     window = {"start_s": number(10.0, 0.1, "s"), "stop_s": number(40.0, 0.1, "s")}
     assert corrected_effects(of_a_while(), load_robot()) == ("wheelbase_scale",)
     assert corrected_effects(of_a_while(**window), load_robot()) == ()
+    until = {"stop_s": number(40.0, 0.1, "s")}
+    assert corrected_effects(of_a_while(**until), load_robot()) == ()
 
 
 def estimated(parameter: EffectParameter) -> ParameterEstimate:

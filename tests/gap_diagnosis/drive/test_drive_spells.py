@@ -44,6 +44,17 @@ def test_what_begins_on_the_way_is_told_with_its_size_and_its_beginning(effect, 
     assert evidence(block, other) < fit.log_evidence - 20.0
 
 
+def test_a_gain_of_one_percent_hides_no_change_on_the_way():
+    """Beside it a lag of 0.15 s from half of the log on was none: the answer was taken to vary."""
+    gain = {"left": -0.01, "right": -0.01}
+    lag = {"time_constant": 0.15, "start_s": START_S}
+    fit = block_of(simulated({"drive_lag": lag, "drive_gain": gain})).fit(frozenset({"drive_lag"}))
+    assert fit.log_evidence > 100.0
+    assert fit.parameters["drive_lag.time_constant"].value == pytest.approx(0.15, rel=0.02)
+    begins = fit.parameters["drive_lag.start_s"]
+    assert begins.value == pytest.approx(START_S, abs=0.1)
+
+
 def test_what_ends_again_is_told_with_both_its_ends():
     window = {"start_s": START_S, "stop_s": STOP_S}
     block = block_of(simulated({"drive_lag": {"time_constant": 0.1, **window}}))

@@ -155,7 +155,7 @@ def test_the_gap_is_told_in_the_first_metric_of_its_stage_that_has_one() -> None
     [
         (0.0, 2.8, "turn_difference_rad"),
         (0.1, 2.8, "turn_difference_rad"),
-        (1.0, 8.0, "turn_difference_rad"),
+        (0.8, 2.8, "turn_difference_rad"),
         (5.0, 8.0, "odometry_position_m"),
         (0.1, 0.3, "turn_difference_rad"),
     ],
@@ -174,6 +174,17 @@ def test_a_gap_that_the_cause_has_no_part_in_is_not_told_as_its_own(
     gap = gap_of(known, "wheel", "stretches")
     assert gap is not None
     assert gap.metric == told
+
+
+def test_a_metric_without_a_gap_takes_none_from_another() -> None:
+    """Moved by four times what there was to close, it stood for a gap that was closed by half."""
+    known = {
+        "odometry_position_m": compared(1.01, 9.0, 4.0),
+        "turn_difference_rad": compared(81.0, 9.0, 6.0),
+    }
+    gap = gap_of(known, "wheel", "stretches")
+    assert gap is not None
+    assert gap.metric == "turn_difference_rad"
 
 
 @given(arrays(np.float64, (4, 6, 2), elements=errors))

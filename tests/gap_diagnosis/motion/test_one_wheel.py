@@ -6,11 +6,13 @@ import math
 import re
 from dataclasses import replace
 
+import diagnosis_samples as samples
 import pytest
 from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, moved_only, without_others
 
 from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.facts import sizes_of_wheels
 from gap_diagnosis.priors import WHEELS, default_prior
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
@@ -66,3 +68,13 @@ def test_a_mismatch_alone_stays_one(seed, size):
     found = diagnosed([EffectSetting("radius_mismatch", (("mismatch", 0.005),))], seed, size)
     assert found.verdict == "radius_mismatch"
     assert found.which[0].probability > 0.6
+
+
+def test_of_wheels_whose_sizes_differ_for_a_while_no_size_is_said():
+    """One that grew at 30 s was told beside the other's mean, as if both were so all along."""
+    mean, apart = samples.number(0.006, 1e-4), samples.number(0.012, 1e-4)
+    sizes = {"radius_scale.scale": mean, "radius_mismatch.mismatch": apart}
+    leading = samples.single("radius_scale").which[0].model_copy(update={"parameters": sizes})
+    assert len(sizes_of_wheels(leading)) == 1
+    ends = {"radius_mismatch.start_s": samples.number(30.0, 0.1, "s")}
+    assert sizes_of_wheels(leading.model_copy(update={"parameters": sizes | ends})) == ()
