@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,9 @@ def driven(
         if isinstance(one.value, int | float)
     }
 
+    if where is not analysis.recording:
+        values = _in_another_log(values)
+
     # Clocks are mapped first: by how much a row of a table is late is no part of the gap.
     late_s = 0.0 if "drive_delay" in own else late_s_of(data, robot, values)
     commanded = commanded_path(where, robot, late_s=late_s)
@@ -82,6 +85,17 @@ def driven(
 
     after = path(own) if own else None
     return Downstream(Replayed(before=commanded, after=after, noise=noise), own, path)
+
+
+def _in_another_log(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the values with which effects act in another log: what began on the way goes on, and
+    what ended is over."""
+    over = {key.partition(".")[0] for key in values if key.endswith(".stop_s")}
+    return {
+        key: value
+        for key, value in values.items()
+        if key.partition(".")[0] not in over and not key.endswith(".start_s")
+    }
 
 
 def driven_by(

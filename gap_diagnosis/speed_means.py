@@ -25,6 +25,9 @@ _SURELY: Final = 0.25
 _CREEP_S2_PER_M: Final = 0.005
 """What tyres slip by for each m/s² of speeding up, one standard deviation; as they go faster that
 looks like speeds that are late."""
+_MEANS: Final = (
+    "The wheels' speeds are taken for means since the row before, as the reference has the way."
+)
 _MOST: Final = 2.0
 """A reference that is off by more of such half rows has a delay of its own."""
 
@@ -40,7 +43,10 @@ def with_means_added_up(recording: Recording, robot: Robot) -> Recording:
         return recording
     left, right = half
     return replace(
-        recording, left_ticks=recording.left_ticks + left, right_ticks=recording.right_ticks + right
+        recording,
+        left_ticks=recording.left_ticks + left,
+        right_ticks=recording.right_ticks + right,
+        notes=(*recording.notes, _MEANS),
     )
 
 

@@ -33,8 +33,8 @@ from hil_harness.toml_source import TomlSource, parse_toml, shorten
 
 _VALUE: Final = r"[-+0-9._eExXobA-Fa-f]+"
 _DIGITS: Final = 9
-_TICKS_S: Final = 0.1
-"""A few ticks: no window is told from the log's own end by less."""
+_AT_THE_END_S: Final = 0.1
+"""A time so near to the logs' own beginning or end [s] is that: a row or a few."""
 _MOST_DIGITS: Final = 17
 _RIVALS: Final = 3
 """So many other explanations are named on a changed line; explained.toml names all."""
@@ -159,7 +159,7 @@ def _is_an_end(estimate: ParameterEstimate, end_s: float | None) -> bool:
     """Tell whether a time is that at which the logs begin or end."""
     if end_s is None or isinstance(estimate, ChoiceEstimate):
         return False
-    return abs(estimate.estimate - end_s) < _TICKS_S
+    return abs(estimate.estimate - end_s) < _AT_THE_END_S
 
 
 def _known_table(one: KnownEffect) -> Iterator[str]:

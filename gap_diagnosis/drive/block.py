@@ -288,13 +288,18 @@ class DriveBlock:
         fit = block.fit(effects)
         self._levels_with[effects] = block._levels_with.get(effects, self._null.levels)
         when = {name: end.estimate(self._data) for name, end in told.told.items()}
+        begins_s, ends_s = self._data.time_s[0], self._data.time_s[-1] + self._data.block_s
+        if "start_s" in when:
+            begins_s = when["start_s"].value
+        if "stop_s" in when:
+            ends_s = when["stop_s"].value
         ends_of = {f"{one}.{name}": e for one in effects & _DRIVES for name, e in when.items()}
         log_spell = prior.log_of_spell(self._data.angle.shape[1], len(told.told))
         return replace(
             fit,
             log_evidence=fit.log_evidence + told.log_width + log_spell,
             parameters={**fit.parameters, **ends_of},
-            windows=(told.window(self._data),),
+            windows=((begins_s, ends_s),),
         )
 
     def _fit_all_along(self, effects: frozenset[str]) -> Fit:

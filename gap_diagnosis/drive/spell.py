@@ -67,11 +67,6 @@ class Ends:
     log_width: float
     told: Mapping[str, End]
 
-    def window(self, data: DriveData) -> tuple[float, float]:
-        """Return when the spell begins and ends in the log's time."""
-        first, last = self.spell
-        return float(data.time_s[first]), float(data.time_s[last - 1] + data.block_s)
-
 
 def sought(null: Null, robot: Robot) -> Spell | None:
     """Return the spell in which answers of another drive explain clearly more than all along; None

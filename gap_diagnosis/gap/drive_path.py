@@ -89,7 +89,8 @@ def _angles(data: DriveData, robot: Robot, known: Mapping[str, float]) -> Floats
     rows = [_row_at(data, known, name) for name in ("start_s", "stop_s")]
     if rows == [None, None]:
         return within
-    first, last = rows[0] or 0, rows[1] or within.shape[1]
+    first = rows[0] if rows[0] is not None else 0
+    last = rows[1] if rows[1] is not None else within.shape[1]
     lag_s = robot.plant.drive.time_constant_s
     lags_s = lag_s, lag_s + known.get("drive_lag.time_constant", 0.0)
     described = _all_along(data, robot, {})

@@ -17,10 +17,10 @@ START_S, STOP_S = 18.0, 30.0
     ("effect", "values"),
     [
         ("drive_lag", {"time_constant": 0.15}),
+        ("drive_gain", {"left": -0.04, "right": -0.04}),
         *at_full_size(
             ("drive_saturation", {"limit": 6.0}),
             ("drive_delay", {"delay": 0.06}),
-            ("drive_gain", {"left": -0.04, "right": -0.04}),
             ("drive_deadband", {"rate": 1.5}),
             ("drive_acceleration_limit", {"limit": 8.0}),
         ),
