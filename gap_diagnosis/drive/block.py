@@ -162,7 +162,7 @@ class DriveBlock:
         """The effects that this log's drive residuals can tell."""
         dead = {"encoder_dead"} if may_be_dead(self._data) else set[str]()
         told = frozenset({*BENT, *LINEAR, *dead, *possible(self._doubted)})
-        return told if self.answers is None else told - _ANSWERS
+        return told if self.answers is None else told - set(BENT)
 
     @property
     def robot(self) -> Robot:
