@@ -259,6 +259,9 @@ class Accounts:
             return 0.0
         (mean,) = (t for t in scored.terms if t.variant.effect == "radius_scale")
         (apart,) = (t for t in scored.terms if t.variant.effect == "radius_mismatch")
+        share = self.model.prior.share_of_one_wheel(effects, max(len(self.by_effect), 1))
+        if mean.variant.fixed != apart.variant.fixed:
+            return math.log1p(-share)  # in windows of their own they are no one wheel's
         others = [term for term in scored.terms if term is not mean and term is not apart]
         tolerance = max(apart.tolerances[0], 2.0 * mean.tolerances[0])
         lines = []
@@ -269,7 +272,6 @@ class Accounts:
         prior = self.model.prior
         on_a_line = [score(gram, [*others, line], prior).log_evidence for line in lines]
         gained = log_sum(np.array(on_a_line)) - math.log(len(lines)) - scored.log_evidence
-        share = prior.share_of_one_wheel(effects, max(len(self.by_effect), 1))
         return float(np.logaddexp(math.log1p(-share), math.log(share) + gained))
 
     def _beyond_a_line(self) -> list[Found]:

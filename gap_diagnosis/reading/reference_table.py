@@ -81,6 +81,8 @@ def read_reference_table(path: Path) -> Reference:
 
 
 def _heading(path: Path, quaternions: Floats) -> Floats:
+    """Return headings, NaN where a tracker has not found its robot yet: its quaternion is 0."""
+    quaternions = np.where(np.any(quaternions, axis=1, keepdims=True), quaternions, np.nan)
     wrong = np.flatnonzero(is_no_unit(quaternions))
     if len(wrong) > 0:
         raise DiagnosisError(

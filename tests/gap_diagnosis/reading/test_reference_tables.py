@@ -108,9 +108,19 @@ def test_columns_that_hold_no_quaternion_are_an_error_and_one_for_all_is_no_head
     rows = list(zip(t_s, east_m, north_m, strict=True))
     names = "time_s,x_m,y_m,qx,qy,qz,qw"
     with pytest.raises(DiagnosisError, match="row 1: the quaternion is not of length 1"):
-        read_reference(written(tmp_path, names, [f"{t},{x},{y},0,0,0,0" for t, x, y in rows]))
+        read_reference(written(tmp_path, names, [f"{t},{x},{y},0,0,0,2" for t, x, y in rows]))
     still = read_reference(written(tmp_path, names, [f"{t},{x},{y},0,0,0,1" for t, x, y in rows]))
     assert still.heading_rad is None
+
+
+def test_rows_before_a_tracker_has_found_its_robot_are_left_out(tmp_path: Path) -> None:
+    """Their quaternions are 0, and for these the whole table was refused."""
+    rows = list(zip(*way_m(), strict=True))
+    lines = [f"{t},0,0,0,0,0,0" for t, _, _ in rows[:5]]
+    lines += [f"{t},{x},{y},0,0,{np.sin(t / 20)},{np.cos(t / 20)}" for t, x, y in rows[5:]]
+    reference = read_reference(written(tmp_path, "time_s,x_m,y_m,qx,qy,qz,qw", lines))
+    assert reference.heading_rad is not None
+    assert len(reference.t_s) == len(rows) - 5
 
 
 def test_east_and_north_in_metres_are_x_and_y(tmp_path: Path) -> None:
