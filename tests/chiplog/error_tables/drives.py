@@ -155,6 +155,13 @@ DRIVES: tuple[Row, ...] = (
         {"table.csv": DRIVE, "gps.csv": _columns("t_s,x_m,y_m") + "1.9,2,2\n"},
     ),
     Row(
+        "a table as reference whose quaternion is none",
+        "chiplog diagnose table.csv --reference gps.csv",
+        "gps.csv: row 2: the quaternion is not of length 1: expected its parts in columns that end "
+        "in x, y, z and w",
+        {"table.csv": DRIVE, "gps.csv": _columns("t_s,x_m,y_m,qx,qy,qz,qw")},
+    ),
+    Row(
         "a table as reference without a whole row",
         "chiplog diagnose table.csv --reference gps.csv",
         "gps.csv: fewer than two whole rows: expected a pose in each",

@@ -52,10 +52,12 @@ RIVALS = (
 
 def arrays(prediction: Prediction) -> dict[str, np.ndarray]:
     count = len(prediction.motion.t_s)
+    named = [one.name for one in fields(prediction) if not one.name.startswith("_")]
+    named += ["gyro_rad_s", "showed_rad_s", "turned_rad_s"]
     return {
-        one.name: np.broadcast_to(getattr(prediction, one.name), count)
-        for one in fields(prediction)
-        if one.name != "motion"
+        name: np.broadcast_to(getattr(prediction, name), count)
+        for name in named
+        if name != "motion"
     }
 
 
