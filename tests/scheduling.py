@@ -72,8 +72,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_xdist_auto_num_workers() -> int:
     """Return one worker more than there are cores: a tenth of two workers' time was waiting, for
     buses in real time and for programs that do not answer."""
-    known = getattr(os, "sched_getaffinity", None)  # what a container leaves, where that is told
-    return (len(known(0)) if known is not None else os.cpu_count() or 1) + 1
+    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_configure(config: pytest.Config) -> None:
