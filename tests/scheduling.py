@@ -9,7 +9,6 @@ and why a run in which a file was split over workers fails.
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from typing import Any, Final
 
@@ -66,13 +65,6 @@ def place_of(nodeid: str) -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Start with what takes long; tests of one place keep their order."""
     items.sort(key=lambda item: place_of(item.nodeid))
-
-
-@pytest.hookimpl(tryfirst=True, optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than there are cores: a tenth of two workers' time was waiting, for
-    buses in real time and for programs that do not answer."""
-    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_configure(config: pytest.Config) -> None:
