@@ -153,8 +153,7 @@ def test_the_installed_package_finds_its_dbc(installed: Path, empty: Path) -> No
 def test_the_installed_product_works_from_an_empty_folder(installed: Path, empty: Path) -> None:
     # One test, because each new environment compiles the kernels anew.
     command = [str(installed / "chiplog"), "run", "--scenario", "lesson", "--out", "out"]
-    # That they run is asked, not how fast.
-    run([*command, "--duration-s", "2"], empty, NUMBA_OPT="0")
+    run([*command, "--duration-s", "2"], empty)
     assert json.loads((empty / "out" / "summary.json").read_text())["ticks"] == 200
     written = {path.name for path in (empty / "out").iterdir()}
     assert written == {"bus.log", "reference.tum", "state.json", "summary.json", "report.html"}
@@ -168,6 +167,4 @@ def test_the_installed_product_works_from_an_empty_folder(installed: Path, empty
         "-p",
         "no:cacheprovider",
     ]
-    assert re.search(
-        r"^[1-9]\d* passed", run([*pytest_of_the_wheel, "mine"], empty, NUMBA_OPT="0"), re.MULTILINE
-    )
+    assert re.search(r"^[1-9]\d* passed", run([*pytest_of_the_wheel, "mine"], empty), re.MULTILINE)
