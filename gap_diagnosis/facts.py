@@ -297,15 +297,15 @@ def _on_the_drive(analysis: Analysis) -> list[str]:
     """Say how a drive answers that nobody described, and which limits of a description the wheels
     outrun."""
     drive = analysis.drive
-    answers = None if drive is None or drive.answers is None else drive.answers.plant.drive
-    notes = [
-        f"{analysis.recording.name}: the robot's description has no time_constant_s and no delay_s "
-        "in [drive], and its drive answers as no listed one: by this log with a lag of "
-        f"{1000 * answers.time_constant_s:.0f} ms and a delay of {1000 * answers.delay_s:.0f} ms, "
-        "and otherwise in its own way, which is taken for no gap."
-        for answers in [answers]
-        if answers is not None
-    ]
+    notes = []
+    if drive is not None and drive.answers is not None:
+        answers = drive.answers.plant.drive
+        notes.append(
+            f"{analysis.recording.name}: the robot's description has no time_constant_s and no "
+            "delay_s in [drive], and its drive answers as no listed one: by this log with a lag of "
+            f"{1000 * answers.time_constant_s:.0f} ms and a delay of {1000 * answers.delay_s:.0f} "
+            "ms, and otherwise in its own way, which is taken for no gap."
+        )
     return notes + [
         f"{analysis.recording.name}: its wheels outrun drive.{key} of the robot's description, "
         "which is taken for no limit of theirs."

@@ -17,6 +17,8 @@ from hil_harness.effects.model import Effect, EffectParameter
 
 _BELIEVED: Final = 8.0
 
+FOR_A_WHILE: Final = 0.1
+"""One effect in ten does not act on the whole log."""
 WHEELS: Final = frozenset({"radius_mismatch", "radius_scale"})
 """Together they say any two sizes of wheels: one wheel of another size, a tyre that is new or low,
 is one cause and as likely as any other single one."""

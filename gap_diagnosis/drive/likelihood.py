@@ -22,7 +22,7 @@ from gap_diagnosis.drive.noise import (
     marginal,
     whitened,
 )
-from gap_diagnosis.drive.shapes import BENT, About, Coordinate, Shapes
+from gap_diagnosis.drive.shapes import AS_DESCRIBED, BENT, About, Coordinate, Shapes
 from gap_diagnosis.hypothesis import Estimate
 from hil_harness.robot import Robot
 
@@ -56,7 +56,7 @@ class Setting:
     has_gain: bool
     nuisances: Floats
     nuisance_sd: Floats
-    about: About = (1.0, 1.0, 0.0)
+    about: About = AS_DESCRIBED
 
     @property
     def brakes(self) -> bool:

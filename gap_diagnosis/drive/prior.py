@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from gap_diagnosis.priors import ParameterPrior, Range, default_prior
+from gap_diagnosis.priors import FOR_A_WHILE, ParameterPrior, Range, default_prior
 
 Size = ParameterPrior
 
@@ -36,12 +36,9 @@ EXTRA_TICKS_PER_S: Final = _size("extra_ticks")
 BRAKING: Final = _PRIOR.nuisances["drive_braking"]
 FOREIGN: Final = _PRIOR.nuisances["foreign_drive"]
 
-_ONE_IN: Final = 10.0
-"""One effect in ten does not act on the whole log."""
-
 
 def log_of_spell(blocks: int, ends: int = 2) -> float:
     """Return the log probability that an effect acts in one spell of so many blocks alone, and that
-    it is a certain one: as often one that *ends* once in the log as one that begins and ends."""
+    it is a certain one, of which one or two *ends* lie within the log: each as often."""
     alike = 2.0 * blocks if ends == 1 else 0.5 * blocks * (blocks + 1)
-    return -math.log(_ONE_IN * 2.0 * alike)
+    return math.log(0.5 * FOR_A_WHILE / alike)

@@ -21,11 +21,11 @@ from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
 from gap_diagnosis.prediction import Motion, Prediction
+from gap_diagnosis.priors import FOR_A_WHILE
 from gap_diagnosis.recording import Floats
 
 _GYRO_RANK: Final = 2
-LOG_SHARE: Final = math.log(0.1)
-"""One effect in ten does not act on the whole log."""
+LOG_SHARE: Final = math.log(FOR_A_WHILE)
 _FOR_A_WHILE: Final = frozenset({"one_sided_slip", "gyro_frozen", "encoder_dead"})
 _MOMENT: Final = 0.5 / SLIP_WINDOWS
 """Of a log: half of a part of the grid in which windows are sought."""

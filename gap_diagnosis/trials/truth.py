@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Final
 
+from gap_diagnosis.priors import WHEELS
 from hil_harness.effects import catalogue
 
 Answer = frozenset[str]
@@ -13,7 +14,6 @@ Answer = frozenset[str]
 
 UNKNOWN: Final = frozenset({"unknown"})
 _NO_GAP: Final = "no_gap"
-_PAYLOAD: Final = frozenset({"radius_mismatch", "radius_scale"})
 _PREFERRED: Final = ("radius_scale", "gyro_bias", "gyro_scale", "reference_yaw")
 _WHENEVER: Final = frozenset({"", "scale < 0", "the lever arm is unknown"})
 
@@ -52,8 +52,8 @@ def canonical(effects: Iterable[str]) -> Answer:
     A payload is a radius scale with a mismatch.
     """
     names = {canonical_name(one) for one in effects if one != _NO_GAP}
-    if "payload" in names and not names & _PAYLOAD:
-        names = (names - {"payload"}) | _PAYLOAD
+    if "payload" in names and not names & WHEELS:
+        names = (names - {"payload"}) | WHEELS
     return frozenset(names)
 
 
@@ -63,7 +63,7 @@ def can_be_said(answer: Answer, without: Iterable[str]) -> bool:
     A payload is told by itself, or as a radius scale with a mismatch.
     """
     gone = frozenset(without)
-    if answer == _PAYLOAD and "payload" not in gone:
+    if answer == WHEELS and "payload" not in gone:
         return True
     return not answer & {canonical_name(one) for one in gone}
 
@@ -73,7 +73,7 @@ def stages_of(answer: Answer) -> frozenset[str]:
     known = catalogue()
     if not answer:
         return frozenset({"none"})
-    if answer == _PAYLOAD:
+    if answer == WHEELS:
         return frozenset({"wheel"})
     return frozenset(
         known[twin].stage for name in answer for twin in class_of(name) if twin in known
