@@ -50,7 +50,10 @@ fi
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 extras=""
 [ "${1:-}" = test ] && extras="[test]"
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -e ".$extras"
+# uv installs in a sixth of the time that pip takes; where it cannot, behind an index that only pip is told of, pip does.
+pip=".venv/bin/python -m pip --quiet --disable-pip-version-check"
+{ $pip install uv && .venv/bin/uv pip install --quiet --python .venv/bin/python -e ".$extras"; } ||
+    $pip install --no-compile -e ".$extras"
 # Byte code for what was installed and for what is here, on all cores; some packages carry files in no valid Python.
-.venv/bin/python -m compileall -qq -j 0 .venv/lib can_bus chiplog firmware_model gap_diagnosis hil_harness \
-    precision_study sim_plant || true
+.venv/bin/python -m compileall -qq -j 0 -x '/(tests|OpenGL|pip)/' .venv/lib can_bus chiplog firmware_model \
+    gap_diagnosis hil_harness precision_study sim_plant || true
