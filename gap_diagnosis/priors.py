@@ -145,7 +145,7 @@ class Stated:
     most: float | None = None
 
 
-_NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "start_s", "stop_s"})
+_NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "speed", "start_s", "stop_s"})
 """Parameters that place an effect: angles are even over a turn, the others have their own laws."""
 
 

@@ -34,6 +34,7 @@ PARAMETERS = [
     ("wander_stays", "f8"),
     ("longitudinal_slip_s2_per_m", "f8"),
     ("lateral_slip_s", "f8"),
+    ("lateral_slip_speed_m_s", "f8"),
     ("cross_slope_ratio", "f8"),
     ("cross_slope_direction_rad", "f8"),
     ("grade_slip_ratio", "f8"),
@@ -103,6 +104,7 @@ def parameters(
         "wander_stays": math.exp(-tick_s / _WANDER_S),
         "longitudinal_slip_s2_per_m": m.longitudinal_slip_s2_per_m,
         "lateral_slip_s": m.lateral_slip_s,
+        "lateral_slip_speed_m_s": m.lateral_slip_speed_m_s,
         "cross_slope_ratio": m.cross_slope_ratio,
         "cross_slope_direction_rad": m.cross_slope_direction_rad,
         "grade_slip_ratio": m.grade_slip_ratio,
@@ -281,7 +283,11 @@ def move(
 
     yaw_rate_rad_s = turn_rad / tick_s
     middle_rad = s.heading_rad + 0.5 * turn_rad
-    lateral_m = forward_m * p.toe_slope - p.lateral_slip_s * forward_m * yaw_rate_rad_s
+    lateral_slip_s = p.lateral_slip_s
+    if p.lateral_slip_speed_m_s > 0.0:
+        speed_m_s = 0.5 * abs(rolled[0] + rolled[1]) / tick_s
+        lateral_slip_s *= speed_m_s / p.lateral_slip_speed_m_s
+    lateral_m = forward_m * p.toe_slope - lateral_slip_s * forward_m * yaw_rate_rad_s
     if p.cross_slope_ratio != 0.0:
         downhill = math.sin(p.cross_slope_direction_rad - middle_rad)
         lateral_m += p.cross_slope_ratio * abs(forward_m) * downhill

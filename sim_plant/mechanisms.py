@@ -130,6 +130,11 @@ class Mechanisms:
         "s²/m", "ground step = wheel step·(1 − c·a_wheel·sign v_wheel)", 1.0
     )
     lateral_slip_s: float = _level("s", "v_y = −c·v·ω, outward", 10.0)
+    lateral_slip_speed_m_s: float = _level(
+        "m/s",
+        "where c holds, to grow with the speed as a tyre's slip angle does; 0: at any speed",
+        100.0,
+    )
     cross_slope_ratio: float = _level("1", "v_y = ratio·|v|·sin(direction − θ)", 1.0)
     cross_slope_direction_rad: float = _signed("rad", "downhill, in the world", 1e3)
     grade_slip_ratio: float = _level(

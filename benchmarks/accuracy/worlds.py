@@ -198,6 +198,8 @@ def _constants(robot: Robot, draw: Draw, wanted: frozenset[str]) -> dict[str, Va
         else:
             values = {}
             for one in parameters:
+                if default_prior().tolerance(effect, one.name) is None:
+                    continue  # in which form it acts, no size
                 value = 0.5 * tolerances(robot, effect, one.name) * draw.standard_normal()
                 values[one.name] = abs(value) if one.minimum >= 0 else value
         if effect in wanted:

@@ -130,6 +130,22 @@ def one_sided_slip(motion: Motion) -> Iterable[Variant]:
                 yield Variant("one_sided_slip", act, ("ratio",), fixed, report)
 
 
+def lateral_slip(motion: Motion) -> Iterable[Variant]:
+    """Return a slide that goes with speed and turn rate, and one that goes with the square of the
+    speed."""
+    for speed_m_s in (0, 1):
+        yield Variant(
+            "lateral_slip",
+            wheel.lateral_slip,
+            ("compliance",),
+            {"speed": float(speed_m_s)},
+            {"speed": speed_m_s},
+            is_positive=True,
+            exact=wheel.exact_lateral_slip,
+            varies=True,
+        )
+
+
 def leaves_out(motion: Motion, variant: Variant) -> bool:
     """Tell whether a slip's window leaves out a part of its wheel's way.
 

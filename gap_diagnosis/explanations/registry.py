@@ -122,15 +122,7 @@ _ALL: Final = (
         varies=True,
     ),
     Explanation("one_sided_slip", 1, choices.one_sided_slip),
-    _plain(
-        "lateral_slip",
-        "wheel",
-        wheel.lateral_slip,
-        "compliance",
-        positive=True,
-        exact=wheel.exact_lateral_slip,
-        varies=True,
-    ),
+    Explanation("lateral_slip", _RANK["wheel"], choices.lateral_slip),
     Explanation(
         "cross_slope_drift",
         1,

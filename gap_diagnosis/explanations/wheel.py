@@ -200,16 +200,20 @@ def _inside(motion: Motion, start_s: float, stop_s: float) -> NDArray[np.bool_]:
     return np.asarray((middle_s >= start_s) & (middle_s < stop_s))
 
 
-def lateral_slip(p: Prediction, *, compliance: float) -> None:
-    """Slide outward in turns: v_y = -c * v * omega."""
-    p.lateral_m = p.lateral_m - compliance * p.forward_m * p.motion.turn_rate_rad_s
+def lateral_slip(p: Prediction, *, compliance: float, speed: float) -> None:
+    """Slide outward in turns: v_y = -c * v * omega, where c holds at a speed and grows with it, as
+    a tyre's slip angle does with the force to the side; at any speed, if that is 0."""
+    _slide_outward(p, compliance, speed, p.motion.turn_rate_rad_s)
 
 
-def slip_angle(p: Prediction, *, compliance: float) -> None:
-    """Let tyres yield to the side by an angle in proportion to the force: v_y = -c * v² * omega."""
-    m = p.motion
-    speed_m_s = np.abs(m.speed_m_s)
-    p.lateral_m = p.lateral_m - compliance * speed_m_s * p.forward_m * m.turn_rate_rad_s
+def exact_lateral_slip(p: Prediction, *, compliance: float, speed: float) -> None:
+    """Slide outward in turns as sharp as they are, by the counters where there are any."""
+    _slide_outward(p, compliance, speed, sharp_turn_rate(p.motion))
+
+
+def _slide_outward(p: Prediction, compliance: float, speed: float, turn_rate_rad_s: Floats) -> None:
+    share = np.abs(p.motion.speed_m_s) / speed if speed > 0 else 1.0
+    p.lateral_m = p.lateral_m - compliance * share * p.forward_m * turn_rate_rad_s
 
 
 def pressed_outside(p: Prediction, *, compliance: float) -> None:
@@ -219,11 +223,6 @@ def pressed_outside(p: Prediction, *, compliance: float) -> None:
     share = compliance * m.speed_m_s * m.turn_rate_rad_s
     p.left_m = p.left_m * (1 + share)
     p.right_m = p.right_m * (1 - share)
-
-
-def exact_lateral_slip(p: Prediction, *, compliance: float) -> None:
-    """Slide outward in turns as sharp as they are, by the counters where there are any."""
-    p.lateral_m = p.lateral_m - compliance * p.forward_m * sharp_turn_rate(p.motion)
 
 
 def cross_slope_drift(p: Prediction, *, north: float, east: float) -> None:

@@ -20,7 +20,7 @@ from gap_diagnosis.explanations.reference import (
 )
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.explanations.wheel import creep_in_turns, pressed_outside, slip_angle
+from gap_diagnosis.explanations.wheel import creep_in_turns, lateral_slip, pressed_outside
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -35,6 +35,8 @@ NEVER_NUISANCE: Final = frozenset(
 _ON_EACH_SIDE: Final = frozenset({"encoder_eccentricity"})
 """Effects that either side may have a little of. Of a wheel off centre an encoder's as little is
 hardly another."""
+_IN_ONE_FORM: Final = frozenset({"lateral_slip"})
+"""Effects of which so little as is no news acts alike in every form."""
 _OF_A_ROW: Final = frozenset({"IMU", "ENCODER"})
 """What stands in one row of a table: a rate may be of the moment or a mean since the row before,
 and nothing says which."""
@@ -138,7 +140,7 @@ def build_columns(
         if explanation.stage_rank == 2 and not nodes.has_gyro:
             continue
         variants = list(explanation.variants(motion))
-        is_plain = len(variants) == 1 or effect in _ON_EACH_SIDE
+        is_plain = len(variants) == 1 or effect in _ON_EACH_SIDE | _IN_ONE_FORM
         is_nuisance = is_plain and effect not in NEVER_NUISANCE and effect in EXPLAINED
         if effect in without and not is_nuisance:
             continue
@@ -178,7 +180,7 @@ def build_columns(
                 base.append(change)
                 weight = [(len(base) - 2, 1.0)]
                 limits.append(math.hypot(limit, 2.0 * unsure.get((effect, index), 0.0)))
-                if is_nuisance:
+                if is_nuisance and (variant is variants[0] or effect in _ON_EACH_SIDE):
                     near = _near(nodes, variant, steps, limit, nominal)
                     if np.nanmax(np.abs(near - change), initial=0.0) * limit > _BENT:
                         base.append(near)
@@ -355,7 +357,7 @@ _APART_ROWS: Final = 0.5
 _APART_S: Final = 0.005
 """By so much of a row, and no more than this, the two wheels of a table are read apart."""
 _LATERAL: Final = "lateral_slip"
-_SLIP_ANGLE: Final = Variant(_LATERAL, slip_angle, ("compliance",))
+_SLIP_ANGLE: Final = Variant(_LATERAL, lateral_slip, ("compliance",), {"speed": 1.0})
 _SLIP_ANGLE_S2_PER_M: Final = 0.004
 """Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s²
 (Bundorf and Leffert 1976, SAE 760713)."""

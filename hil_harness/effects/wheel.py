@@ -96,6 +96,7 @@ _CONTACT: Final[tuple[Effect, ...]] = (
         "The robot slides outward in turns in proportion to speed times turn rate; heading is "
         "untouched.",
         moves("compliance", "lateral_slip_s"),
+        moves("speed", "lateral_slip_speed_m_s"),
     ),
     plant_effect(
         "cross_slope_drift",

@@ -142,6 +142,13 @@ def test_in_a_left_turn_the_robot_slides_to_its_right() -> None:
     assert sideways_m_s(seen)[5:] == pytest.approx(-0.1 * 0.5 * 0.4, rel=1e-3)
 
 
+def test_where_tyres_yield_by_an_angle_the_slide_grows_with_the_square_of_the_speed() -> None:
+    tyres = ("lateral_slip.compliance=0.1", "lateral_slip.speed=0.25")
+    for v in (0.25, 0.5, -0.5):
+        slide_m_s = -0.1 * (abs(v) / 0.25) * v * 0.4
+        assert sideways_m_s(run(*tyres, v=v, w=0.4))[5:] == pytest.approx(slide_m_s, rel=1e-3)
+
+
 def test_on_a_cross_slope_the_robot_slides_downhill() -> None:
     downhill = ("cross_slope_drift.ratio=0.02", f"cross_slope_drift.direction={math.pi / 2}")
     assert sideways_m_s(run(*downhill, v=0.5)) == pytest.approx(0.02 * 0.5, rel=1e-3)

@@ -227,6 +227,19 @@ def test_lateral_slip_goes_outward_in_proportion_to_v_and_omega() -> None:
     assert np.array_equal(sliding[:, 2], rolling[:, 2])
 
 
+def test_a_lateral_slip_at_a_speed_grows_with_the_speed() -> None:
+    speed_m_s = float(ARC[0, 0])
+    as_at = {
+        share: drive(
+            ARC, Mechanisms(lateral_slip_s=0.03, lateral_slip_speed_m_s=speed_m_s / share)
+        ).truth[0]
+        for share in (0.5, 1.0, 2.0)
+    }
+    for share, seen in as_at.items():
+        alike = drive(ARC, Mechanisms(lateral_slip_s=0.03 * share)).truth[0]
+        assert seen == pytest.approx(alike, abs=1e-12)
+
+
 @pytest.mark.parametrize("heading_rad", [0.0, 0.9])
 def test_cross_slope_drifts_sideways_by_the_sine_of_downhill_against_heading(
     heading_rad: float,

@@ -22,7 +22,7 @@ HIGH = PRIOR.of("radius_scale", "scale").high
 
 
 def term_of(effect: str, index: int = 0) -> Term:
-    (variant,) = EXPLAINED[effect].variants(None)  # type: ignore[arg-type]
+    variant, *_ = EXPLAINED[effect].variants(None)  # type: ignore[arg-type]
     return Term(
         variant,
         tuple((((index + place), 1.0),) for place in range(len(variant.coefficients))),

@@ -40,7 +40,7 @@ def block_means(values: Floats) -> Floats:
 
 def second_order_error(effect: str, size: float) -> float:
     """Return how far the linear change of the reference's residuals is from the exact one."""
-    (variant,) = EXPLAINED[effect].variants(NODES.motion)
+    variant, *_ = EXPLAINED[effect].variants(NODES.motion)
     nominal, changed = predict(NODES.motion), predict(NODES.motion, [(variant, (size,))])
     linear = residuals(NODES, nominal) - residuals(NODES, changed)
     errors = []

@@ -69,7 +69,7 @@ def test_a_large_slip_outward_costs_no_more_in_detail_than_along_a_smooth_way() 
         contact_noise_m_per_sqrt_m=5e-4,
     )
     model = MotionModel(log, ROBOT, default_prior())
-    (term,) = (one for one in model.columns.terms if one.variant.effect == "lateral_slip")
+    term, *_ = (one for one in model.columns.terms if one.variant.effect == "lateral_slip")
     smooth = replace(term, variant=replace(term.variant, exact=None))
     exactly, smoothly = (
         model.refit([one], model.level_prior.median).log_evidence for one in (term, smooth)
@@ -200,7 +200,7 @@ def test_a_large_effect_is_fitted_within_half_a_standard_deviation(effect: str) 
         without_noise(ROBOT), WIRE, DRIVE, (*around, setting), 3, reference=EXACT
     )
     model = MotionModel(log, ROBOT, default_prior())
-    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    term, *_ = (one for one in model.columns.terms if one.variant.effect == effect)
     (size,) = (float(one) for one in LARGE[effect].values())
     levels = LEVELS.copy()
     levels[:2] = 1e-4
@@ -236,7 +236,7 @@ def late_reference(effect: str, offset_s: float, skew: float) -> tuple[MotionMod
     ]
     log = synthetic_recording(without_noise(ROBOT), WIRE, DRIVE, settings, 3, reference=EXACT)
     model = MotionModel(log, ROBOT, default_prior())
-    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    term, *_ = (one for one in model.columns.terms if one.variant.effect == effect)
     free = tuple(
         (index, sd)
         for index, sd in model.columns.nuisances

@@ -190,7 +190,7 @@ def test_a_plain_cause_without_a_name_does_not_pay_for_the_bends_it_could_have_h
     hats and four ways nothing: no more than the prior's other steps make."""
     model = model_of(drive(EffectSetting(effect, ((coefficient, size),))), effect)
     levels = model.no_effect_levels
-    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
+    term, *_ = (one for one in model.columns.terms if one.variant.effect == effect)
     named = score(model.gram(levels), [term], model.prior)
     best = alternatives(model, levels)[0]
     assert best.stage == "wheel"

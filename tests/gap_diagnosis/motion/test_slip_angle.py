@@ -1,0 +1,35 @@
+"""Tyres that yield by an angle slide by the square of the speed, and are told as such."""
+
+from dataclasses import replace
+
+import pytest
+from full_size import at_full_size
+from motion_cases import ROBOT, WIRE
+
+from gap_diagnosis.diagnose import diagnose_recordings
+from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
+from hil_harness.effects import EffectSetting
+from hil_harness.scenarios import scenario
+
+DRIVE = scenario("random")
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "seed"), [(0.0, 1), (0.3, 2), *at_full_size((0.0, 3), (0.3, 4), (0.6, 5))]
+)
+def test_a_lateral_slip_is_told_with_how_it_grows_with_the_speed(
+    speed_m_s: float, seed: int
+) -> None:
+    tyres = EffectSetting("lateral_slip", (("compliance", 0.03), ("speed", speed_m_s)))
+    drive = replace(DRIVE, seed=seed)
+    log = synthetic_recording(
+        ROBOT, WIRE, drive, [tyres], seed, reference=ReferenceNoise(), duration_s=60.0
+    )
+    found = diagnose_recordings([log], ROBOT, WIRE).diagnosis
+    assert found.verdict == "lateral_slip"
+    told = found.which[0].parameters
+    # As large as it would be at 1 m/s.
+    at_one_m_s = 0.03 / speed_m_s if speed_m_s else 0.03
+    assert told["lateral_slip.speed"].estimate == (1 if speed_m_s else 0)
+    low, high = told["lateral_slip.compliance"].ci95
+    assert low < at_one_m_s < high
