@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
+from gap_diagnosis.drive.columns import (
+    LINEAR,
+    MISCOUNTS,
+    SHARED,
+    TICKS,
+    Variant,
+    may_be_dead,
+    variants,
+)
 from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.grid import Weighted
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
@@ -50,7 +58,10 @@ _STRAIGHT: Final = 0.005
 _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _DRIVES: Final = frozenset({*BENT, "drive_gain"})
-"""What a drive does that may begin and end."""
+"""What a drive does."""
+_MAY_BEGIN: Final = _DRIVES | set(MISCOUNTS)
+"""What may begin and end: of counting the motion says when, but a drive is not to be blamed for
+what counts do from then on."""
 _ANSWERS: Final = frozenset({"drive_delay", "drive_lag"})
 _PROMPT_S: Final = 1e-3
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -238,7 +249,7 @@ class DriveBlock:
         return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
-        drives = effects & _DRIVES
+        drives = effects & _MAY_BEGIN
         if self._spell is None or not drives or effects & set(SETUP):
             return self._fit_all_along(effects)
         if len(effects) == 1:
@@ -299,7 +310,8 @@ class DriveBlock:
             fit,
             log_evidence=fit.log_evidence + told.log_width + log_spell,
             parameters={**fit.parameters, **ends_of},
-            windows=((begins_s, ends_s),),
+            windows=((begins_s, ends_s),) if ends_of else (),
+            counting={},
         )
 
     def _fit_all_along(self, effects: frozenset[str]) -> Fit:

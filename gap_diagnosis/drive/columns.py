@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.mistakes import SETUP, Mistake, mistakes
+from gap_diagnosis.drive.shapes import masked
 
 Floats = NDArray[np.float64]
 
 TICKS: Final = "ticks_per_rev"
-LINEAR: Final = ("drive_gain", "extra_ticks", "missed_ticks", TICKS)
-SHARED: Final = frozenset(("encoder_dead", "extra_ticks", "missed_ticks", TICKS))
+MISCOUNTS: Final = ("extra_ticks", "missed_ticks", TICKS)
+LINEAR: Final = ("drive_gain", *MISCOUNTS)
+SHARED: Final = frozenset(("encoder_dead", *MISCOUNTS))
 """Effects whose parameters the motion tells; this block only weighs them."""
 
 _THRESHOLD_QUANTILES: Final = (0.0, 0.5, 0.8)
@@ -38,7 +40,7 @@ class Variant:
     Attributes:
         data: the data as they would be without set-up mistakes, and without what a dead encoder
             says.
-        columns: float64[c, 2, m], what the linear effects other than gain add per unit.
+        columns: float64[c, 2, m], what the linear effects other than gain add per unit, all along.
         sizes: the prior of each column.
         log_constant: log density of what was taken out of the data, or of their change of scale.
         values: of the mistake, by name.
@@ -49,6 +51,12 @@ class Variant:
     sizes: tuple[prior.Size, ...]
     log_constant: float = 0.0
     values: Mapping[str, str | float] = field(default_factory=dict)
+
+    @property
+    def acting(self) -> Floats:
+        """The columns where effects act: float64[c, 2, m]."""
+        spell = self.data.acting
+        return self.columns if spell is None else masked(self.columns, spell)
 
 
 def variants(
@@ -61,7 +69,7 @@ def variants(
     *doubted* the signals of which a mistake of the set-up may be."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
-        if effect in (TICKS, "missed_ticks", "extra_ticks"):
+        if effect in MISCOUNTS:
             size, columns = _columns(data, nominal, effect)
             made = [
                 replace(

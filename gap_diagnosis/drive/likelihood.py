@@ -79,7 +79,7 @@ class Setting:
     @property
     def fixed(self) -> Floats:
         """Columns that no grid point bends: float64[k, 2, m]."""
-        return np.concatenate((self.variant.columns, self.nuisances))
+        return np.concatenate((self.variant.acting, self.nuisances))
 
     def values(self, point: Floats) -> dict[str, float]:
         """Return the parameter of each bending effect at a point float64[coordinates]."""

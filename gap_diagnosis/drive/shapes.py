@@ -116,10 +116,16 @@ def drive_beside_described(recording: Recording, robot: Robot) -> DriveData | No
 
 
 def masked(columns: Floats, spell: Spell) -> Floats:
-    """Return what columns float64[c, 2, m] add to the angles where they act in a spell alone."""
+    """Return what columns float64[c, 2, m] add to the angles where they act in a spell alone.
+
+    Angles are means over blocks: of the step between two, half lies in each.
+    """
     steps = np.diff(columns, axis=2, prepend=columns[..., :1])
-    steps[..., : spell[0]] = 0.0
-    steps[..., spell[1] :] = 0.0
+    first, last = spell
+    edges = [block for block in spell if 0 < block < steps.shape[2]]
+    steps[..., edges] *= 0.5
+    steps[..., :first] = 0.0
+    steps[..., last + 1 :] = 0.0
     return np.asarray(np.cumsum(steps, axis=2))
 
 

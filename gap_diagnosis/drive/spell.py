@@ -150,7 +150,7 @@ def _acting(
     data = replace(setting.variant.data, acting=spell)
     variant = replace(setting.variant, data=data)
     own = replace(setting, variant=variant, shapes=Shapes(data, robot))
-    return own, np.concatenate((own.columns(values), setting.fixed))
+    return own, np.concatenate((own.columns(values), own.fixed))
 
 
 def _fits(setting: Setting, columns: Floats) -> float:

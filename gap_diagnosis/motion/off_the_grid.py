@@ -14,7 +14,7 @@ from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged, best_edges, edged_by, edges_of, has_edges
 from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.slips import SLIP, windows_beside
-from gap_diagnosis.motion.windows import windows_of
+from gap_diagnosis.motion.windows import at_window, windows_of
 from gap_diagnosis.recording import Floats
 
 _EDGED: Final = 4
@@ -79,14 +79,12 @@ class OffTheGrid(Accounts):
         if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
             return None
         leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
-        best: tuple[float, Term, Term] | None = None
-        for whole in leading:
-            window = best_window(self.model, whole, gram.levels)
-            if window is not None and (best is None or window[1] > best[0]):
-                best = window[1], window[0], whole
-        if best is None or best[0] < gram.log_nothing + _WORTH_WINDOW:
+        found = [(whole, best_window(self.model, whole, gram.levels)) for whole in leading]
+        sought = [(window[1], window[0], whole) for whole, window in found if window is not None]
+        sought.sort(key=lambda one: -one[0])
+        if not sought or sought[0][0] < gram.log_nothing + _WORTH_WINDOW:
             return None
-        _, term, whole = best
+        best, term, whole = sought[0]
         known = self._ranked()[0].levels, self.found[frozenset()].levels
         at_ends = self.model.refit((term,), gram.levels, known=known)
         if at_ends.log_evidence + LOG_WEIGHT < best_so_far - _WORTH_WINDOW:
@@ -103,6 +101,13 @@ class OffTheGrid(Accounts):
         if between.log_evidence + LOG_SHARE + windows.log_width < best_so_far - _WORTH_EDGES:
             return None
         self._add_at_its_edges(edged, term)
+        for evidence, rival, _ in sought[1:]:
+            if evidence > best - _WORTH_WINDOW:
+                # What acts in this window may be another that shows as much of itself in it.
+                there = at_window(rival, *windows.best_s)
+                fit = self.model.refit((there,), at_ends.levels, steps=2)
+                own = windows_of(self.model, (there,), 0, fit.coefficients, fit.levels)
+                self._add_at_its_edges(edged_by(there, own), rival)
         return between.levels
 
     def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:

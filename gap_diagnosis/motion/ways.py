@@ -140,8 +140,8 @@ def _reference_heading(p: Prediction, f: Floats) -> None:
 _GYRO: Final = (
     Way(
         "gyro", _gyro, 1e-3, 0.1, 1.7e-4,
-        needs_gyro=True, words="the gyro says about {size:.2g} rad/s {sense}",
-        senses=("too much", "too little"),
+        needs_gyro=True, for_a_while="gyro_bias",
+        words="the gyro says about {size:.2g} rad/s {sense}", senses=("too much", "too little"),
     ),
 )  # fmt: skip
 # A scale may be off by more than it may drift by: of its own tolerance every explanation has some.

@@ -66,6 +66,15 @@ def test_what_ends_again_is_told_with_both_its_ends():
     assert fit.parameters["drive_lag.time_constant"].value == pytest.approx(0.1, rel=0.02)
 
 
+def test_a_drive_is_not_blamed_for_counts_that_are_too_many_from_some_time_on():
+    """They were drive_gain beside the ticks of a turn (0.92)."""
+    block = block_of(simulated({"ticks_per_rev": {"scale": 0.02, "start_s": START_S}}))
+    alone = block.fit(frozenset({"ticks_per_rev"}))
+    assert alone.log_evidence > evidence(block, "drive_gain")
+    assert alone.log_evidence > evidence(block, "drive_gain", "ticks_per_rev") - 5.0
+    assert alone.windows == ()  # the motion tells them
+
+
 @pytest.mark.parametrize(
     "effects", [{}, {"drive_lag": {"time_constant": 0.05}}], ids=["healthy", "lags all along"]
 )
