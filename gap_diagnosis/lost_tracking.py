@@ -178,9 +178,11 @@ def _leaps(reference: Reference, motion: Motion, delay_s: Floats) -> list[Leap]:
     sudden = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0]))
     elapsed_s = np.diff(reference.t_s, prepend=reference.t_s[0] - 1.0)
     speed_m_s = np.hypot(_rate(path_x_m, stamps), _rate(path_y_m, stamps))
-    noise = _usual_size(step, speed_m_s)
     top = sudden == maximum_filter1d(sudden, 2 * _AROUND + 1)
-    is_leap = top & (step > _FAR * noise) & (sudden > 0.5 * step)
+    is_far = step > _FAR * _usual_size(step, speed_m_s)
+    # Samples a fifth of a second apart drift off in five by as much as a receiver leaps in one.
+    is_sudden = (sudden > _FAR * _usual_size(sudden, speed_m_s)) & (step > 0.5 * sudden)
+    is_leap = top & (is_far | is_sudden) & (sudden > 0.5 * step)
     places = np.flatnonzero(is_leap & (step > _FASTEST_M_S * elapsed_s))
     if len(places) > _MOST:
         return []

@@ -33,42 +33,42 @@ def main() -> None:
         text = f"so many times the {side} wheel's speed is told"
         parser.add_argument(f"--{side}", type=float, default=1.0, help=text)
     given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
     recording: Path = given.recording
-
-    def named(end: str) -> Path:
-        return recording.with_name(recording.name + end)
-
-    time_s, along_m_s, _, turn_rad_s = part(named("_Input.txt"), "odom2", given, 4).T
+    rows, laser = (
+        part(recording.with_name(recording.name + end), kind, columns, given.begin, given.end)
+        for end, kind, columns in (("_Input.txt", "odom2", 4), ("_GT.txt", "point2", 3))
+    )
+    time_s, along_m_s, _, turn_rad_s = rows.T
     apart_m_s = turn_rad_s * WHEELBASE_M / 2
     wheels = [given.left * (along_m_s - apart_m_s), given.right * (along_m_s + apart_m_s)]
-    np.savetxt(
-        given.out / "table.csv",
-        np.stack([time_s, *wheels], axis=1),
-        fmt="%.9f",
-        delimiter=",",
-        header="t_s,left_m_s,right_m_s",
-        comments="",
-    )
-    laser = part(named("_GT.txt"), "point2", given, 3)
-    rows = np.zeros((len(laser), 8))
-    rows[:, :3] = laser
-    rows[:, 7] = 1
-    np.savetxt(given.out / "reference.tum", rows, fmt="%.9f")
-    (given.out / "robot.toml").write_text(CHEMNITZ, encoding="utf-8")
-    (given.out / "map.toml").write_text(SPEEDS_MAP, encoding="utf-8")
-    print(f"{given.out}: {len(time_s)} rows, {len(laser)} positions")
+    write_table(given.out, np.stack([time_s, *wheels], axis=1), laser, CHEMNITZ)
 
 
-def part(path: Path, kind: str, given: argparse.Namespace, columns: int) -> NDArray[np.float64]:
+def part(path: Path, kind: str, columns: int, begin_s: float, end_s: float) -> NDArray[np.float64]:
     """Return the first columns of a kind of line, float64[n, columns], its time since the part
     began."""
     with path.open(encoding="utf-8") as lines:
         words = [line.split() for line in lines]
-    rows = np.array([[float(one) for one in w[1 : columns + 1]] for w in words if w[0] == kind])
-    rows = rows[(rows[:, 0] >= given.begin) & (rows[:, 0] < given.end)]
-    rows[:, 0] -= given.begin
+    rows = np.array([[float(one) for one in w[1 : columns + 1]] for w in words if w[:1] == [kind]])
+    rows = rows[(rows[:, 0] >= begin_s) & (rows[:, 0] < end_s)]
+    rows[:, 0] -= begin_s
     return rows
+
+
+def write_table(
+    out: Path, speeds: NDArray[np.float64], places: NDArray[np.float64], robot: str
+) -> None:
+    """Write a table of time and two wheels' speeds, float64[n, 3], and a reference of time and
+    place, float64[m, 3], with what is known of the robot."""
+    out.mkdir(parents=True, exist_ok=True)
+    header = "t_s,left_m_s,right_m_s"
+    np.savetxt(out / "table.csv", speeds, "%.9f", delimiter=",", header=header, comments="")
+    rows = np.zeros((len(places), 8))
+    rows[:, :3], rows[:, 7] = places, 1
+    np.savetxt(out / "reference.tum", rows, fmt="%.9f")
+    (out / "robot.toml").write_text(robot, encoding="utf-8")
+    (out / "map.toml").write_text(SPEEDS_MAP, encoding="utf-8")
+    print(f"{out}: {len(speeds)} rows, {len(places)} positions")
 
 
 if __name__ == "__main__":

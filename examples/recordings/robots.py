@@ -117,3 +117,68 @@ ticks_per_rev = 60000
 [drive]
 max_wheel_rate_rad_s = 40.0
 """
+
+LABYRINTH = """\
+# A robot whose wheels are said to stand 78.5 mm apart, of which only their speeds were recorded:
+# radius and ticks are any numbers.
+schema = 1
+
+[robot]
+name = "labyrinth"
+
+[wheels]
+radius_m = 0.03
+wheelbase_m = 0.0785
+
+[encoder]
+ticks_per_rev = 4096
+
+[drive]
+max_wheel_rate_rad_s = 40.0
+"""
+
+BERLIN = """\
+# A car of which only speed and turn rate were recorded: radius, track and ticks are any numbers, as
+# the table has the speeds of two wheels this far apart.
+schema = 1
+
+[robot]
+name = "berlin"
+
+[wheels]
+radius_m = 0.3
+wheelbase_m = 1.5
+
+[encoder]
+ticks_per_rev = 4096
+
+[drive]
+max_wheel_rate_rad_s = 150.0
+"""
+
+WPI = """\
+# A Kobuki, as its maker describes it, with the gyro of a navX.
+schema = 1
+
+[robot]
+name = "Kobuki of WPI"
+
+[wheels]
+radius_m = 0.0349955  # 35 mm, times 2578/2578.33: a turn here has a whole number of ticks
+wheelbase_m = 0.230
+
+[encoder]
+ticks_per_rev = 2578
+counter_bits = 16
+
+[drive]
+max_wheel_rate_rad_s = 20.0
+"""
+
+WPI_MAP = """\
+[columns]
+time = { column = "t_s", unit = "s" }
+left_count = { column = "left_ticks", wrap = 65536 }
+right_count = { column = "right_ticks", wrap = 65536 }
+gyro = { column = "yaw_rad_s", unit = "rad/s" }
+"""

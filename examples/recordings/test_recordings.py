@@ -3,7 +3,8 @@
     CHIPLOG_RECORDINGS=FOLDER pytest examples/recordings
 
 FOLDER holds `kobuki/NAME/*.csv.gz`, `plaza_lawnmower/Plaza1_DR.txt`, …, a `global_pose` below
-`comma2k19`, `optiodom/*_run-NN.csv` and `chemnitz/*_Input.txt`, as they are published.
+`comma2k19`, `optiodom/*_run-NN.csv`, `chemnitz/*_Input.txt`, `labyrinth/Indoor_UWB_Input.txt`,
+`smartloc/*_Input.txt` and `wpi/trial_N/*.csv`, as they are published.
 """
 
 from __future__ import annotations
@@ -30,6 +31,15 @@ PLAZA = sorted(RECORDINGS.glob("plaza_lawnmower/*_DR.txt"))
 OPTITRACK = sorted(RECORDINGS.glob("optiodom/**/*_run-[0-9][0-9].csv"))
 CARS = sorted(path.parent for path in RECORDINGS.glob("comma2k19/**/global_pose"))
 CHEMNITZ = sorted(RECORDINGS.glob("chemnitz/*_Input.txt"))
+LABYRINTH = [
+    path.with_name(path.name.removesuffix("_Input.txt"))
+    for path in RECORDINGS.glob("labyrinth/*_Input.txt")
+]
+TRIALS = sorted(RECORDINGS.glob("wpi/trial_*"))
+CITIES = [
+    path.with_name(path.name.removesuffix("_Input.txt"))
+    for path in sorted(RECORDINGS.glob("smartloc/*_Input.txt"))
+]
 NS = 10**9
 START = 1_494_449_908 * NS
 
@@ -50,6 +60,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize(
             "drive", [None, *CHEMNITZ], ids=lambda p: "made up" if p is None else p.stem
         )
+    for name, real in (("labyrinth", LABYRINTH), ("city", CITIES), ("trial", TRIALS)):
+        if name in metafunc.fixturenames:
+            metafunc.parametrize(
+                name, [None, *real], ids=lambda p: "made up" if p is None else p.name
+            )
     if "plaza" in metafunc.fixturenames:
         metafunc.parametrize(
             "plaza", [None, *PLAZA], ids=lambda p: "made up" if p is None else p.stem
@@ -268,3 +283,110 @@ def test_a_robot_of_chemnitz_is_read_with_what_its_laser_measured(
     )
     part = rows[(rows[:, 0] >= 30.0) & (rows[:, 0] < 60.0)] - [30.0, 0.0, 0.0]
     assert moved == pytest.approx(part * [1.0, 1.02, 1.0], rel=1e-6, abs=2e-9)
+
+
+def made_up_labyrinth(path: Path) -> Path:
+    """Ten seconds of a turn to the left, the right wheel before the left one in each line."""
+    t_s = np.arange(80) * 0.128
+    lines = [f"odom2diff {t} 0.4 0.3 0 0.0785 0.0001 0.0001 0.0001" for t in t_s]
+    path.write_text("\n".join(["range2 0 4.8 0.01 0 0 1 0", *lines]), encoding="utf-8")
+    heading = 0.1 / 0.0785 * t_s
+    x_m, y_m = 0.275 * np.sin(heading), -0.275 * np.cos(heading)
+    places = [f"point2 {t} {x} {y} 0 0 0 0" for t, x, y in zip(t_s, x_m, y_m, strict=True)]
+    path.with_name("Maze_GT.txt").write_text("\n".join(places), encoding="utf-8")
+    return path.with_name("Maze")
+
+
+def test_the_wheels_of_the_labyrinth_are_read_in_either_order(
+    labyrinth: Path | None, tmp_path: Path
+) -> None:
+    name = labyrinth or made_up_labyrinth(tmp_path / "Maze_Input.txt")
+    convert("labyrinth_table.py", name, tmp_path / "told")
+    convert("labyrinth_table.py", name, tmp_path / "exchanged", "--exchanged")
+    told, exchanged = (read_folder(tmp_path / one) for one in ("told", "exchanged"))
+    np.testing.assert_array_equal(told.left_ticks, exchanged.right_ticks)
+    assert told.reference is not None
+    assert told.reference.heading_rad is None
+    if labyrinth is None:
+        assert told.right_ticks[-1] == pytest.approx(4 / 3 * told.left_ticks[-1], rel=1e-3)
+
+
+def made_up_city(path: Path) -> Path:
+    """Forty seconds at 8 m/s to the north, then 20 s of a turn to the left."""
+    t_s = np.arange(300) * 0.2
+    turn_rad_s = np.where(t_s > 40.0, 0.1, 0.0)
+    heading = np.pi / 2 + 0.2 * np.cumsum(turn_rad_s)
+    lines = [f"odom3 {t} 8 0 0 0 0 {w} 1 1 1 1 1 1" for t, w in zip(t_s, turn_rad_s, strict=True)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    east_m, north_m = (np.cumsum(1.6 * one(heading)) for one in (np.cos, np.sin))
+    places = pymap3d.enu2ecef(east_m, north_m, np.zeros(len(t_s)), 52.5, 13.4, 40.0)
+    told = [f"point3 {' '.join(map(str, one))}" for one in zip(t_s, *places, strict=True)]
+    path.with_name("City_GT.txt").write_text("\n".join(told), encoding="utf-8")
+    return path.with_name("City")
+
+
+def test_a_car_in_berlin_goes_as_far_as_its_wheels(city: Path | None, tmp_path: Path) -> None:
+    name = city or made_up_city(tmp_path / "City_Input.txt")
+    convert("berlin_table.py", name, tmp_path / "out", "--begin", "10")
+    found = read_folder(tmp_path / "out")
+    assert found.reference is not None
+    way_m = np.hypot(np.diff(found.reference.x_m), np.diff(found.reference.y_m)).sum()
+    per_tick_m = 2 * np.pi * 0.3 / 4096
+    left, right = (one[np.isfinite(one)] for one in (found.left_ticks, found.right_ticks))
+    assert way_m == pytest.approx(0.5 * np.ptp(left + right) * per_tick_m, rel=0.05)
+    if city is None:
+        turned = np.ptp(right - left) * per_tick_m / 1.5
+        assert turned == pytest.approx(2.0, abs=0.1)
+
+
+def made_up_trial(folder: Path) -> Path:
+    """Forty seconds of turns to and fro: packets of 20 ms, one or three of them at a time, a gyro
+    that begins 0.3 s and cameras that begin 0.2 s later than the wheels."""
+    folder.mkdir()
+    t_s = np.arange(2000) * 0.02
+    rate = 0.6 * np.sin(0.5 * t_s) * (t_s > 1.0)
+    heading = 0.02 * np.cumsum(rate)
+    way = 0.02 * np.cumsum(0.2 * (t_s > 1.0))
+    per_tick_m = 2 * np.pi * 0.0349955 / 2578
+    left, right = (np.rint((way + side * 0.115 * heading) / per_tick_m) for side in (-1.0, 1.0))
+    taken = np.cumsum(np.tile([1, 3], 500)) - 1
+    stamp_s = 0.04 * np.arange(len(taken)) + 0.003
+    counts = np.stack([left[taken] % 65536, right[taken] % 65536, 1e9 + stamp_s // 1], axis=1)
+    rows = np.column_stack([counts, np.rint(stamp_s % 1 * 1e9)])
+    names = "left_ticks,right_ticks,time_s,time_ns"
+    path = folder / "kobuki_data_1.csv"
+    np.savetxt(path, rows, "%.0f", delimiter=",", header=names, comments="")
+    rio_s = np.arange(3600) * 0.01
+    rio = np.zeros((len(rio_s), 19))
+    rio[:, 5], rio[:, -2] = np.rad2deg(np.interp(rio_s + 0.3, t_s, rate)), 77.0 + rio_s
+    np.savetxt(folder / "rio-data-77.csv", rio, delimiter=",", header="columns", comments="")
+    seen_s = np.arange(3600) * 0.01
+    turned = np.interp(seen_s + 0.2, t_s, heading) - 1.88
+    x_m, y_m = (np.cumsum(0.002 * one(np.interp(seen_s, t_s, heading))) for one in (np.cos, np.sin))
+    poses = [
+        f"{k},0,,,,,,,0,0,{one},{1e3 * x},{1e3 * y},120"
+        for k, (one, x, y) in enumerate(zip(turned, x_m, y_m, strict=True))
+    ]
+    head = ["Objects", "100", ",,tag:tag,,,,,,phil_turtlebot:phil_turtlebot", "Frame", ",,rad"]
+    (folder / "turtlebot_mocap 1.csv").write_text("\n".join([*head, *poses]), encoding="utf-8")
+    return folder
+
+
+def test_three_computers_of_a_trial_turn_at_the_same_time(
+    trial: Path | None, tmp_path: Path
+) -> None:
+    convert("wpi_table.py", trial or made_up_trial(tmp_path / "trial"), tmp_path / "out")
+    found = read_folder(tmp_path / "out")
+    assert found.reference is not None
+    assert found.reference.heading_rad is not None
+    t_s, left, right, rate = np.loadtxt(tmp_path / "out/table.csv", delimiter=",", skiprows=1).T
+    counts = np.unwrap(right, period=65536) - np.unwrap(left, period=65536)
+    turned = counts * 2 * np.pi * 0.0349955 / 2578 / 0.23
+    there = (t_s > 3.0) & (t_s < found.reference.t_s[-1] - 3.0)
+    by_cameras = np.interp(t_s, found.reference.t_s, found.reference.heading_rad)
+    by_gyro = np.cumsum(rate * np.diff(t_s, prepend=0.0))
+    for angle in (by_cameras, by_gyro):
+        line = np.polyfit(turned[there], angle[there], 1)
+        assert line[0] == pytest.approx(1.0, abs=0.05)
+        off = angle[there] - np.polyval(line, turned[there])
+        assert off.std() < (0.005 if trial is None else 0.1)

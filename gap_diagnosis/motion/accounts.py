@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from can_bus import SENSORS
 from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
@@ -34,6 +35,7 @@ _OF_A_TURN: Final = frozenset({"radius_scale", "wheelbase_scale", "gyro_scale"})
 """Of a turn by wheels and gyro alone only what these make of it together is measured."""
 NEAR: Final = 12.0
 """Sets this many nats below the best are not fitted again."""
+_DELAYS: Final = frozenset({"frame_latency", "reference_time_offset"})
 
 
 @dataclass(frozen=True)
@@ -214,8 +216,8 @@ class Accounts:
         ranked = sorted(singles, key=lambda effect: -singles[effect][0].log_evidence)
         self._kept.append({effect: kept[effect] for effect in ranked})
         for first, second in combinations((one for one in ranked if one not in GROSS), 2):
-            if ranked.index(first) < _LEADERS:
-                lead = kept[first][:1]
+            if {first, second} == _DELAYS or ranked.index(first) < _LEADERS:
+                lead = kept[first] if {first, second} == _DELAYS else kept[first][:1]
                 pairs = [(one, two) for one in lead for two in kept[second]]
             else:
                 pairs = [(kept[first][0], kept[second][0])]
@@ -300,7 +302,7 @@ class Accounts:
         is twice as large would explain it anywhere.
         """
         of = self.model.prior.of
-        if any(is_a_moment(term, self.model.nodes.motion) for term in terms):
+        if says_twice(terms) or any(is_a_moment(t, self.model.nodes.motion) for t in terms):
             return NEVER
         effects = frozenset(term.variant.effect for term in terms)
         if len(of_one_quotient(effects, self.model.nodes)) > 1:
@@ -397,6 +399,15 @@ class Accounts:
             again,
             max(one.log_evidence - evidence, 0.0),
         )
+
+
+def says_twice(terms: Sequence[Term]) -> bool:
+    """Tell whether terms say one delay twice: where all sensors are late, the reference is early.
+
+    Both may then be late by any time, and the later, the fewer rows are left to compare.
+    """
+    is_late = any(term.variant.report.get("frame") == SENSORS for term in terms)
+    return is_late and {term.variant.effect for term in terms} >= _DELAYS
 
 
 def is_never(log_evidence: float) -> bool:

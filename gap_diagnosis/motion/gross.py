@@ -27,9 +27,10 @@ _BLOCK_S: Final = 0.5
 _STILL: Final = 1e-4
 _MOVES: Final = 1e-3
 """Squares of ways [m] or turns [rad] in blocks, added up: less is rest, more is none."""
-_STEP_S: Final = 2.0
+_STEPS_S: Final = (2.0, 1.0, 0.5)
 """Over which, on average, a course without headings is compared: between two clocks half a second
-matters little."""
+matters little. Over a shorter time where that says nothing: a small robot turns round in two
+seconds, and of a turn by more than half a circle no step tells to which side it was."""
 _LEAST_STEPS: Final = 8
 _SHORT_M: Final = 0.01
 _SURE: Final = 2.0
@@ -235,19 +236,20 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         )
         pairs.append(_Pair(np.abs(forward[seen]), moved[seen], is_length=True))
         if reference.heading_rad is None and counted.all():
-            pairs += _bends(motion, reference)
+            pairs += next(filter(None, (_bends(motion, reference, s) for s in _STEPS_S)), [])
     return [one for one in pairs if one.is_clear]
 
 
-def _bends(motion: Motion, reference: Reference) -> list[_Pair]:
-    """Return how far each step of the way leads to the left of the one before, as wheels and as a
-    reference without headings have it; nothing where its noise hides by which factor they differ.
+def _bends(motion: Motion, reference: Reference, step_s: float) -> list[_Pair]:
+    """Return how far each step of the way, *step_s* on average, leads to the left of the one
+    before, as wheels and as a reference without headings have it; nothing where its noise hides by
+    which factor they differ.
     """
     first, last = (f(motion.t_s[end], reference.t_s[end]) for f, end in ((max, 0), (min, -1)))
     angle = 0.5 * (motion.left_angle_rad + motion.right_angle_rad)
     way_m = motion.radius_m * np.cumsum(np.abs(np.diff(angle, prepend=angle[0])))
     here = (motion.t_s >= first) & (motion.t_s <= last)
-    count = int((last - first) / _STEP_S)
+    count = int((last - first) / step_s)
     if count < _LEAST_STEPS or not here.any():
         return []
     # Steps of one length: a turn on the spot is the bend between two of them.

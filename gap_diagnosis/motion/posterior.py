@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.hypothesis import Estimate, generator_of
-from gap_diagnosis.motion.accounts import Found
+from gap_diagnosis.motion.accounts import Found, says_twice
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS, draw
 from gap_diagnosis.motion.edges import EDGES
@@ -96,7 +96,7 @@ class Posterior:
             known = self.scan.evidence(found.terms, found.levels)
             for other in self.scan.by_effect[term.variant.effect]:
                 terms = (*found.terms[:place], other, *found.terms[place + 1 :])
-                is_rival = other is not term and other.is_on_the_grid
+                is_rival = other is not term and other.is_on_the_grid and not says_twice(terms)
                 if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
                     fit = self.model.refit(terms, again.levels, free_levels=False)
                     likely.append((terms, fit))
@@ -211,6 +211,8 @@ class Posterior:
         others = [one for one in found.terms if one.variant.effect != term.variant.effect]
         scores: dict[str, float] = {}
         for variant in self.scan.by_effect[term.variant.effect]:
+            if says_twice([*others, variant]):
+                continue
             key = str(variant.variant.report[name])
             value = self.scan.evidence([*others, variant], found.levels)
             scores[key] = float(np.logaddexp(scores.get(key, -np.inf), value))

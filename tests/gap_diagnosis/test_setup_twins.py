@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from structure_cases import PRIOR, ROBOT, drive
 
 from gap_diagnosis.explanations.registry import EXPLAINED
@@ -13,7 +15,7 @@ from gap_diagnosis.motion.columns import GROSS
 from gap_diagnosis.motion.gross import looks_gross
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import LEVELS
-from gap_diagnosis.recording import Recording
+from gap_diagnosis.recording import Recording, Reference
 from hil_harness.effects import EffectSetting
 
 NEAR_NATS = 5.0
@@ -104,3 +106,41 @@ def test_without_a_gyro_swapped_wheels_look_like_a_mirrored_reference() -> None:
 @pytest.mark.parametrize("name", ["figure8", "square", "random", "straight", "spin"])
 def test_a_healthy_drive_beside_positions_alone_is_no_mistake_of_the_set_up(name: str) -> None:
     assert not looks_gross(by_positions_alone(name), ROBOT)
+
+
+def by_positions_in_tight_turns(*, is_swapped: bool, wider: float) -> Recording:
+    """Return 30 s of a robot that turns by 1.4 rad/s to and fro, whose wheels stand so many times
+    as far apart as they are said to."""
+    random = np.random.default_rng(4)
+    plant, tick_s, ticks = ROBOT.plant, 0.05, 600
+    rate = gaussian_filter1d(np.repeat(random.choice([-1.4, 1.4], ticks // 60), 60), 4.0)
+    t_s, heading = tick_s * np.arange(ticks), tick_s * np.cumsum(rate)
+    way = 0.3 * t_s
+    aside = 0.5 * wider * plant.wheels.wheelbase_m * heading
+    per_m = plant.encoder.ticks_per_rev / (2 * np.pi * plant.wheels.radius_m)
+    left, right = np.floor((way - aside) * per_m), np.floor((way + aside) * per_m)
+    seen = slice(None, None, 2)
+    x_m, y_m = (
+        (0.3 * tick_s * np.cumsum(one(heading)))[seen] + random.normal(0, 0.003, ticks // 2)
+        for one in (np.cos, np.sin)
+    )
+    return Recording(
+        "tight turns",
+        tick_s,
+        t_s,
+        t_s,
+        np.arange(ticks),
+        right if is_swapped else left,
+        left if is_swapped else right,
+        reference=Reference(t_s[seen], x_m, y_m, None),
+    )
+
+
+@pytest.mark.parametrize("wider", [1.0, 2.0])
+def test_swapped_wheels_of_a_robot_that_turns_round_in_two_seconds_are_asked_for(
+    wider: float,
+) -> None:
+    """A small robot's, which also stood twice as far apart as they were said to, were a wheelbase
+    44 % narrower, 0.68, half a metre off."""
+    assert looks_gross(by_positions_in_tight_turns(is_swapped=True, wider=wider), ROBOT)
+    assert not looks_gross(by_positions_in_tight_turns(is_swapped=False, wider=1.0), ROBOT)
