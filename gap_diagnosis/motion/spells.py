@@ -39,6 +39,7 @@ from gap_diagnosis.motion.unknown import (
 from gap_diagnosis.motion.ways import WAYS, Way
 from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.motion.windows import has_window
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import best_levels
 
@@ -123,11 +124,11 @@ def _admitted(way: Way, ends_s: Floats, model: MotionModel) -> NDArray[np.bool_]
     inside = np.subtract.outer(by_end, by_end).T
     found = (inside > 0.0) & (passed[-1] - inside > LEFT_OUT * passed[-1])
     listed = way.for_a_while
-    if listed and listed not in model.without:
-        if listed not in LASTING:
-            return np.zeros_like(found)
+    if listed in LASTING - model.without:
         found[ends_s <= smooth.t_s[0]] = False
         found[:, ends_s >= smooth.t_s[-1]] = False
+    elif any(t.variant.effect == listed and has_window(t) for t in model.columns.terms):
+        return np.zeros_like(found)
     return np.asarray(np.triu(found, 1))
 
 

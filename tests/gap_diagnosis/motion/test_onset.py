@@ -21,6 +21,7 @@ from hil_harness.effects import EffectSetting
 from hil_harness.scenarios import scenario
 
 STILL = replace(scenario("figure8"), effects=())
+DRIVEN = replace(scenario("random"), effects=())
 MOTION = nodes_of(synthetic_recording(ROBOT, WIRE, STILL, (), 1, duration_s=9.0)).motion
 ONE_AMPLITUDE = [
     variant
@@ -110,6 +111,32 @@ def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
     assert float(term.variant.report["start_s"]) == pytest.approx(onset_s, abs=1.0)
     assert best.refitted is not None
     assert best.refitted.coefficients[0][0] == pytest.approx(bias, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("window", "seed"),
+    [
+        ((("start_s", 30.0),), 11),
+        ((("start_s", 25.0), ("stop_s", 40.0)), 12),
+        *at_full_size(((("start_s", 25.0), ("stop_s", 40.0)), 13), ((("stop_s", 30.0),), 14)),
+    ],
+)
+def test_a_bias_of_a_while_is_that_and_no_cause_without_a_name(
+    window: tuple[tuple[str, float], ...], seed: int
+) -> None:
+    """One of 20 s was an unlisted cause (0.61), one from half of a log on adc_inl alone (0.91):
+    what explains a window as well as the best was not asked there."""
+    setting = EffectSetting("gyro_bias", (("bias", 0.006), *window))
+    recording = synthetic_recording(
+        ROBOT, WIRE, DRIVEN, (setting,), seed, reference=ReferenceNoise(), duration_s=60.0
+    )
+    found = diagnose_recordings([moved_only(recording)], ROBOT, WIRE).diagnosis
+    best = found.which[0]
+    assert best.group_probability > 0.8
+    assert ("gyro_bias",) in {best.effects, *best.ambiguous_with}
+    for name, end_s in window:
+        told = best.parameters[f"{best.effects[0]}.{name}"]
+        assert told.estimate == pytest.approx(end_s, abs=0.3)
 
 
 def test_a_size_of_a_while_is_told_as_it_was_fitted() -> None:
