@@ -52,6 +52,7 @@ class Motion:
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
         wheel_unsure_rad2: float64[2, n], variance of each wheel's turn where it was added up from
             speeds.
+        told_rad2_per_s: what noise of those speeds adds to the variance of the robot's turn in 1 s.
         lost_m2: variance of where a tick leads, along either axis: which way the robot took to get
             there, no counts say.
         gyro_unsure_rad2: variance of a tick's turn by the gyro beyond its noise: a sample was lost,
@@ -114,6 +115,7 @@ class Motion:
     wheelbase_m: float
     rad_per_count: float
     wheel_unsure_rad2: Floats
+    told_rad2_per_s: float
     lost_m2: Floats
     gyro_unsure_rad2: Floats
     wheel_rounding_rad: Floats
@@ -155,13 +157,6 @@ class Motion:
     def fastest_rad_s(self) -> float:
         """The largest rate of either wheel."""
         return float(max(np.abs(self.left_rate_rad_s).max(), np.abs(self.right_rate_rad_s).max()))
-
-    @cached_property
-    def told_rad2_per_s(self) -> float:
-        """Variance of the robot's turn that noise of wheels which say speeds adds up to in 1 s."""
-        return noise_of_speeds(
-            self.wheel_unsure_rad2, self.radius_m / self.wheelbase_m, self.tick_s
-        )
 
     @cached_property
     def is_bent(self) -> bool:

@@ -158,6 +158,7 @@ def wheel_speed(
     tick_s: float,
     rad_per_count: float,
     rounding_rad: float,
+    told_rad2_per_s: float = 0.0,
 ) -> WheelSpeed:
     """Return what is known of a wheel's speed.
 
@@ -167,9 +168,11 @@ def wheel_speed(
             that makes ``other + turning`` this wheel's; None without one.
         smooth_ticks: by how much the counts are smoothed.
         tick_s, rad_per_count, rounding_rad: of the counters.
+        told_rad2_per_s: what noise of speeds adds to the variance of a wheel's turn in 1 s.
     """
     parts = [own] if turning is None else [other, turning, np.ones_like(own)]
     noise = 0.0 if turning is None else _noise(turning, own != 0)
+    noise = math.hypot(noise, math.sqrt(told_rad2_per_s / tick_s))
     lengths = [_SHORTEST_TICKS]
     while lengths[-1] * _LONGER * tick_s <= _LONGEST_S:
         lengths.append(round(lengths[-1] * _LONGER))

@@ -39,6 +39,7 @@ class NoiseLevels:
         quantum_rad: quantisation and noise of one reading of a wheel's angle, standard deviation.
         slip_wander: share of its way by which a wheel slips, correlated over `slip_s`.
         slip_s: that correlation time.
+        speed_noise: of wheels' speeds, over what is told.
     """
 
     contact_m_per_sqrt_m: float
@@ -54,6 +55,7 @@ class NoiseLevels:
     quantum_rad: float = 0.0
     slip_wander: float = 0.0
     slip_s: float = 1.0
+    speed_noise: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def _window_floor(
 
     rolling_m = radius_m * levels.quantum_rad
     left, right = (
-        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + unsure))
+        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + levels.speed_noise**2 * unsure))
         + rolling_m * generator.standard_normal((draws, count))
         for way, unsure in zip(ways, unsure_m2, strict=True)
     )

@@ -61,7 +61,8 @@ def levels_of(levels: Floats, robot: Robot, motion: Motion) -> NoiseLevels:
     """Return the motion block's levels, float64[levels], with the description's encoder noise."""
     named = dict(zip(LEVELS, (float(level) for level in levels), strict=True))
     slow_s = named.pop("reference_slow_s")
-    named.pop("inexact")
+    for name in ("inexact", "speed_noise_s"):
+        named.pop(name)
     quantum_rad = _quantum_rad(robot, motion)
     return NoiseLevels(**named, slow_s=slow_s, quantum_rad=quantum_rad, slip_s=SLIP_S)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from gap_diagnosis.explanations.reference import USUAL_S, counting_slope
@@ -25,6 +26,7 @@ _AROUND: Final = 5
 """Blocks, a quarter of a second."""
 _NARROWEST: Final = 0.1
 """A step of a fit may lead to wheels that stand on one another."""
+_LEAST: Final = 0.05
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
@@ -37,8 +39,11 @@ class Course:
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
     chapter 4). What counts are off by turns a robot about *count_base_m*. By as much as *log_more*
     the log variance of each row is less than if counts turned the robot as described. A wheel's
-    path is its way, longer where its contact is rougher. Where no counts are known the robot may be
-    anywhere by *lost_m2*.
+    path is its way, longer where its contact is rougher. Of each block's way *told_m2* is the
+    variance by noise of speeds as told, *scatter_m2* that by what else speeds leave unsure, or by
+    counts that vary by chance. Where no counts are known the robot may be anywhere by *lost_m2*. A
+    block's samples of a reference lie on average *sampled_x_m* and *sampled_y_m* beyond its ticks'
+    mean.
     """
 
     dt_s: Floats
@@ -55,6 +60,8 @@ class Course:
     right_kept: Floats
     left_scatter_m2: Floats
     right_scatter_m2: Floats
+    left_told_m2: Floats
+    right_told_m2: Floats
     lost_m2: Floats
     left_astray_m: Floats
     right_astray_m: Floats
@@ -66,6 +73,8 @@ class Course:
     count_base_m: float
     log_more: float
     samples: Floats
+    sampled_x_m: Floats
+    sampled_y_m: Floats
     gyro_floor_rad: Floats
     gyro_unsure_rad2: Floats
 
@@ -91,6 +100,8 @@ class Course:
             beat_m=times * self.beat_m,
             left_scatter_m2=left * self.left_scatter_m2,
             right_scatter_m2=right * self.right_scatter_m2,
+            left_told_m2=left * self.left_told_m2,
+            right_told_m2=right * self.right_told_m2,
         )
 
     def scattered(self, nodes: Nodes, left: Floats, right: Floats) -> Course:
@@ -125,6 +136,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
     samples = np.zeros(nodes.count)
     samples[nodes.sample_node] = nodes.samples
+    sampled_x, sampled_y = (nodes.sampled_beyond(one) for one in (motion.x_m, motion.y_m))
     per_count_m = radius * motion.wheel_rounding_rad
     heading = nodes.mean(motion.heading_rad)
     left_path, right_path = (np.diff(path, prepend=path[0]) for path in paths)
@@ -139,7 +151,11 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     if _is_finer(nodes, float(per_count_m.min())):
         slow = [np.maximum(one, seen) for one, seen in zip(slow, _seen(nodes), strict=True)]
     unsure = [nodes.mean(np.cumsum(one)) * radius**2 for one in motion.wheel_unsure_rad2]
-    scatter = [np.diff(one, prepend=one[0]) for one in unsure]
+    unsure = [np.diff(one, prepend=one[0]) for one in unsure]
+    told = [
+        _at_all_times(one, block_s, path > 0.0)
+        for one, path in zip(unsure, (left_path, right_path), strict=True)
+    ]
     return Course(
         dt_s=block_s,
         step_x_m=np.diff(x_m, prepend=x_m[0]),
@@ -153,8 +169,10 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         right_moved=moved[1],
         left_kept=_kept(moved[0], slow[0]),
         right_kept=_kept(moved[1], slow[1]),
-        left_scatter_m2=scatter[0],
-        right_scatter_m2=scatter[1],
+        left_scatter_m2=unsure[0] - told[0],
+        right_scatter_m2=unsure[1] - told[1],
+        left_told_m2=told[0],
+        right_told_m2=told[1],
         lost_m2=np.diff(nodes.mean(np.cumsum(motion.lost_m2)), prepend=0.0),
         left_astray_m=np.zeros(nodes.count),
         right_astray_m=np.zeros(nodes.count),
@@ -166,9 +184,22 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         count_base_m=motion.wheelbase_m,
         log_more=0.0,
         samples=samples,
+        sampled_x_m=sampled_x,
+        sampled_y_m=sampled_y,
         gyro_floor_rad=_gyro_floor(nodes),
         gyro_unsure_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_unsure_rad2)), prepend=0.0),
     )
+
+
+def _at_all_times(unsure_m2: Floats, block_s: Floats, moves: NDArray[np.bool_]) -> Floats:
+    """Return which part of a variance, float64[m], is there however a wheel *moves*: noise of its
+    speeds. The rest is where they bend, or what a step rounds off for as long as they are the same.
+    """
+    told = moves & (unsure_m2 > 0.0)
+    if not told.any():
+        return np.zeros_like(unsure_m2)
+    least = float(np.quantile(unsure_m2[told] / block_s[told], _LEAST))
+    return np.asarray(np.minimum(unsure_m2, least * block_s))
 
 
 def _is_finer(nodes: Nodes, per_count_m: float) -> bool:

@@ -29,7 +29,12 @@ from gap_diagnosis.motion.missing import (
     variance_of_filled,
     variance_of_moments,
 )
-from gap_diagnosis.motion.smoothing import FINE_RAD, sharp_smoothing_s, turn_smoothing_s
+from gap_diagnosis.motion.smoothing import (
+    FINE_RAD,
+    heard_rad2_per_s,
+    sharp_smoothing_s,
+    turn_smoothing_s,
+)
 from gap_diagnosis.prediction import Motion, noise_of_speeds
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.standing import standing
@@ -188,6 +193,14 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         else recording.unsure_ticks2 * rad_per_count**2
     )
     told_rad2_per_s = noise_of_speeds(unsure_rad2, radius_m / wheelbase_m, step_s)
+    if gyro_turn is not None:
+        told_rad2_per_s = heard_rad2_per_s(
+            told_rad2_per_s,
+            _slope(heading_by_wheels - gyro_turn, t_s),
+            unsure_rad2.sum(axis=0) > 0.0,
+            plant.gyro.noise_density_rad_per_sqrt_s**2,
+            step_s,
+        )
     lasting_s = turn_smoothing_s(
         heading, np.abs(rates) * radius_m, wheelbase_m, step_s, told_rad2_per_s
     )
@@ -229,6 +242,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         acceleration_m_s2=0.5 * radius_m * (accelerations[0] + accelerations[1]),
         gyro_turn_rad=gyro_turn,
         wheel_unsure_rad2=unsure_rad2,
+        told_rad2_per_s=told_rad2_per_s,
         lost_m2=lost_ways_m2(blank, t_s, forward_m, heading_by_wheels),
         gyro_unsure_rad2=gyro_unsure,
         gyro_code=None if gyro_code is None else np.clip(gyro_code, 0, plant.adc.max_code),
@@ -252,7 +266,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         bent_over_s=over_s,
         sharp_s=sharp_smoothing_s(turning_s),
         wheel_speeds=WheelSpeeds(
-            partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding)
+            partial(_wheel_speeds, (left, right), t_s, gyro_turn, robot, rounding, told_rad2_per_s)
         ),
         has_speeds=recording.speed_cycle_s > 0,
         has_counters=has_counters,
@@ -281,8 +295,10 @@ def _wheel_speeds(
     gyro_turn: Floats | None,
     robot: Robot,
     rounding: Floats,
+    told_rad2_per_s: float,
 ) -> tuple[WheelSpeed, WheelSpeed]:
-    """Return what is known of both wheels' speeds beside their own counts."""
+    """Return what is known of both wheels' speeds beside their own counts; noise of speeds adds
+    *told_rad2_per_s* to the variance of the robot's turn."""
     plant, tick_s = robot.plant, float(np.median(np.diff(t_s)))
     per_turn = plant.wheels.wheelbase_m / plant.wheels.radius_m
     turning = None if gyro_turn is None else _slope(gyro_turn, t_s) * per_turn
@@ -297,6 +313,7 @@ def _wheel_speeds(
             tick_s=tick_s,
             rad_per_count=math.tau / plant.encoder.ticks_per_rev,
             rounding_rad=rounding_rad,
+            told_rad2_per_s=0.5 * per_turn**2 * told_rad2_per_s,
         )
 
     return of(left, right, -1.0, rounding[0]), of(right, left, 1.0, rounding[1])

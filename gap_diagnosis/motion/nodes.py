@@ -172,6 +172,15 @@ class Nodes:
         """Return the block means of a tick-level array."""
         return _means(np.ascontiguousarray(values, dtype=np.float64), self.starts)
 
+    def sampled_beyond(self, values: Floats) -> Floats:
+        """Return by how much more a tick-level array is at a block's samples than its mean over the
+        block, float64[m]; 0 where there are none."""
+        beyond = np.zeros(self.count)
+        if self.has_reference:
+            at_samples = _means(values[self.sample_tick], self.sample_starts)
+            beyond[self.sample_node] = at_samples - self.mean(values)[self.sample_node]
+        return beyond
+
 
 def make_nodes(
     motion: Motion,

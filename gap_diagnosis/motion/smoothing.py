@@ -7,12 +7,16 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
+from gap_diagnosis.bends import NORMAL_MAD
 from gap_diagnosis.explanations.reference import (
     SHARP_S,
     USUAL_S,
+    averaged,
     counting_slope,
+    likely_signal,
     with_details,
 )
 from gap_diagnosis.motion.course import dead_reckoned
@@ -26,6 +30,12 @@ FINE_RAD: Final = math.tau / 65_536
 """Wheels that say how fast they are do not round what they went to counts."""
 _NOISY: Final = 0.07
 _MOST_SMOOTHING_S: Final = 0.3
+_BETWEEN: Final = 1.5 - math.sqrt(1.6)
+"""Of the variance of white noise that a Gaussian leaves so much is not in one twice as wide."""
+_HEARD_S: Final = 0.1
+"""Over so long noise of speeds is heard beside a gyro: from row to row it may change by little."""
+_LOUDEST: Final = 30.0
+"""Of what is told: more is no noise, but a gyro of another unit."""
 _LASTING_S: Final = 0.5
 """What smooth turns are behind the counted ones for longer than this is no rounding."""
 
@@ -58,6 +68,32 @@ def turn_smoothing_s(
     return width_s
 
 
+def heard_rad2_per_s(
+    told_rad2_per_s: float,
+    beyond_rad_s: Floats,
+    moves: NDArray[np.bool_],
+    gyro_rad2_per_s: float,
+    step_s: float,
+) -> float:
+    """Return what noise of speeds adds to a turn's variance [rad²/s], as the gyro shows it where
+    that is more than told.
+
+    A row tells noise from its neighbours by what changes between them; what lasts for some rows is
+    a motion to them, and none to the gyro. *beyond_rad_s*: float64[n], turn rates of the wheels
+    less the gyro's, of which those count that *move*, bool[n]; *gyro_rad2_per_s* is its own noise.
+    """
+    if told_rad2_per_s == 0.0 or not moves.any():
+        return told_rad2_per_s
+    width_s = max(_HEARD_S, step_s)
+    less, more = (
+        gaussian_filter1d(beyond_rad_s, width / step_s) for width in (width_s, 2.0 * width_s)
+    )
+    heard = (float(np.median(np.abs((less - more)[moves]))) / NORMAL_MAD) ** 2
+    per_rad2_per_s = _BETWEEN * averaged(1.0, width_s)
+    louder = heard / per_rad2_per_s - gyro_rad2_per_s
+    return float(np.clip(louder, told_rad2_per_s, _LOUDEST * told_rad2_per_s))
+
+
 def sharp_smoothing_s(turning_s: float) -> float:
     """Return what details of a turn rate are smoothed by, the more the more noise there is."""
     sharp_s = SHARP_S * (turning_s / USUAL_S) ** 2
@@ -72,15 +108,16 @@ def smoothed(motion: Motion) -> Motion:
     """
     tick_s = motion.tick_s
     left, right = motion.left_steady_rad, motion.right_steady_rad
-    # Counts that are hardly more than noise are smoothed more anyway; speeds have none. Both sums
-    # by as much: of a wheel that stands nothing must be left.
+    # Counts that are hardly more than noise are smoothed more anyway. Both sums by as much: of a
+    # wheel that stands nothing must be left.
     is_speed = motion.rounding_rad == FINE_RAD
     least_s = motion.turning_s if is_speed else USUAL_S
+    told_rad2_per_s = motion.told_rad2_per_s * (motion.wheelbase_m / motion.radius_m) ** 2
     # Rows that are uneven have uneven steps, which are no change of speed.
     long = motion.dt_s / tick_s if is_speed else np.ones_like(left)
     long[long <= 0.0] = 1.0
     ahead, turning = (
-        _denoised(_begun(steps / long), tick_s, motion.rounding_rad, least_s)
+        _denoised(_begun(steps / long), tick_s, motion.rounding_rad, least_s, told_rad2_per_s)
         for steps in (right + left, right - left)
     )
     left, right = 0.5 * (ahead - turning) * long, 0.5 * (ahead + turning) * long
@@ -95,6 +132,12 @@ def smoothed(motion: Motion) -> Motion:
         turn = _calm_where_it_lasts(turn, tick_s)
     else:
         turn = _denoised(turn, tick_s, motion.rounding_rad, USUAL_S, is_counted=False)
+    rates = motion.left_rate_rad_s, motion.right_rate_rad_s
+    if is_speed:
+        rates = left / long / tick_s, right / long / tick_s
+        together = gaussian_filter1d(
+            np.gradient(0.5 * ahead / tick_s, tick_s), max(USUAL_S / tick_s, 0.5)
+        )
     return replace(
         motion,
         x_m=x_m,
@@ -106,6 +149,8 @@ def smoothed(motion: Motion) -> Motion:
         right_step_rad=right,
         left_angle_rad=_within_its_turn(left, motion.left_angle_rad, tick_s),
         right_angle_rad=_within_its_turn(right, motion.right_angle_rad, tick_s),
+        left_rate_rad_s=rates[0],
+        right_rate_rad_s=rates[1],
         left_acceleration_rad_s2=together - 0.5 * apart,
         right_acceleration_rad_s2=together + 0.5 * apart,
     )
@@ -151,6 +196,7 @@ def _denoised(
     tick_s: float,
     rad_per_count: float,
     least_s: float,
+    told_rad2_per_s: float = 0.0,
     *,
     is_counted: bool = True,
 ) -> Floats:
@@ -174,7 +220,29 @@ def _denoised(
     calm = np.exp(-((size / noise) ** 2))
     # A mean over what is calm as well: a turn on the spot must not leak into the straight before.
     slow = smooth(_SLOW_S, calm * step_rad) / np.maximum(smooth(_SLOW_S, calm), 1e-9)
-    return np.asarray((1 - calm) * smooth(least_s) + calm * slow)
+    return np.asarray(
+        (1 - calm) * _followed(step_rad, tick_s, least_s, told_rad2_per_s) + calm * slow
+    )
+
+
+def _followed(step_rad: Floats, tick_s: float, least_s: float, told_rad2_per_s: float) -> Floats:
+    """Smooth steps by a Gaussian of *least_s*, and by wider ones where what that takes away is
+    likelier noise than a wheel's: white noise that adds so much to the variance of their sum."""
+
+    def smooth(width_s: float) -> Floats:
+        return np.asarray(gaussian_filter1d(step_rad, max(width_s / tick_s, 0.5), mode="nearest"))
+
+    if told_rad2_per_s == 0.0:
+        return smooth(least_s)
+    widths_s = [least_s]
+    while widths_s[-1] < _MOST_SMOOTHING_S:
+        widths_s.append(2.0 * widths_s[-1])
+    found = smooth(widths_s[-1])
+    for narrow_s, wide_s in zip(widths_s[-2::-1], widths_s[:0:-1], strict=True):
+        detail = smooth(narrow_s) - smooth(wide_s)
+        noise = _BETWEEN * averaged(told_rad2_per_s, max(narrow_s, 0.5 * tick_s)) * tick_s**2
+        found += likely_signal(detail, noise, tick_s) * detail
+    return found
 
 
 def _calm_where_it_lasts(step_rad: Floats, tick_s: float) -> Floats:

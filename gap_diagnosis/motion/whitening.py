@@ -28,6 +28,8 @@ LEVELS: Final = (
     "gyro_bias_walk_rad_s_per_sqrt_s",
     "inexact",
     "slip_wander",
+    "speed_noise",
+    "speed_noise_s",
     "reference_position_m",
     "reference_heading_rad",
     "reference_stamp_s",
@@ -40,6 +42,7 @@ CONTACT: Final = LEVELS.index("contact_m_per_sqrt_m")
 LATERAL: Final = LEVELS.index("lateral_m_per_sqrt_m")
 INEXACT: Final = LEVELS.index("inexact")
 SLIP_WANDER: Final = LEVELS.index("slip_wander")
+SPEED_NOISE: Final = LEVELS.index("speed_noise")
 STAMP: Final = LEVELS.index("reference_stamp_s")
 SLOW: Final = LEVELS.index("reference_slow_s")
 
@@ -76,6 +79,8 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.right_kept,
         course.left_scatter_m2,
         course.right_scatter_m2,
+        course.left_told_m2,
+        course.right_told_m2,
         course.lost_m2,
         course.left_astray_m,
         course.right_astray_m,
@@ -86,6 +91,8 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.wheelbase_m,
         course.count_base_m,
         course.samples,
+        course.sampled_x_m,
+        course.sampled_y_m,
         course.gyro_floor_rad,
         course.gyro_unsure_rad2,
         QUANTUM_S,
@@ -113,6 +120,8 @@ def _whiten(
     right_kept: Floats,
     left_scatter: Floats,
     right_scatter: Floats,
+    left_told: Floats,
+    right_told: Floats,
     lost: Floats,
     left_astray: Floats,
     right_astray: Floats,
@@ -123,6 +132,8 @@ def _whiten(
     wheelbase_m: float,
     count_base_m: float,
     samples: Floats,
+    sampled_x: Floats,
+    sampled_y: Floats,
     gyro_floor: Floats,
     gyro_unsure: Floats,
     quantum_s: float,
@@ -132,22 +143,27 @@ def _whiten(
 ) -> tuple[Floats, Floats]:
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
-    # the wheels left, right in units of what they slip by, and by how much the reference's stamp is
-    # early. A row of *known* holds a state's covariance with all thirteen, then its estimate from
-    # each column: both are carried on and corrected by the same sums, four numbers at a time.
+    # the wheels left, right in units of what they slip by, by how much the reference's stamp is
+    # early, and where wheels say speeds how far these are off in units of their noise. A row of
+    # *known* holds a state's covariance with all of them, then its estimate from each column: both
+    # are carried on and corrected by the same sums, four numbers at a time.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
-    inexact, wander, position, heading = levels[4], levels[5], levels[6], levels[7]
-    stamp, slow_position, slow_heading, slow_s = levels[8], levels[9], levels[10], levels[11]
-    wide = (13 + width + 3) // 4 * 4
-    known = np.zeros((13, wide))
+    inexact, wander, louder, lasts_s = levels[4], levels[5], levels[6], levels[7]
+    position, heading, stamp = levels[8], levels[9], levels[10]
+    slow_position, slow_heading, slow_s = levels[11], levels[12], levels[13]
+    states = 15 if left_told.any() or right_told.any() else 13
+    wide = (states + width + 3) // 4 * 4
+    known = np.zeros((states, wide))
     for i in range(4):
         known[i, i] = 25.0
     known[4, 4] = 1e-12
     known[7, 7] = known[8, 8] = slow_position**2
     known[9, 9] = slow_heading**2
-    known[10, 10] = known[11, 11] = 1.0
+    for i in range(10, states):
+        if i != 12:
+            known[i, i] = 1.0
     # What each state keeps over a block, and the variance that it gains.
-    keep, fresh = np.ones(13), np.zeros(13)
+    keep, fresh = np.ones(states), np.zeros(states)
     keep[12] = 0.0
     fresh_angle = 0.0
     # What the contact adds to the heading from a block's mean to its end, as a row of *known*, and
@@ -209,59 +225,90 @@ def _whiten(
                 known[1, j] += left_x * left + right_x * right - dy * turned
                 known[2, j] += left_y * left + right_y * right + dx * turned
                 known[3, j] += dt * bias
-            for i in range(13):
+            # Of a tick's way half leads along what its own turn adds.
+            half_x, half_y = -0.5 * dy / ticks[k], 0.5 * dx / ticks[k]
+            left_white, right_white = left_scatter[k], right_scatter[k]
+            if states > 13:
+                # What is over within a block is white.
+                keep[13] = keep[14] = remains = np.exp(-dt / lasts_s)
+                lasting = 1.0 - (1.0 - remains) ** 4
+                left_white += (1.0 - lasting) * louder * louder * left_told[k]
+                right_white += (1.0 - lasting) * louder * louder * right_told[k]
+                lasting *= (1.0 - remains) / (1.0 + remains)
+                left_off = louder * np.sqrt(lasting * left_told[k])
+                right_off = louder * np.sqrt(lasting * right_told[k])
+                left_yaw, right_yaw = -left_off / count_base_m, right_off / count_base_m
+                left_off_x = 0.5 * c * left_off + half_x * left_yaw
+                left_off_y = 0.5 * s * left_off + half_y * left_yaw
+                right_off_x = 0.5 * c * right_off + half_x * right_yaw
+                right_off_y = 0.5 * s * right_off + half_y * right_yaw
+                for j in range(wide):
+                    left, right = known[13, j], known[14, j]
+                    known[0, j] += left_yaw * left + right_yaw * right
+                    known[1, j] += left_off_x * left + right_off_x * right
+                    known[2, j] += left_off_y * left + right_off_y * right
+            for i in range(states):
                 turned, bias, left, right = known[i, 0], known[i, 4], known[i, 10], known[i, 11]
                 known[i, 0] += left_turn * left + right_turn * right
                 known[i, 1] += left_x * left + right_x * right - dy * turned
                 known[i, 2] += left_y * left + right_y * right + dx * turned
                 known[i, 3] += dt * bias
-                for j in range(13):
+                if states > 13:
+                    left, right = known[i, 13], known[i, 14]
+                    known[i, 0] += left_yaw * left + right_yaw * right
+                    known[i, 1] += left_off_x * left + right_off_x * right
+                    known[i, 2] += left_off_y * left + right_off_y * right
+                for j in range(states):
                     known[i, j] *= keep[j]
-            for i in range(5, 13):
+            for i in range(5, states):
                 for j in range(wide):
                     known[i, j] *= keep[i]
             fresh[7] = fresh[8] = (1.0 - keep[7] * keep[7]) * slow_position**2
             fresh[9] = (1.0 - keep[9] * keep[9]) * slow_heading**2
-            fresh[10] = fresh[11] = 1.0 - keep[10] * keep[10]
+            for i in range(10, states):
+                fresh[i] = 1.0 - keep[i] * keep[i] if i != 12 else fresh[12]
             left, right = contact * contact * left_path[k], contact * contact * right_path[k]
-            along = 0.25 * (left + right + left_scatter[k] + right_scatter[k])
+            along = 0.25 * (left + right + left_white + right_white)
             cross = 0.5 * (right - left) / wheelbase_m
-            cross += 0.5 * (right_scatter[k] - left_scatter[k]) / count_base_m
+            cross += 0.5 * (right_white - left_white) / count_base_m
             side = lateral * lateral * 0.5 * (left_path[k] + right_path[k])
             turn = (left + right) / (wheelbase_m * wheelbase_m)
-            turn += (left_scatter[k] + right_scatter[k]) / (count_base_m * count_base_m)
+            turn += (left_white + right_white) / (count_base_m * count_base_m)
+            turn_x, turn_y = c * cross + half_x * turn, s * cross + half_y * turn
             fresh[0] = turn
-            fresh[1] = c * c * along + s * s * side + lost[k]
-            fresh[2] = s * s * along + c * c * side + lost[k]
+            fresh[1] = c * c * along + s * s * side + lost[k] + half_x * (turn_x + c * cross)
+            fresh[2] = s * s * along + c * c * side + lost[k] + half_y * (turn_y + s * cross)
             fresh_angle = gyro_noise * gyro_noise * dt + gyro_unsure[k]
             fresh[3] = fresh_angle
             fresh[4] = walk * walk * dt
-            known[1, 2] += c * s * (along - side)
-            known[2, 1] += c * s * (along - side)
-            known[0, 1] += c * cross
-            known[1, 0] += c * cross
-            known[0, 2] += s * cross
-            known[2, 0] += s * cross
+            aslant = c * s * (along - side) + half_x * turn_y + half_y * c * cross
+            known[1, 2] += aslant
+            known[2, 1] += aslant
+            known[0, 1] += turn_x
+            known[1, 0] += turn_x
+            known[0, 2] += turn_y
+            known[2, 0] += turn_y
             late[:] = 0.0
             late[0] = together * turn
-            late[1] = together * c * cross
-            late[2] = together * s * cross
+            late[1] = together * turn_x
+            late[2] = together * turn_y
             late_variance = spread * turn
-        for i in range(13):
+        for i in range(states):
             known[i, i] += fresh[i]
         count = 0
         for channel in range(4):
             if np.isnan(columns[channel, k, 0]):
                 continue
-            # Every channel is the sum of two states, a share of each wheel's quantum and what the
-            # robot goes on by in the time that a stamp is off.
-            goes_on = 0.0
+            # Every channel is the sum of two states, a share of each wheel's quantum, what the
+            # robot goes on by in the time that a stamp is off, and what a heading leads astray
+            # from a block's middle to where its samples lie.
+            goes_on = astray = 0.0
             if channel == 0:
-                goes_on = rate_x
+                goes_on, astray = rate_x, -sampled_y[k]
                 first, second, left_share, right_share = 1, 7, -0.5 * c, -0.5 * c
                 noise = position * position / samples[k] + 0.25 * c * c * few + 1e-12
             elif channel == 1:
-                goes_on = rate_y
+                goes_on, astray = rate_y, sampled_x[k]
                 first, second, left_share, right_share = 2, 8, -0.5 * s, -0.5 * s
                 noise = position * position / samples[k] + 0.25 * s * s * few + 1e-12
             elif channel == 2:
@@ -277,17 +324,20 @@ def _whiten(
             for j in range(wide):
                 row[j] = known[first, j] + known[second, j]
                 row[j] += left_share * known[5, j] + right_share * known[6, j]
-                row[j] += goes_on * known[12, j]
+                row[j] += goes_on * known[12, j] + astray * known[0, j]
             for before in range(count):
                 other = seen[before]
                 gain = other[first] + other[second]
                 gain += left_share * other[5] + right_share * other[6] + goes_on * other[12]
+                gain += astray * other[0]
                 for j in range(wide):
                     row[j] -= gain * other[j]
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6] + goes_on * late[12]
+            late_gain += astray * late[0]
             variance = noise + row[first] + row[second]
             variance += left_share * row[5] + right_share * row[6] + goes_on * row[12]
+            variance += astray * row[0]
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
@@ -299,24 +349,24 @@ def _whiten(
             variances[rows] = variance
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
-            for j in range(13):
+            for j in range(states):
                 row[j] *= -scale
             for j in range(width):
-                row[13 + j] = (columns[channel, k, j] - row[13 + j]) * scale
-                out[rows, j] = row[13 + j]
+                row[states + j] = (columns[channel, k, j] - row[states + j]) * scale
+                out[rows, j] = row[states + j]
             for j in range(wide):
                 late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
             count += 1
             rows += 1
         if count == 4:
-            for i in range(13):
+            for i in range(states):
                 x, y, angle, rate = seen[0, i], seen[1, i], seen[2, i], seen[3, i]
                 for j in range(wide):
                     known[i, j] -= x * seen[0, j] + y * seen[1, j]
                     known[i, j] -= angle * seen[2, j] + rate * seen[3, j]
             continue
-        for i in range(13):
+        for i in range(states):
             for before in range(count):
                 for j in range(wide):
                     known[i, j] -= seen[before, i] * seen[before, j]

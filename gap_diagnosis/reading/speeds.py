@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from gap_diagnosis.lattice import step_of_values
 
@@ -25,10 +25,13 @@ _SPREAD: Final = 2.5
 _SLOPE_S: Final = 0.3
 _LONGEST_S: Final = 1.0
 _UNSURE: Final = 0.5
-_SETTLES_S: Final = 0.7
+_SETTLES_S: Final = 1.0
 """The slowest loop of a wheel that many tune: a judgement;"""
 _SETTLED: Final = 4.0
 """after so many times that it stands."""
+_SPEAKS_ROWS: Final = 8
+"""So near to a speed that is told a 0 is one, and has as much noise: of noise that a step rounds
+off to 0 most of the time so many in a row are rare."""
 _GAP_ROWS: Final = 1.5
 """Between rows that are further apart than so many usual ones one was lost."""
 _EVEN_S: Final = 0.7
@@ -91,7 +94,9 @@ def integrated_speed(
         return AddedUp(ticks, unsure, half, is_counted=True)
     crept = _crept(told, t_s)
     every = told + crept
-    noise2 = np.where(told != 0.0, _noise2(told, float(np.median(apart_s[1:]))), 0.0)
+    usual_s = float(np.median(apart_s[1:]))
+    speaks = maximum_filter1d(told != 0.0, 2 * _SPEAKS_ROWS + 1)
+    noise2 = np.where(speaks, _noise2(told, usual_s), 0.0)
     is_led = told != 0.0 if other is None else (told != 0.0) | (np.nan_to_num(other[valid]) != 0.0)
     rounded2 = np.where(is_led, _rounded2(told, is_led), _unsettled2(is_led, told, t_s))
     variance = (_bends2(every) + np.maximum(rounded2, noise2)) * apart_s**2
@@ -102,7 +107,6 @@ def integrated_speed(
     steps = 0.5 * (every + np.append(every[0], every[:-1])) * apart_s
     ticks[valid] = np.cumsum(steps) * scale
     unsure[valid] = variance * scale**2
-    usual_s = float(np.median(apart_s[1:]))
     # A mean after a gap goes back no further than elsewhere.
     over_s = np.where(apart_s > _GAP_ROWS * usual_s, usual_s, apart_s)
     half[valid] = np.cumsum(0.5 * np.diff(every, prepend=every[0]) * over_s) * scale

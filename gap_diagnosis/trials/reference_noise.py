@@ -79,7 +79,7 @@ def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLev
     of a better one is what speaks against a noise that is news.
     """
     # A trial's effects are exact, and its wheels slip at random.
-    scores = np.insert(draw.standard_normal(len(LEVELS) - 2), INEXACT, [0.0, 0.0])
+    scores = np.insert(draw.standard_normal(len(LEVELS) - 4), INEXACT, [0.0] * 4)
     logs = np.log(believed.median) + believed.spread * scores
     level = dict(zip(LEVELS, np.maximum(np.exp(logs), FLOORS), strict=True))
     return ReferenceLevels(

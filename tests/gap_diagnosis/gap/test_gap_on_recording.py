@@ -151,9 +151,8 @@ def test_speeds_that_were_added_up_leave_what_they_are_unsure_of_and_no_rounding
     none = levels_of(levels, robot, motion)
     assert none.quantum_rad < 0.1 * LEVELS.quantum_rad
     windows = windows_on(motion)
-    found = floor_on(
-        told, robot, motion, windows, (), replace(none, slow_s=1.0, quantum_rad=0.0)
-    ).turn_difference
+    as_told = replace(none, slow_s=1.0, quantum_rad=0.0, speed_noise=1.0)
+    found = floor_on(told, robot, motion, windows, (), as_told).turn_difference
     # A walk W of variance q a second, about its mean over the first second, has (t - 2/3) q.
     tick_s = recording.t_s[1] - recording.t_s[0]
     q = 2 * 0.3 / tick_s * (motion.radius_m * motion.rad_per_count / motion.wheelbase_m) ** 2

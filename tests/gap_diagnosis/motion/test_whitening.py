@@ -28,6 +28,8 @@ SIZES = {
     "gyro_bias_walk_rad_s_per_sqrt_s": 5e-5,
     "inexact": 0.3,
     "slip_wander": 0.006,
+    "speed_noise": 1.3,
+    "speed_noise_s": 0.08,
     "reference_position_m": 8e-4,
     "reference_heading_rad": 1.5e-3,
     "reference_stamp_s": 4e-3,
@@ -44,9 +46,15 @@ NODES = nodes_of(
 )
 AS_DESCRIBED = course_of(NODES, NOISE_TICKS)
 LESS = np.where(np.arange(NODES.count) < 70, 0.03, 0.01)
-COURSE = AS_DESCRIBED.beside(0.04 * AS_DESCRIBED.left_path_m, -LESS * AS_DESCRIBED.right_path_m)
+TOLD_M2 = np.where(np.arange(NODES.count) < 120, 4e-7, 1e-7)
+COURSE = replace(
+    AS_DESCRIBED.beside(0.04 * AS_DESCRIBED.left_path_m, -LESS * AS_DESCRIBED.right_path_m),
+    left_told_m2=TOLD_M2,
+    right_told_m2=0.5 * TOLD_M2,
+)
 """Beside effects that make the left wheel go 4 % farther, and the right one 3 % less far, then 1 %:
-by that they vary by less than a slip of its own does, and do not turn that round."""
+by that they vary by less than a slip of its own does, and do not turn that round. With noise of
+speeds besides, of which the right wheel's has less."""
 SEEN = np.ones((CHANNELS, NODES.count), dtype=np.bool_)
 SEEN[:3, 40:60] = False  # the reference is lost for a second
 SEEN[3, 90:95] = False
@@ -59,8 +67,8 @@ def dense_covariance() -> Floats:
     Each residual is linear in independent draws; the draws' weights are carried along. A draw is
     a pair of weights and variance, so that no recursion on covariances is needed.
     """
-    contact, lateral, gyro_noise, walk, inexact, wander, position, heading, *reference = LEVELS
-    stamp, slow_position, slow_heading, slow_s = reference
+    contact, lateral, gyro_noise, walk, inexact, wander, louder, lasts_s, *reference = LEVELS
+    position, heading, stamp, slow_position, slow_heading, slow_s = reference
     axle = COURSE.wheelbase_m
     draws: list[float] = []
 
@@ -80,6 +88,7 @@ def dense_covariance() -> Floats:
     slow = [draw(slow_position**2), draw(slow_position**2), draw(slow_heading**2)]
     quantum: list[dict[int, float]] = [{}, {}]
     slips = [draw(1.0) for _ in range(2)]
+    speeds = [draw(1.0) for _ in range(2)]
     mean_angle, mean = angle, gyro
     rows = []
     for k in range(NODES.count):
@@ -105,8 +114,25 @@ def dense_covariance() -> Floats:
             stays = math.exp(-dt / SLIP_S)
             slips = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in slips]
             ticks = int(NODES.ticks[k])
-            lefts = [draw(contact**2 * COURSE.left_path_m[k] / ticks) for _ in range(ticks)]
-            rights = [draw(contact**2 * COURSE.right_path_m[k] / ticks) for _ in range(ticks)]
+            # Of a tick's way half leads along what its own turn adds.
+            half_x, half_y = -0.5 * COURSE.step_y_m[k] / ticks, 0.5 * COURSE.step_x_m[k] / ticks
+            # Noise of speeds that lasts goes on from block to block, what is over in one is white.
+            stays = math.exp(-dt / lasts_s)
+            lasting = 1.0 - (1.0 - stays) ** 4
+            told = louder**2 * np.array([COURSE.left_told_m2[k], COURSE.right_told_m2[k]])
+            off = np.sqrt(lasting * (1.0 - stays) / (1.0 + stays) * told)
+            more_left, more_right = ((one, state) for one, state in zip(off, speeds, strict=True))
+            yaw = plus(_scaled(1 / axle, more_right), _scaled(-1 / axle, more_left))
+            angle = plus((1.0, angle), (1.0, yaw))
+            x = plus((1.0, x), *(_scaled(0.5 * c, one) for one in (more_left, more_right)))
+            y = plus((1.0, y), *(_scaled(0.5 * s, one) for one in (more_left, more_right)))
+            x, y = plus((1.0, x), (half_x, yaw)), plus((1.0, y), (half_y, yaw))
+            speeds = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in speeds]
+            paths = COURSE.left_path_m[k], COURSE.right_path_m[k]
+            lefts, rights = (
+                [draw((contact**2 * path + (1.0 - lasting) * one) / ticks) for _ in range(ticks)]
+                for path, one in zip(paths, told, strict=True)
+            )
             left, right = (plus(*((1.0, one) for one in side)) for side in (lefts, rights))
             turns = [
                 plus((1 / axle, one), (-1 / axle, other))
@@ -117,6 +143,8 @@ def dense_covariance() -> Floats:
             angle = plus((1.0, angle), (1 / axle, right), (-1 / axle, left))
             x = plus((1.0, x), (0.5 * c, left), (0.5 * c, right), (-s, side))
             y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
+            turn = plus((1 / axle, right), (-1 / axle, left))
+            x, y = plus((1.0, x), (half_x, turn)), plus((1.0, y), (half_y, turn))
             noise = [draw(gyro_noise**2 * dt / ticks) for _ in range(ticks)]
             mean = plus((1.0, gyro), *((1 - tick / ticks, noise[tick]) for tick in range(ticks)))
             gyro = plus((1.0, gyro), *((1.0, one) for one in noise))
@@ -142,9 +170,11 @@ def dense_covariance() -> Floats:
         early = draw(stamp**2 / max(COURSE.samples[k], 1.0))
         steps = (COURSE.step_x_m[k], COURSE.step_y_m[k], COURSE.turn_rad[k])
         on = [(step / COURSE.dt_s[k] if k else 0.0, early) for step in steps]
+        # From a block's middle to where its samples lie a robot goes where it heads.
+        aside = (-COURSE.sampled_y_m[k], angle), (COURSE.sampled_x_m[k], angle)
         channels = (
-            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first), on[0]),
-            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second), on[1]),
+            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first), on[0], aside[0]),
+            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second), on[1], aside[1]),
             plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read)), on[2]),
             plus(
                 (1.0, mean_angle),

@@ -155,7 +155,7 @@ def test_a_small_robot_that_seldom_goes_as_fast_for_long_adds_no_more_noise() ->
 def test_a_wheel_told_as_zero_while_the_other_one_turns_may_creep_by_less_than_a_step() -> None:
     """Of a healthy robot's speeds in steps of 5 cm/s a wheel inside a bend had a dead encoder."""
     random = np.random.default_rng(1)
-    step, rows, holds = 0.05, 100, 40
+    step, rows, holds = 0.05, 200, 40
     held = np.where(np.arange(holds) % 2, random.uniform(-0.5, 0.5, holds) * step, 0.7)
     speed = np.convolve(np.repeat(held, rows), np.full(30, 1 / 30), "same")  # no wheel leaps
     told = np.round(speed / step) * step
@@ -183,3 +183,20 @@ def test_a_wheel_that_settles_is_told_as_standing_while_it_creeps(
     off = np.sum(speed[still]) * ROW_S
     assert off < 3.0 * math.sqrt(found.unsure_ticks2[still].sum())
     assert not found.unsure_ticks2[-100:].any()
+
+
+def test_a_zero_amid_noise_is_as_unsure_as_what_is_around_it() -> None:
+    """A standing robot's noise of 5 mm/s in steps of 10 was none where it was told as 0: what the
+    other rows added up to was a push (0.96)."""
+    random = np.random.default_rng(4)
+    rests = 400
+    speed = np.concatenate([np.zeros(rests), np.full(rests, 0.2)])
+    told = np.round((speed + random.normal(0.0, 0.005, (200, 2 * rests))) / 0.01) * 0.01
+    t_s = ROW_S * np.arange(2 * rests)
+    shares = []
+    for one in told:
+        found = integrated_speed(one, t_s, scale=1.0)
+        shares.append(found.ticks[rests - 1] ** 2 / found.unsure_ticks2[:rests].sum())
+        unsure = found.unsure_ticks2[1:rests]
+        assert float(np.mean(unsure == 0.0)) < 0.1
+    assert float(np.mean(shares)) < 1.0 + 4.0 * math.sqrt(2.0 / len(told))
