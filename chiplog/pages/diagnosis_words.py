@@ -79,6 +79,8 @@ def headline(diagnosis: Diagnosis) -> str:
     Of logs that contradict each other that comes first: the verdict is of one robot.
     """
     name = group_name(diagnosis.group)
+    if diagnosis.verdict == UNKNOWN and _is_noises(diagnosis.gap):
+        name += ", smaller than noise"
     line = f"{name} ({probability(diagnosis.which[0].group_probability)})"
     if diagnosis.contradicting:
         line = f"the logs contradict each other; as of one robot {line}"
@@ -163,10 +165,17 @@ def _is_nothing(gap: Metric) -> bool:
     return gap.before < _ROUNDING
 
 
+def _is_noises(gap: Metric | None) -> bool:
+    """Tell whether a gap is no larger than what noise alone would leave."""
+    return gap is not None and gap.floor is not None and gap.before <= gap.floor
+
+
 def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:
     """Return why no share is closed: the gap may be none, or nothing listed may close it."""
     if gap.floor is None:
         return "what noise alone would leave is not known"
+    if diagnosis.verdict == UNKNOWN and _is_noises(gap):
+        return "whatever causes it does less to this than noise does"
     if gap.before < CLOSABLE * gap.floor:
         return "too close to the floor to say how much closed"
     if diagnosis.verdict == NO_GAP:

@@ -314,6 +314,19 @@ def test_where_there_is_nothing_to_close_no_gap_of_0_is_told() -> None:
     assert gap_sentence(late) == "Timing on stretches the fit never saw: no gap."
 
 
+def test_an_unlisted_cause_that_does_less_than_noise_is_said_to() -> None:
+    """Of a car it read "an unlisted cause (96 %): gap 202 mm (floor 362 mm)"."""
+    found = samples.unlisted()
+    small = samples.gap().model_copy(
+        update={"before": 0.2, "after": None, "floor": 0.36, "closed": None, "ci95": None}
+    )
+    said = found.model_copy(update={"gap": small})
+    assert headline(said).startswith("an unlisted cause, smaller than noise (")
+    assert gap_sentence(said).endswith("; whatever causes it does less to this than noise does.")
+    large = small.model_copy(update={"before": 1.0})
+    assert headline(found.model_copy(update={"gap": large})).startswith("an unlisted cause (")
+
+
 def test_a_small_group_is_named_member_by_member() -> None:
     assert group_name((("a",), ("b", "c"))) == "a or b + c"
 
