@@ -28,6 +28,8 @@ _WEIGHED: Final = 1000
 """Draws weighed where effects bend: the ends of an interval of 95 % are then a tenth of a standard
 deviation unsure."""
 _ENDS: Final = ("start_s", "stop_s")
+_FORM: Final = "speed"
+"""At which speed a size holds: beside another one it is another size."""
 _TOO_SURE: Final = 1.01**2
 """So many times too small a variance is for what the likelihood takes for known. Noise levels at
 their best values, not the true ones, make errors over standard deviation 1.02 times as large (220
@@ -84,7 +86,8 @@ class Posterior:
         """Return draws float64[4000, k] of the sizes, of every variant that is about as likely, and
         float64[4000] of a threshold, and the tail's shape of the best one's weights.
 
-        What one side counts too many the other may count too few: the size goes with the side.
+        What one side counts too many the other may count too few: the size goes with the side. Of
+        another form it is no such size.
         """
         for place, term in enumerate(found.terms):
             if has_threshold(term) and self.closely:
@@ -97,6 +100,7 @@ class Posterior:
             for other in self.scan.by_effect[term.variant.effect]:
                 terms = (*found.terms[:place], other, *found.terms[place + 1 :])
                 is_rival = other is not term and other.is_on_the_grid and not says_twice(terms)
+                is_rival &= other.variant.report.get(_FORM) == term.variant.report.get(_FORM)
                 if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
                     fit = self.model.refit(terms, again.levels, free_levels=False)
                     likely.append((terms, fit))
