@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.hypothesis import Estimate, generator_of
+from gap_diagnosis.hypothesis import FORM, Estimate, generator_of
 from gap_diagnosis.motion.accounts import Found, says_twice
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS, draw
@@ -28,8 +28,6 @@ _WEIGHED: Final = 1000
 """Draws weighed where effects bend: the ends of an interval of 95 % are then a tenth of a standard
 deviation unsure."""
 _ENDS: Final = ("start_s", "stop_s")
-_FORM: Final = "speed"
-"""At which speed a size holds: beside another one it is another size."""
 _TOO_SURE: Final = 1.01**2
 """So many times too small a variance is for what the likelihood takes for known. Noise levels at
 their best values, not the true ones, make errors over standard deviation 1.02 times as large (220
@@ -100,7 +98,7 @@ class Posterior:
             for other in self.scan.by_effect[term.variant.effect]:
                 terms = (*found.terms[:place], other, *found.terms[place + 1 :])
                 is_rival = other is not term and other.is_on_the_grid and not says_twice(terms)
-                is_rival &= other.variant.report.get(_FORM) == term.variant.report.get(_FORM)
+                is_rival &= other.variant.report.get(FORM) == term.variant.report.get(FORM)
                 if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
                     fit = self.model.refit(terms, again.levels, free_levels=False)
                     likely.append((terms, fit))
