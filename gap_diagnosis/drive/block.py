@@ -62,6 +62,8 @@ _DRIVES: Final = frozenset({*BENT, "drive_gain"})
 _MAY_BEGIN: Final = _DRIVES | set(MISCOUNTS)
 """What may begin and end: of counting the motion says when, but a drive is not to be blamed for
 what counts do from then on."""
+_AS_LIKELY: Final = 5.0
+"""A way that lacks less [nat] is told if it comes first."""
 _ANSWERS: Final = frozenset({"drive_delay", "drive_lag"})
 _PROMPT_S: Final = 1e-3
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -299,20 +301,23 @@ class DriveBlock:
         """Return the fit of several effects: what the drive does begins and ends, or what is wrong
         with its counts, or both, each as likely as the others.
 
-        A change is where it is alone, of several where the likeliest is.
+        A change is where it is alone, of several where the likeliest is. A gain all along beside
+        counts that are wrong from some time on looks like the other way round, and that is told.
         """
+        likely = sorted(effects, key=lambda one: -self.fit(frozenset({one})).log_evidence)
+        changed = [one for one in likely if one in self._changes]
+        if not changed:
+            return self._fit_all_along(effects)
         kinds = [one for one in (effects & _DRIVES, effects & set(MISCOUNTS)) if one]
         ways = kinds if len(kinds) == 1 else [*kinds, effects & _MAY_BEGIN]
         found = []
         for some in ways:
-            leader = max(some, key=lambda one: self.fit(frozenset({one})).log_evidence)
-            if leader in self._changes:
-                found.append(self._fit_within(self._changes[leader], some, effects))
-        if not found:
-            return self._fit_all_along(effects)
-        best, self._levels_with[effects] = max(found, key=lambda one: one[0].log_evidence)
-        every = np.logaddexp.reduce([one.log_evidence for one, _ in found])
-        return replace(best, log_evidence=float(every) - math.log(len(found)))
+            leader = next((one for one in changed if one in some), changed[0])
+            found.append(self._fit_within(self._changes[leader], some, effects))
+        logs = np.array([fit.log_evidence for fit, _ in found])
+        told, self._levels_with[effects] = found[int(np.argmax(logs > logs.max() - _AS_LIKELY))]
+        every = float(np.logaddexp.reduce(logs)) - math.log(len(ways))
+        return replace(told, log_evidence=every)
 
     def _fit_within(
         self, told: Ends, some: frozenset[str], effects: frozenset[str]
