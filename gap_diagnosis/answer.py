@@ -12,7 +12,7 @@ from gap_diagnosis.analysis import Analysis, Reduced
 from gap_diagnosis.block_sums import Effects, concerned
 from gap_diagnosis.explanations import twin_sets
 from gap_diagnosis.gap.metrics import drifting_share
-from gap_diagnosis.hypothesis import Estimate, Fit
+from gap_diagnosis.hypothesis import FORM, Estimate, Fit
 from gap_diagnosis.modelled import LEAST_SHARE, known_variable
 from gap_diagnosis.ranking import Ranked, Ranking
 from gap_diagnosis.result import NO_GAP, UNKNOWN
@@ -100,10 +100,12 @@ def _candidate(
 def estimates_by_log(
     effects: Effects, analyses: Sequence[Analysis]
 ) -> dict[str, dict[int, Estimate]]:
-    """Return, by parameter, what each log says by itself: of its blocks, the surest."""
+    """Return, by parameter, what each log says by itself: of its blocks, the surest. Sizes that
+    hold at another speed than all logs together say are left out."""
+    by_log = [_by_parameter(_details(effects, analysis)) for analysis in analyses]
     found: dict[str, dict[int, Estimate]] = {}
-    for place, analysis in enumerate(analyses):
-        for key, said in _by_parameter(_details(effects, analysis)).items():
+    for place, told in enumerate(_in_one_form(by_log)):
+        for key, said in told.items():
             found.setdefault(key, {})[place] = min(said, key=lambda one: one.sd)
     return found
 
@@ -123,14 +125,34 @@ def _independent(
     """Return what logs and their blocks say of each parameter, each reading of it once: all that
     blocks say of a gyro they read from the same codes."""
     found: dict[str, list[Estimate]] = {}
-    for fits in by_log:
-        for key, said in _by_parameter(fits).items():
+    for told in _in_one_form([_by_parameter(fits) for fits in by_log]):
+        for key, said in told.items():
             effect = known.get(key.partition(".")[0])
             is_number = all(one.samples is not None for one in said)
             of_one_reading = is_number and effect is not None and effect.stage == "gyro"
             surest = [min(said, key=lambda one: one.sd)] if of_one_reading else said
             found.setdefault(key, []).extend(surest)
     return found
+
+
+def _in_one_form(
+    by_log: Sequence[Mapping[str, list[Estimate]]],
+) -> list[dict[str, list[Estimate]]]:
+    """Return what logs say of each parameter, without the sizes of those that take an effect for
+    one of another form than all together do: a log at one speed alone hardly tells."""
+    told: dict[str, list[Estimate]] = {}
+    for log in by_log:
+        for key, said in log.items():
+            if key.endswith(f".{FORM}") and said[0].samples is None:
+                told.setdefault(key, []).extend(said)
+    forms = {key: str(_choice(said).estimate) for key, said in told.items()}
+
+    def holds(log: Mapping[str, list[Estimate]], key: str) -> bool:
+        form = f"{key.partition('.')[0]}.{FORM}"
+        is_told = form in forms and form in log
+        return key == form or not is_told or str(log[form][0].value) == forms[form]
+
+    return [{key: said for key, said in log.items() if holds(log, key)} for log in by_log]
 
 
 def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:

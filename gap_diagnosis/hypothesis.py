@@ -22,6 +22,9 @@ REPLAYED_TOGETHER: Final = 2
 """So many effects of the firmware a replay tells of at most."""
 NEVER: Final = 1e6
 """More than any evidence [nat]: what speaks against sizes that no effect has."""
+FORM: Final = "speed"
+"""A choice of the form of an effect, at which speed its size holds: in another form it is another
+size."""
 
 
 @dataclass(frozen=True)

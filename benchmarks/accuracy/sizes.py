@@ -233,7 +233,7 @@ def coefficients_of(effect: str) -> tuple[str, ...]:
     known = catalogue()[effect].parameters
     if _angle(effect) is not None:
         return ("first", "second")
-    skipped = {"start_s", "stop_s", "threshold"}
+    skipped = {"speed", "start_s", "stop_s", "threshold"}
     return tuple(p.name for p in known if p.kind == "real" and p.name not in skipped)
 
 
@@ -271,7 +271,7 @@ def _is_admitted(effect: str, truth: Truth) -> bool:
 
 
 def _choices(model: MotionModel, effect: str, draw: Draw) -> Truth:
-    """Return what of a smooth effect is no size: side, window, threshold, frame."""
+    """Return what of a smooth effect is no size: side, window, threshold, frame, form."""
     found: Truth = {}
     motion = model.nodes.motion
     names = [one.name for one in catalogue()[effect].parameters]
@@ -281,6 +281,8 @@ def _choices(model: MotionModel, effect: str, draw: Draw) -> Truth:
         found["frame"] = "sensors"
     if "threshold" in names:
         found["threshold"] = float(draw.uniform(0.0, 0.9) * motion.fastest_rad_s)
+    if "speed" in names:
+        found["speed"] = int(draw.integers(2))
     if "stop_s" in names:
         window = _window(motion, draw)
         while not leaves_out(motion, Variant(effect, _unused, (), window, found)):

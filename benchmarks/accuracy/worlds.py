@@ -12,7 +12,7 @@ import numpy as np
 from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.motion.columns import GROSS, NEVER_NUISANCE
 from gap_diagnosis.motion.levels import FLOORS
-from gap_diagnosis.motion.whitening import INEXACT, LEVELS, SLIP_WANDER, STAMP
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Floats, Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -76,18 +76,16 @@ class World:
 
     @property
     def levels(self) -> Floats:
-        """The true noise levels in the order of `LEVELS`; the plant never skids sideways."""
+        """The true noise levels in the order of `LEVELS`; the plant never skids sideways, and
+        what it has not stands at its floor."""
         gyro, noise = self.real.plant.gyro, self.reference
-        known = {
+        known = dict(zip(LEVELS, FLOORS, strict=True)) | {
             "contact_m_per_sqrt_m": self.real.plant.contact.noise_m_per_sqrt_m,
             "lateral_m_per_sqrt_m": 2e-5,
             "gyro_noise_rad_per_sqrt_s": gyro.noise_density_rad_per_sqrt_s,
             "gyro_bias_walk_rad_s_per_sqrt_s": gyro.bias_walk_density_rad_s_per_sqrt_s,
-            "inexact": FLOORS[INEXACT],
-            "slip_wander": FLOORS[SLIP_WANDER],
             "reference_position_m": noise.position_m,
             "reference_heading_rad": noise.heading_rad,
-            "reference_stamp_s": FLOORS[STAMP],
             "reference_slow_position_m": noise.coloured_position_m,
             "reference_slow_heading_rad": noise.coloured_heading_rad,
             "reference_slow_s": noise.correlation_time_s,

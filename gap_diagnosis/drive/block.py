@@ -62,6 +62,8 @@ _DRIVES: Final = frozenset({*BENT, "drive_gain"})
 _MAY_BEGIN: Final = _DRIVES | set(MISCOUNTS)
 """What may begin and end: of counting the motion says when, but a drive is not to be blamed for
 what counts do from then on."""
+_AS_LIKELY: Final = 5.0
+"""A way that lacks less [nat] is told if it comes first."""
 _ANSWERS: Final = frozenset({"drive_delay", "drive_lag"})
 _PROMPT_S: Final = 1e-3
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
@@ -249,25 +251,26 @@ class DriveBlock:
         return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
-        drives = effects & _MAY_BEGIN
-        if self._spell is None or not drives or effects & set(SETUP):
+        if self._spell is None or not effects & _MAY_BEGIN or effects & set(SETUP):
             return self._fit_all_along(effects)
         if len(effects) == 1:
             return self._for_a_while(self._spell, effects, self._fit_all_along(effects))
-        # Beside others a change is where it is alone.
-        leader = max(drives, key=lambda one: self.fit(frozenset({one})).log_evidence)
-        told = self._changes.get(leader)
-        return self._fit_all_along(effects) if told is None else self._fit_within(told, effects)
+        return self._beside_others(effects)
 
     @cached_property
     def _spell(self) -> Spell | None:
         """The blocks in which the drive answers otherwise, if that is not all along."""
         return sought(self._null, self._robot) if self._data.acting is None else None
 
-    def _acting(self, spell: Spell) -> DriveBlock:
-        """Return the block of effects that act in a spell alone; without any it is the same."""
+    def _acting(self, spell: Spell, effects: frozenset[str]) -> DriveBlock:
+        """Return the block of which some effects, all of a drive or of counting, act in a spell
+        alone; without any it is the same."""
         block = copy(self)
-        block._data = replace(self._data, acting=spell)
+        block._data = replace(
+            self._data,
+            acting=spell if effects & _DRIVES else None,
+            miscounting=spell if effects & set(MISCOUNTS) else None,
+        )
         block._shapes = Shapes(block._data, self._robot)
         block._fits, block._levels_with, block._settled = {frozenset(): Fit((), 0.0, 0.0)}, {}, {}
         block._spell = None
@@ -275,7 +278,7 @@ class DriveBlock:
 
     def _for_a_while(self, spell: Spell, effect: frozenset[str], all_along: Fit) -> Fit:
         """Return the fit of an effect that acts all along or in a spell, sought about this one."""
-        block = self._acting(spell)
+        block = self._acting(spell, effect)
         block.fit(effect)
         if effect not in block._settled:
             return all_along
@@ -283,9 +286,10 @@ class DriveBlock:
         told = ends(setting, values, block._levels_with[effect], self._robot, spell)
         if not told.told:
             return all_along
-        fit = self._fit_within(told, effect)
+        fit, levels = self._fit_within(told, effect, effect)
         if fit.log_evidence <= all_along.log_evidence:
             return all_along
+        self._levels_with[effect] = levels
         self._changes |= dict.fromkeys(effect, told)
         return replace(
             fit,
@@ -293,26 +297,51 @@ class DriveBlock:
             log_likelihood=max(fit.log_likelihood, all_along.log_likelihood),
         )
 
-    def _fit_within(self, told: Ends, effects: frozenset[str]) -> Fit:
-        """Return the fit of effects that act in a spell."""
-        block = self._acting(told.spell)
+    def _beside_others(self, effects: frozenset[str]) -> Fit:
+        """Return the fit of several effects: what the drive does begins and ends, or what is wrong
+        with its counts, or both, each as likely as the others.
+
+        A change is where it is alone, of several where the likeliest is. A gain all along beside
+        counts that are wrong from some time on looks like the other way round, and that is told.
+        """
+        likely = sorted(effects, key=lambda one: -self.fit(frozenset({one})).log_evidence)
+        changed = [one for one in likely if one in self._changes]
+        if not changed:
+            return self._fit_all_along(effects)
+        kinds = [one for one in (effects & _DRIVES, effects & set(MISCOUNTS)) if one]
+        ways = kinds if len(kinds) == 1 else [*kinds, effects & _MAY_BEGIN]
+        found = []
+        for some in ways:
+            leader = next((one for one in changed if one in some), changed[0])
+            found.append(self._fit_within(self._changes[leader], some, effects))
+        logs = np.array([fit.log_evidence for fit, _ in found])
+        told, self._levels_with[effects] = found[int(np.argmax(logs > logs.max() - _AS_LIKELY))]
+        every = float(np.logaddexp.reduce(logs)) - math.log(len(ways))
+        return replace(told, log_evidence=every)
+
+    def _fit_within(
+        self, told: Ends, some: frozenset[str], effects: frozenset[str]
+    ) -> tuple[Fit, Floats]:
+        """Return the fit of effects of which *some* act in a spell, and its levels of noise."""
+        block = self._acting(told.spell, some)
         fit = block.fit(effects)
-        self._levels_with[effects] = block._levels_with.get(effects, self._null.levels)
+        levels = block._levels_with.get(effects, self._null.levels)
         when = {name: end.estimate(self._data) for name, end in told.told.items()}
         begins_s, ends_s = self._data.time_s[0], self._data.time_s[-1] + self._data.block_s
         if "start_s" in when:
             begins_s = when["start_s"].value
         if "stop_s" in when:
             ends_s = when["stop_s"].value
-        ends_of = {f"{one}.{name}": e for one in effects & _DRIVES for name, e in when.items()}
+        ends_of = {f"{one}.{name}": e for one in some & _DRIVES for name, e in when.items()}
         log_spell = prior.log_of_spell(self._data.angle.shape[1], len(told.told))
-        return replace(
+        within = replace(
             fit,
             log_evidence=fit.log_evidence + told.log_width + log_spell,
             parameters={**fit.parameters, **ends_of},
             windows=((begins_s, ends_s),) if ends_of else (),
             counting={},
         )
+        return within, levels
 
     def _fit_all_along(self, effects: frozenset[str]) -> Fit:
         silent = {one: self._shapes.log_silent(one) for one in effects & set(BENT)}

@@ -54,8 +54,8 @@ class Variant:
 
     @property
     def acting(self) -> Floats:
-        """The columns where effects act: float64[c, 2, m]."""
-        spell = self.data.acting
+        """The columns where counts are wrong: float64[c, 2, m]."""
+        spell = self.data.miscounting
         return self.columns if spell is None else masked(self.columns, spell)
 
 

@@ -72,7 +72,8 @@ class DriveData:
         limits: what of table [drive] the wheels outrun, as they have it, by key.
         manner: float64[c, 2, m], what a drive that does as it is told adds in its own manner; every
             hypothesis has it.
-        acting: in which blocks effects act; None: in all.
+        acting: in which blocks a drive does otherwise; None: in all.
+        miscounting: in which blocks counts are wrong; None: in all.
     """
 
     dt_s: float
@@ -94,6 +95,7 @@ class DriveData:
     limits: Mapping[str, float] = field(default_factory=dict)
     manner: Floats | None = None
     acting: Spell | None = None
+    miscounting: Spell | None = None
 
     def limits_beside(self, robot: Robot) -> tuple[float, float]:
         """Return the largest wheel rate [rad/s] and acceleration [rad/s²] of the described drive,

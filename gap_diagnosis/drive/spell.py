@@ -147,7 +147,7 @@ def _acting(
 ) -> tuple[Setting, Floats]:
     """Return a setting whose effects act in a spell alone, and its columns float64[c, 2, m]: the
     residual, then all that is free."""
-    data = replace(setting.variant.data, acting=spell)
+    data = replace(setting.variant.data, acting=spell, miscounting=spell)
     variant = replace(setting.variant, data=data)
     own = replace(setting, variant=variant, shapes=Shapes(data, robot))
     return own, np.concatenate((own.columns(values), own.fixed))

@@ -87,7 +87,7 @@ def noise_floor(
     *path* is the explained path at the ticks; *wheel_way_m* the way that each wheel has rolled
     until each tick (never falling), float64[n] each, and *wheel_unsure_m2*, float64[2, n], the
     variance that its reading has gathered until then beside its counting (of speeds that were
-    added up). *gyro_share* is how much of the odometry's
+    added up, as loud as their noise is). *gyro_share* is how much of the odometry's
     heading comes from the gyro, whose offset at each tick was averaged over *offset_time_s*,
     float64[n] (∞: no offset was taken off). Without *has_heading* the start heading is estimated
     from positions as in `metrics.path_errors`. The same input gives the same draws.
@@ -137,7 +137,7 @@ def _window_floor(
 
     rolling_m = radius_m * levels.quantum_rad
     left, right = (
-        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + levels.speed_noise**2 * unsure))
+        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + unsure))
         + rolling_m * generator.standard_normal((draws, count))
         for way, unsure in zip(ways, unsure_m2, strict=True)
     )

@@ -32,6 +32,7 @@ from gap_diagnosis.gap.odometry import (
     offset_time_s,
 )
 from gap_diagnosis.gap.windows import Window, windows_of
+from gap_diagnosis.motion.blocks import noise_at_all_times
 from gap_diagnosis.motion.whitening import LEVELS, SLIP_S
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.recording import Floats, FrameTimes, Recording, Reference
@@ -224,7 +225,7 @@ def floor_on(
     return noise_floor(
         odometry_path(prediction, robot),
         (np.cumsum(np.abs(prediction.left_m)), np.cumsum(np.abs(prediction.right_m))),
-        motion.radius_m**2 * np.cumsum(motion.wheel_unsure_rad2, axis=1),
+        motion.radius_m**2 * np.cumsum(_unsure_rad2(motion, levels.speed_noise), axis=1),
         motion.t_s if reference is None else reference.t_s,
         windows,
         levels,
@@ -235,6 +236,17 @@ def floor_on(
         has_heading=reference is None or reference.heading_rad is not None,
         draws=draws,
     )
+
+
+def _unsure_rad2(motion: Motion, speed_noise: float) -> Floats:
+    """Return how unsure each wheel's turn is in each tick, float64[2, n], where noise of its speeds
+    is so many times as loud as told."""
+    wheels = (motion.left_step_rad, motion.right_step_rad)
+    told = [
+        noise_at_all_times(unsure, motion.dt_s, step != 0.0)
+        for unsure, step in zip(motion.wheel_unsure_rad2, wheels, strict=True)
+    ]
+    return motion.wheel_unsure_rad2 + (speed_noise**2 - 1.0) * np.array(told)
 
 
 def counted_path(motion: Motion, robot: Robot) -> Path:

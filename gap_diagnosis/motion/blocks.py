@@ -153,7 +153,7 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     unsure = [nodes.mean(np.cumsum(one)) * radius**2 for one in motion.wheel_unsure_rad2]
     unsure = [np.diff(one, prepend=one[0]) for one in unsure]
     told = [
-        _at_all_times(one, block_s, path > 0.0)
+        noise_at_all_times(one, block_s, path > 0.0)
         for one, path in zip(unsure, (left_path, right_path), strict=True)
     ]
     return Course(
@@ -191,15 +191,15 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     )
 
 
-def _at_all_times(unsure_m2: Floats, block_s: Floats, moves: NDArray[np.bool_]) -> Floats:
+def noise_at_all_times(unsure: Floats, block_s: Floats, moves: NDArray[np.bool_]) -> Floats:
     """Return which part of a variance, float64[m], is there however a wheel *moves*: noise of its
     speeds. The rest is where they bend, or what a step rounds off for as long as they are the same.
     """
-    told = moves & (unsure_m2 > 0.0)
+    told = moves & (unsure > 0.0)
     if not told.any():
-        return np.zeros_like(unsure_m2)
-    least = float(np.quantile(unsure_m2[told] / block_s[told], _LEAST))
-    return np.asarray(np.minimum(unsure_m2, least * block_s))
+        return np.zeros_like(unsure)
+    least = float(np.quantile(unsure[told] / block_s[told], _LEAST))
+    return np.asarray(np.minimum(unsure, least * block_s))
 
 
 def _is_finer(nodes: Nodes, per_count_m: float) -> bool:

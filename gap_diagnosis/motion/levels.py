@@ -9,7 +9,7 @@ import numpy as np
 
 from gap_diagnosis.granted import NOTHING, Granted
 from gap_diagnosis.motion.nodes import Nodes
-from gap_diagnosis.motion.whitening import INEXACT, LEVELS
+from gap_diagnosis.motion.whitening import INEXACT, LEVELS, SPEED_NOISE_S
 from gap_diagnosis.prediction import USUAL_CONTACT_M_PER_SQRT_M
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import LevelPrior
@@ -75,11 +75,12 @@ def silent_levels(nodes: Nodes) -> frozenset[int]:
 def is_louder(levels: Floats, than: Floats) -> bool:
     """Tell whether levels, float64[levels], hold more of any noise than others, at any frequency.
 
-    How effects vary is none of it: without effects nothing does.
+    How effects vary is none of it: without effects nothing does. Nor is how long noise of speeds
+    lasts: what it adds up to is the same, and the longer it lasts, the less of it is quick.
 
     Slow noise of standard deviation s and correlation time T has the spectral density
     2 s² T / (1 + (w T)²): s² T decides below its corner, s² / T above.
     """
-    ratio = np.delete(levels / than, INEXACT)
+    ratio = np.delete(levels / than, [INEXACT, SPEED_NOISE_S])
     slow, longer = ratio[-3:-1], math.sqrt(float(ratio[-1]))
     return bool(np.concatenate([ratio[:-3], slow * longer, slow / longer]).max() > _LOUDER)

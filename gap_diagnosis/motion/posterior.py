@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gap_diagnosis.hypothesis import Estimate, generator_of
+from gap_diagnosis.hypothesis import FORM, Estimate, generator_of
 from gap_diagnosis.motion.accounts import Found, says_twice
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS, draw
@@ -84,7 +84,8 @@ class Posterior:
         """Return draws float64[4000, k] of the sizes, of every variant that is about as likely, and
         float64[4000] of a threshold, and the tail's shape of the best one's weights.
 
-        What one side counts too many the other may count too few: the size goes with the side.
+        What one side counts too many the other may count too few: the size goes with the side. Of
+        another form it is no such size.
         """
         for place, term in enumerate(found.terms):
             if has_threshold(term) and self.closely:
@@ -97,6 +98,7 @@ class Posterior:
             for other in self.scan.by_effect[term.variant.effect]:
                 terms = (*found.terms[:place], other, *found.terms[place + 1 :])
                 is_rival = other is not term and other.is_on_the_grid and not says_twice(terms)
+                is_rival &= other.variant.report.get(FORM) == term.variant.report.get(FORM)
                 if is_rival and self.scan.evidence(terms, found.levels) > known - _AS_LIKELY:
                     fit = self.model.refit(terms, again.levels, free_levels=False)
                     likely.append((terms, fit))

@@ -43,6 +43,7 @@ LATERAL: Final = LEVELS.index("lateral_m_per_sqrt_m")
 INEXACT: Final = LEVELS.index("inexact")
 SLIP_WANDER: Final = LEVELS.index("slip_wander")
 SPEED_NOISE: Final = LEVELS.index("speed_noise")
+SPEED_NOISE_S: Final = LEVELS.index("speed_noise_s")
 STAMP: Final = LEVELS.index("reference_stamp_s")
 SLOW: Final = LEVELS.index("reference_slow_s")
 

@@ -20,6 +20,7 @@ STAGE = {
     "drive_lag": "actuation",
     "radius_scale": "wheel",
     "radius_mismatch": "wheel",
+    "lateral_slip": "wheel",
     "wheelbase_scale": "wheel",
     "encoder_dead": "encoder",
     "encoder_wrap": "encoder",

@@ -83,6 +83,28 @@ def test_the_answer_says_what_differs_between_which_logs_and_spans_both() -> Non
     assert value.ci95[1] > 0.030
 
 
+def test_logs_that_take_a_slip_for_one_of_two_forms_have_its_size_in_that_of_all() -> None:
+    """At half a metre a second 0.03 s at any speed is 0.06 at 1 m/s: a log that goes as fast all
+    the time tells neither, and is no other robot."""
+    told = [
+        FakeBlock(
+            {"lateral_slip": 500.0},
+            parameters={
+                "lateral_slip.compliance": normal(size, 1e-3),
+                "lateral_slip.speed": Estimate(form, probabilities={"0": odds, "1": 1.0 - odds}),
+            },
+        )
+        for size, form, odds in ((0.03, 0, 0.999), (0.06, 1, 0.4))
+    ]
+    logs = [analysis(LOG, one) for one in told]
+    by_log = estimates_by_log(frozenset({"lateral_slip"}), logs)
+    assert disagreements(by_log, PRIOR, catalogue()) == []
+    listed, _ = candidates(ranked(told[0], logs=2), logs)
+    value = entry(listed, "lateral_slip").parameters["lateral_slip.compliance"]
+    assert isinstance(value, NumberEstimate)
+    assert abs(value.estimate - 0.03) < 1e-4
+
+
 def test_logs_that_agree_say_nothing() -> None:
     assert contradiction([], ["a.log", "b.log"], catalogue()) == ()
 

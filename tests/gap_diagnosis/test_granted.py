@@ -16,9 +16,11 @@ from gap_diagnosis.diagnose import diagnose_recordings
 from gap_diagnosis.drive import drive_block
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.explanations import EXPLAINED
+from gap_diagnosis.explanations.known import known_effects
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.granted import Granted
 from gap_diagnosis.granting import load_granted
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.noise import NOISES
 from gap_diagnosis.priors import default_prior
@@ -125,6 +127,16 @@ MOTION: dict[str, dict[str, Value]] = {
     "adc_inl": {"peak": 60.0},
     "reference_lever_arm": {"x": 0.03, "y": 0.01},
 }
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.3])
+def test_a_lateral_slip_that_is_known_acts_in_the_form_that_is_known(speed_m_s: float) -> None:
+    """Whatever its speed, it was known to hold at any and at 1 m/s, whichever suited a log."""
+    known = Granted(settings({"lateral_slip": {"compliance": 0.03, "speed": speed_m_s}}))
+    (found,) = known_effects(known, estimate_motion(driven({}, duration_s=10.0), ROBOT))
+    ((variant, sizes),) = found.ways
+    assert variant.fixed == {"speed": speed_m_s}
+    assert sizes == (0.03,)
 
 
 @pytest.mark.parametrize("effect", MOTION)

@@ -76,6 +76,33 @@ def test_a_drive_is_not_blamed_for_counts_that_are_too_many_from_some_time_on():
 
 
 @pytest.mark.parametrize(
+    "effects",
+    [
+        {
+            "drive_gain": {"left": 0.03, "right": 0.03, "start_s": START_S},
+            "ticks_per_rev": {"scale": 0.02},
+        },
+        *at_full_size(
+            {
+                "drive_lag": {"time_constant": 0.1, "start_s": START_S},
+                "ticks_per_rev": {"scale": 0.02},
+            },
+        ),
+    ],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_counts_that_are_wrong_all_along_are_so_beside_a_drive_that_changes(effects):
+    """Both had to begin together: a gain from half of a log on explained 578 nats less with the
+    ticks that were there than without the change."""
+    block = block_of(simulated(effects))
+    both = block.fit(frozenset(effects))
+    assert both.log_evidence > max(evidence(block, one) for one in effects) + 5.0
+    (drives,) = set(effects) - {"ticks_per_rev"}
+    begins = both.parameters[f"{drives}.start_s"]
+    assert begins.value == pytest.approx(START_S, abs=0.1)
+
+
+@pytest.mark.parametrize(
     "effects", [{}, {"drive_lag": {"time_constant": 0.05}}], ids=["healthy", "lags all along"]
 )
 def test_what_is_as_it_was_has_no_window(effects):

@@ -55,6 +55,15 @@ def scores(size: str) -> list[float]:
     return found
 
 
+def test_a_lateral_slip_has_one_size_in_either_form():
+    """Its speed was taken for another size, of which no log tells."""
+    cases = [run_case("limit", "lateral_slip", number, duration_s=SHORT_S) for number in (0, 6)]
+    assert {case["truth"]["speed"] for case in cases} == {0, 1}
+    for case in cases:
+        assert set(case["bound"]) == {"compliance"}
+        assert case["found"]["speed"]["right"] > 0.01
+
+
 def test_errors_are_no_larger_than_stated(scores):
     assert float(np.square(scores).sum()) < chi2.ppf(0.999, len(scores))
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from car_cases import read_car
-from motion_cases import some_of, without_others
+from motion_cases import ROBOT, some_of, without_others
 from scipy.signal import lfilter
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.motion.levels import FLOORS
+from gap_diagnosis.motion.levels import FLOORS, is_louder, level_prior
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.unknown import alternatives
@@ -155,3 +155,13 @@ def test_columns_have_little_of_the_noise_and_all_of_the_edges_of_speeds(tmp_pat
     off_m_s, near = (told_m_s - true_m_s)[1:], near[2:]
     assert float(off_m_s[~near].std()) < 0.25 * NOISE_M_S
     assert float(off_m_s[near].std()) < NOISE_M_S
+
+
+def test_noise_of_speeds_that_lasts_is_no_louder_for_that() -> None:
+    """It adds up to as much, and has less that is quick: levels were sought from elsewhere too."""
+    described = level_prior(ROBOT).median
+    longer, louder = described.copy(), described.copy()
+    longer[LEVELS.index("speed_noise_s")] *= 5.0
+    louder[LEVELS.index("speed_noise")] *= 1.5
+    assert not is_louder(longer, described)
+    assert is_louder(louder, described)
