@@ -203,7 +203,12 @@ def _sizes(one: Mapping[str, Any]) -> list[str]:
         found.append(
             f"drifts {across:.2%} across, {along:.2%} along; slips {truth['lateral_slip']:.4f} s"
         )
-    for name, told in one["told"]["parameters"].items():
+    parameters = one["told"]["parameters"]
+    # The engine's state has no size of a slip angle.
+    without = parameters.get("lateral_slip.speed", {}).get("estimate", 0) != 0
+    for name, told in parameters.items():
+        if without and name.startswith("lateral_slip."):
+            continue
         if name in SIZES and "ci95" in told:
             low, high = told["ci95"]
             true = truth[SIZES[name]]

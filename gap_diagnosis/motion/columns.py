@@ -232,7 +232,9 @@ def build_columns(
     lags = {index for index, (variant, _) in little.items() if variant.effect == _LAG}
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     held = {_LATENCY: delays | late, _OFFSET: late}
-    return Columns(values, tuple(_late_alone(terms, held, lags)), tuple(nuisances), little)
+    slides = {index for index, (variant, _) in little.items() if variant.effect == _LATERAL}
+    alone = _slides_alone(_late_alone(terms, held, lags), slides)
+    return Columns(values, tuple(alone), tuple(nuisances), little)
 
 
 def described_residuals(nodes: Nodes) -> Floats:
@@ -265,6 +267,18 @@ def _late_alone(
         held = lags if is_gyro else delays.get(term.variant.effect, set())
         little = tuple((index, 0.0) for index in sorted(held))
         yield replace(term, weights=tuple((*parts, *little) for parts in term.weights))
+
+
+def _slides_alone(terms: Iterable[Term], slides: Set[int]) -> Iterable[Term]:
+    """Return the terms; beside a slip angle no little one is free, nor a little of another form: it
+    is the whole of what tyres yield, and where a log tells it well it was told no better than what
+    tyres usually do."""
+    little = tuple((index, 0.0) for index in sorted(slides))
+    for term in terms:
+        is_angle = term.variant.effect == _LATERAL and term.variant.fixed["speed"] > 0
+        yield (
+            replace(term, weights=tuple((*w, *little) for w in term.weights)) if is_angle else term
+        )
 
 
 def _near(

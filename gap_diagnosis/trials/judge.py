@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
+from gap_diagnosis.hypothesis import FORM
 from gap_diagnosis.trials.case import Case
 from gap_diagnosis.trials.sizes import UNLISTED
 from gap_diagnosis.trials.truth import UNKNOWN, Answer, can_be_said, canonical, stages_of
@@ -270,7 +271,10 @@ def _parameters(
 
 def _is_chosen_right(effect: str, true: Mapping[str, Any], told: Mapping[str, Any]) -> bool:
     """Tell whether the side, the constant and whatever else an effect has by name is the true
-    one."""
+    one, and its form."""
+    form = told.get(f"{effect}.{FORM}")
+    if form is not None and form["estimate"] != true.get(FORM, 0):
+        return False
     keys = {name: f"{effect}.{name}" for name, value in true.items() if isinstance(value, str)}
     return all(told[key]["estimate"] == true[name] for name, key in keys.items() if key in told)
 

@@ -93,8 +93,8 @@ _CONTACT: Final[tuple[Effect, ...]] = (
     plant_effect(
         "lateral_slip",
         "wheel",
-        "The robot slides outward in turns in proportion to speed times turn rate; heading is "
-        "untouched.",
+        "The robot slides outward in turns in proportion to speed times turn rate, or that by the "
+        "speed once more; heading is untouched.",
         moves("compliance", "lateral_slip_s"),
         moves("speed", "lateral_slip_speed_m_s"),
     ),

@@ -52,3 +52,17 @@ def test_where_a_speed_hardly_changes_a_size_is_that_of_the_form_that_is_told() 
     at_any_speed = 0.03 if form.value == 0 else 0.06
     assert told["lateral_slip.compliance"].value == pytest.approx(at_any_speed, rel=0.1)
     assert told["lateral_slip.compliance"].sd < 0.1 * at_any_speed
+
+
+def test_beside_a_slip_angle_no_little_one_is_free() -> None:
+    """However well a log told a car's, it was told to 4 ms at 1 m/s: what tyres usually yield by
+    was free beside it."""
+    tyres = EffectSetting("lateral_slip", (("compliance", 0.03), ("speed", 0.3)))
+    log = synthetic_recording(
+        ROBOT, WIRE, replace(DRIVE, seed=2), [tyres], 2, reference=ReferenceNoise(), duration_s=30.0
+    )
+    columns = model_of(log, "lateral_slip").columns
+    little = {place for place, (one, _) in columns.little.items() if one.effect == "lateral_slip"}
+    (angle,) = (one for one in columns.terms if one.variant.report.get("speed") == 1)
+    assert little
+    assert all((place, 0.0) in angle.weights[0] for place in little)
