@@ -27,6 +27,7 @@ _AROUND: Final = 5
 _NARROWEST: Final = 0.1
 """A step of a fit may lead to wheels that stand on one another."""
 _LEAST: Final = 0.05
+"""Of a wheel's moving blocks: as quiet as the quietest of so many its speeds are at all times."""
 _HARMONIC: Final = math.sqrt(2.0) * math.pi
 
 
