@@ -116,9 +116,12 @@ def test_a_bias_that_begins_on_the_way_is_told_with_its_onset() -> None:
 @pytest.mark.parametrize(
     ("window", "seed"),
     [
-        ((("start_s", 30.0),), 11),
         ((("start_s", 25.0), ("stop_s", 40.0)), 12),
-        *at_full_size(((("start_s", 25.0), ("stop_s", 40.0)), 13), ((("stop_s", 30.0),), 14)),
+        *at_full_size(
+            ((("start_s", 30.0),), 11),
+            ((("start_s", 25.0), ("stop_s", 40.0)), 13),
+            ((("stop_s", 30.0),), 14),
+        ),
     ],
 )
 def test_a_bias_of_a_while_is_that_and_no_cause_without_a_name(
