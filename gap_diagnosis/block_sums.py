@@ -8,11 +8,11 @@ from dataclasses import replace
 from typing import Final
 
 from gap_diagnosis.drive.prior import GAIN
+from gap_diagnosis.explanations.known import COUNTING
 from gap_diagnosis.hypothesis import Block, Fit
 
 Effects = frozenset[str]
 
-_COUNTING: Final = frozenset({"ticks_per_rev", "missed_ticks", "extra_ticks"})
 _CLEARLY: Final = 12.0
 _SAME: Final = 1.5 * GAIN.tolerance
 """Counts in a turn are told alike by wheels and by commands to so much: three standard deviations
@@ -85,7 +85,7 @@ def _counting(blocks: Sequence[Block], effects: Effects) -> tuple[Effects, Effec
     drive = next((block for block in blocks if block.name == "drive"), None)
     if motion is None or drive is None:
         return frozenset(), frozenset()
-    both = _COUNTING & motion.effects & drive.effects
+    both = COUNTING & motion.effects & drive.effects
     denied = frozenset(one for one in both & effects if _denies(motion, drive, one, effects))
     shown = frozenset(one for one in both if motion.fit(frozenset({one})).log_evidence > _CLEARLY)
     return denied, shown
@@ -110,8 +110,8 @@ def _of_block(block: Block, effects: Effects, shown: Effects) -> tuple[float, fl
     Commands count for errors of counting that the motion has *shown*, else only if they are clear.
     """
     fit = block.fit(effects)
-    if block.name == "drive" and effects & _COUNTING and not effects & shown:
-        fit = _clearly(fit, block.fit(effects - _COUNTING), block.fit(effects & _COUNTING))
+    if block.name == "drive" and effects & COUNTING and not effects & shown:
+        fit = _clearly(fit, block.fit(effects - COUNTING), block.fit(effects & COUNTING))
     if not any(effect.startswith("setup_") for effect in effects) or block.name == "motion":
         return _told(block, effects, fit.log_evidence), fit.log_likelihood
     rest = frozenset(effect for effect in effects if not effect.startswith("setup_"))

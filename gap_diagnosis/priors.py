@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from gap_diagnosis.hypothesis import FORM
 from gap_diagnosis.recording import Floats
 from hil_harness.effects.model import Effect, EffectParameter
 
@@ -145,7 +146,7 @@ class Stated:
     most: float | None = None
 
 
-_NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", "speed", "start_s", "stop_s"})
+_NOT_SIZES: Final = frozenset({"phase", "direction", "threshold", FORM, "start_s", "stop_s"})
 """Parameters that place an effect: angles are even over a turn, the others have their own laws."""
 
 

@@ -1,12 +1,6 @@
 """What is known of the recorded robots, as robot.toml."""
 
-KOBUKI = """\
-# Yujin Kobuki, as its maker describes it: wheels of 35 mm, 230 mm apart, 2578.33 ticks a turn.
-schema = 1
-
-[robot]
-name = "Kobuki"
-
+_KOBUKI_BODY = """\
 [wheels]
 radius_m = 0.0349955  # 35 mm, times 2578/2578.33: a turn here has a whole number of ticks
 wheelbase_m = 0.230
@@ -17,7 +11,16 @@ counter_bits = 16
 
 [drive]
 max_wheel_rate_rad_s = 20.0  # 0.7 m/s
+"""
 
+KOBUKI = f"""\
+# Yujin Kobuki, as its maker describes it: wheels of 35 mm, 230 mm apart, 2578.33 ticks a turn.
+schema = 1
+
+[robot]
+name = "Kobuki"
+
+{_KOBUKI_BODY}
 [gyro]
 sensitivity_lsb_per_rad_s = 6548.0890  # 8.75 m°/s per digit, as in the driver
 zero_rate_code = 32768                 # the table's codes are digits + 32768
@@ -156,24 +159,14 @@ ticks_per_rev = 4096
 max_wheel_rate_rad_s = 150.0
 """
 
-WPI = """\
+WPI = f"""\
 # A Kobuki, as its maker describes it, with the gyro of a navX.
 schema = 1
 
 [robot]
 name = "Kobuki of WPI"
 
-[wheels]
-radius_m = 0.0349955  # 35 mm, times 2578/2578.33: a turn here has a whole number of ticks
-wheelbase_m = 0.230
-
-[encoder]
-ticks_per_rev = 2578
-counter_bits = 16
-
-[drive]
-max_wheel_rate_rad_s = 20.0
-"""
+{_KOBUKI_BODY}"""
 
 WPI_MAP = """\
 [columns]

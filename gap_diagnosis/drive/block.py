@@ -13,15 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.columns import (
-    LINEAR,
-    MISCOUNTS,
-    SHARED,
-    TICKS,
-    Variant,
-    may_be_dead,
-    variants,
-)
+from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.grid import Weighted
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
@@ -42,6 +34,7 @@ from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_de
 from gap_diagnosis.drive.spell import Ends, ends, sought
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, own_manner, unlisted
+from gap_diagnosis.explanations.known import COUNTING
 from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
@@ -59,7 +52,7 @@ _UNLIKELY: Final = 1e-9
 _IMPOSSIBLE: Final = -1e9
 _DRIVES: Final = frozenset({*BENT, "drive_gain"})
 """What a drive does."""
-_MAY_BEGIN: Final = _DRIVES | set(MISCOUNTS)
+_MAY_BEGIN: Final = _DRIVES | COUNTING
 """What may begin and end: of counting the motion says when, but a drive is not to be blamed for
 what counts do from then on."""
 _AS_LIKELY: Final = 5.0
@@ -269,7 +262,7 @@ class DriveBlock:
         block._data = replace(
             self._data,
             acting=spell if effects & _DRIVES else None,
-            miscounting=spell if effects & set(MISCOUNTS) else None,
+            miscounting=spell if effects & COUNTING else None,
         )
         block._shapes = Shapes(block._data, self._robot)
         block._fits, block._levels_with, block._settled = {frozenset(): Fit((), 0.0, 0.0)}, {}, {}
@@ -308,7 +301,7 @@ class DriveBlock:
         changed = [one for one in likely if one in self._changes]
         if not changed:
             return self._fit_all_along(effects)
-        kinds = [one for one in (effects & _DRIVES, effects & set(MISCOUNTS)) if one]
+        kinds = [one for one in (effects & _DRIVES, effects & COUNTING) if one]
         ways = kinds if len(kinds) == 1 else [*kinds, effects & _MAY_BEGIN]
         found = []
         for some in ways:

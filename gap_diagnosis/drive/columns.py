@@ -18,13 +18,13 @@ from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.mistakes import SETUP, Mistake, mistakes
 from gap_diagnosis.drive.shapes import masked
+from gap_diagnosis.explanations.known import COUNTING
 
 Floats = NDArray[np.float64]
 
 TICKS: Final = "ticks_per_rev"
-MISCOUNTS: Final = ("extra_ticks", "missed_ticks", TICKS)
-LINEAR: Final = ("drive_gain", *MISCOUNTS)
-SHARED: Final = frozenset(("encoder_dead", *MISCOUNTS))
+LINEAR: Final = ("drive_gain", *sorted(COUNTING))
+SHARED: Final = COUNTING | {"encoder_dead"}
 """Effects whose parameters the motion tells; this block only weighs them."""
 
 _THRESHOLD_QUANTILES: Final = (0.0, 0.5, 0.8)
@@ -69,7 +69,7 @@ def variants(
     *doubted* the signals of which a mistake of the set-up may be."""
     made = [Variant(data, np.zeros((0, *nominal.shape)), ())]
     for effect in effects:
-        if effect in MISCOUNTS:
+        if effect in COUNTING:
             size, columns = _columns(data, nominal, effect)
             made = [
                 replace(

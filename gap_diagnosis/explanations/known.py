@@ -16,6 +16,7 @@ from gap_diagnosis.explanations import encoder, gyro
 from gap_diagnosis.explanations.registry import EXPLAINED, explanation_of, predict
 from gap_diagnosis.explanations.variant import Setting, Variant
 from gap_diagnosis.granted import Granted
+from gap_diagnosis.hypothesis import FORM
 from gap_diagnosis.prediction import Motion, Prediction
 from hil_harness.effects.model import Value
 
@@ -24,7 +25,7 @@ LONG_S: Final = 0.03
 _ANGLES: Final = 24
 """So many angles are tried where a log alone says how something stood."""
 _MATCHED: Final = ("side", "frame", "bit", "value", "bits")
-_PLACED: Final = ("threshold", "limit", "speed", "start_s", "stop_s")
+_PLACED: Final = ("threshold", "limit", FORM, "start_s", "stop_s")
 COUNTING: Final = frozenset({"extra_ticks", "missed_ticks", "ticks_per_rev"})
 """By these a drive turns its wheels otherwise than they are counted."""
 _TICKS: Final = Variant("ticks_per_rev", encoder.ticks_per_rev, ("scale",))

@@ -21,6 +21,7 @@ from gap_diagnosis.explanations.reference import (
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.explanations.wheel import creep_in_turns, lateral_slip, pressed_outside
+from gap_diagnosis.hypothesis import FORM
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
@@ -275,7 +276,7 @@ def _slides_alone(terms: Iterable[Term], slides: Set[int]) -> Iterable[Term]:
     tyres usually do."""
     little = tuple((index, 0.0) for index in sorted(slides))
     for term in terms:
-        is_angle = term.variant.effect == _LATERAL and term.variant.fixed["speed"] > 0
+        is_angle = term.variant.effect == _LATERAL and term.variant.fixed[FORM] > 0
         yield (
             replace(term, weights=tuple((*w, *little) for w in term.weights)) if is_angle else term
         )
@@ -371,7 +372,7 @@ _APART_ROWS: Final = 0.5
 _APART_S: Final = 0.005
 """By so much of a row, and no more than this, the two wheels of a table are read apart."""
 _LATERAL: Final = "lateral_slip"
-_SLIP_ANGLE: Final = Variant(_LATERAL, lateral_slip, ("compliance",), {"speed": 1.0})
+_SLIP_ANGLE: Final = Variant(_LATERAL, lateral_slip, ("compliance",), {FORM: 1.0})
 _SLIP_ANGLE_S2_PER_M: Final = 0.004
 """Rear axles of cars yield by 2 to 4 degrees per g sideways, 0.0036 to 0.007 rad per m/s²
 (Bundorf and Leffert 1976, SAE 760713)."""

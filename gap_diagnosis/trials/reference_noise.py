@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from gap_diagnosis.motion.levels import FLOORS
-from gap_diagnosis.motion.whitening import INEXACT, LEVELS
+from gap_diagnosis.motion.whitening import LEVELS
 from gap_diagnosis.scoring import LevelPrior
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ _OCCLUDED_S: Final = 0.5
 """at a time, on average."""
 _SHAKES_HZ: Final = (3.0, 9.0)
 """A marker on a mast swings between these rates."""
+_AS_BELIEVED: Final = frozenset({"inexact", "slip_wander", "speed_noise", "speed_noise_s"})
+"""Not drawn: a trial's effects are exact, its wheels slip at random, and it has no speeds."""
 _RATES_HZ: Final = (50.0, 100.0, 120.0)
 
 
@@ -78,8 +80,9 @@ def believed_levels(kind: str, believed: LevelPrior, draw: Draw) -> ReferenceLev
     In stratum *prior* its probabilities are held to account, and a reference that is noisy for want
     of a better one is what speaks against a noise that is news.
     """
-    # A trial's effects are exact, and its wheels slip at random.
-    scores = np.insert(draw.standard_normal(len(LEVELS) - 4), INEXACT, [0.0] * 4)
+    varies = np.array([name not in _AS_BELIEVED for name in LEVELS])
+    scores = np.zeros(len(LEVELS))
+    scores[varies] = draw.standard_normal(int(varies.sum()))
     logs = np.log(believed.median) + believed.spread * scores
     level = dict(zip(LEVELS, np.maximum(np.exp(logs), FLOORS), strict=True))
     return ReferenceLevels(

@@ -67,7 +67,7 @@ def test_what_ends_again_is_told_with_both_its_ends():
 
 
 def test_a_drive_is_not_blamed_for_counts_that_are_too_many_from_some_time_on():
-    """They were drive_gain beside the ticks of a turn (0.92)."""
+    """They were drive_gain beside the ticks of a turn, or beside larger wheels (0.82)."""
     block = block_of(simulated({"ticks_per_rev": {"scale": 0.02, "start_s": START_S}}))
     alone = block.fit(frozenset({"ticks_per_rev"}))
     assert alone.log_evidence > evidence(block, "drive_gain")
