@@ -2,9 +2,9 @@
 
 `scripts/vcan.sh` brings that bus: from this kernel, or in a small virtual machine. All marked tests
 of a session go there together, as an inner session, and each one's report comes back as its own. A
-test that is there already (CHIPLOG_VCAN names the bus) runs like any other. Those marked
-`vcan(size="full")` run only where they are asked for, by `-m vcan` (scripts/vcan.sh) or
-`--chiplog-size full`: in the machine a program takes some fifteen times as long as outside.
+test that is there already (CHIPLOG_VCAN names the bus) runs like any other. In the machine a
+program takes some fifteen times as long as outside: those marked `vcan(size="full")` run there only
+if they are asked for, by `-m vcan` (scripts/vcan.sh) or `--chiplog-size full`.
 """
 
 from __future__ import annotations
@@ -77,13 +77,16 @@ class _Delegating:
         marked = [item for item in items if item.get_closest_marker("vcan")]
         if not marked:
             return
+        where = subprocess.run([_SCRIPT, "--where"], capture_output=True, text=True, check=False)
         config = self._config
-        if "vcan" not in config.option.markexpr and config.getoption("--chiplog-size") != "full":
+        is_asked_for = (
+            "vcan" in config.option.markexpr or config.getoption("--chiplog-size") == "full"
+        )
+        if where.stdout.strip() != "namespace" and not is_asked_for:
             left = [item for item in marked if _is_for_full_size(item)]
             config.hook.pytest_deselected(items=left)
             items[:] = [item for item in items if item not in left]
             marked = [item for item in marked if item not in left]
-        where = subprocess.run([_SCRIPT, "--where"], capture_output=True, text=True, check=False)
         for item in marked:
             if where.returncode:
                 reason = f"{where.stdout.strip()}; scripts/setup.sh test installs them"
@@ -103,12 +106,15 @@ class _Delegating:
 
     def _run(self, items: list[pytest.Item]) -> dict[str, list[pytest.TestReport]]:
         """Run the marked ones among *items* on a vcan0; return what came of each."""
-        wanted = [item.nodeid for item in items if item.get_closest_marker("vcan")]
+        marked = [item for item in items if item.get_closest_marker("vcan")]
+        wanted = [item.nodeid for item in marked]
+        # Of these tests only those of the full size run nodes.
+        compiled = ["kernels"] if any(map(_is_for_full_size, marked)) else []
         with tempfile.TemporaryDirectory() as folder:
             reports = Path(folder, "reports")
             env = {**os.environ, **_PLAIN_CODE, "NUMBA_CACHE_DIR": f"{folder}/numba"}
             subprocess.run(
-                [sys.executable, Path(__file__).parent / "vcan" / "compile_plain.py"],
+                [sys.executable, Path(__file__).parent / "vcan" / "compile_plain.py", *compiled],
                 env={**env, **_LEAN},
                 cwd=_ROOT,
                 check=True,

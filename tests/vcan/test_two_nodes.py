@@ -15,7 +15,7 @@ from other_processes import chiplog
 
 from can_bus import FrameChecker, load_database, read_log, timestamp_us
 
-pytestmark = pytest.mark.vcan
+pytestmark = pytest.mark.vcan(size="full")
 
 PLANT_TICKS, FIRMWARE_TICKS = 300, 200
 TICK_S = 0.01
