@@ -41,7 +41,7 @@ from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.scoring import LevelPrior, along, best_levels
+from gap_diagnosis.scoring import LevelPrior, along, best_levels, better_levels
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
@@ -510,15 +510,7 @@ class MotionModel:
         """Return better levels than the first of *starts*, sought from the best of them, and what
         they gain [nat]."""
         weigh = self._weighing(values, nuisances, terms, course)
-
-        def height(levels: Floats) -> float:
-            return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
-
-        heights = [height(start) for start in starts]
-        start = starts[int(np.argmax(heights))]
-        prior = self._prior_on(course)
-        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
-        return found, height(found) - max(heights)
+        return better_levels(weigh, self._prior_on(course), starts, elsewhere=self.elsewhere)
 
     def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
