@@ -470,13 +470,16 @@ class MotionModel:
         free: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
+        more: int = 0,
     ) -> Floats:
         """Return the data with a *change*, float64[4, m] or 0, and what units of constants within
-        their tolerances change beside these effects: float64[4, m, 1 + c].
+        their tolerances change beside these effects: float64[4, m, 1 + c + more].
 
-        What acts otherwise beside one of them is told about them.
+        What acts otherwise beside one of them is told about them. Behind them stand *more* columns
+        which are still to be written.
         """
-        values = np.take(self.columns.values, [0, *(index + 1 for index, _ in free)], axis=-1)
+        taken = [0, *(index + 1 for index, _ in free), *[0] * more]
+        values = np.take(self.columns.values, taken, axis=-1)
         values[..., 0] += change
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
@@ -528,8 +531,9 @@ class MotionModel:
         change = self._details.change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        values = self._free_about(change, free, terms, coefficients)
-        columns: list[Floats] = []
+        sizes = sum(len(term.variant.coefficients) for term in terms)
+        values = self._free_about(change, free, terms, coefficients, more=sizes)
+        behind = len(free)
         tangent: list[Term] = []
         for place, term in enumerate(terms):
             weights = []
@@ -542,13 +546,12 @@ class MotionModel:
                 moved[place] = (term.variant.smooth_about(coefficients[place]), tuple(near))
                 column = (there - residuals(self.nodes, predict(smooth, moved))) / step
                 values[..., 0] += value * column
-                columns.append(column)
-                weights.append(((len(free) + len(columns) - 1, 1.0),))
+                values[..., 1 + behind] = column
+                weights.append(((behind, 1.0),))
+                behind += 1
             if not term.is_fixed:
                 tangent.append(replace(term, weights=tuple(weights)))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        if columns:
-            values = np.concatenate([values, np.stack(columns, axis=-1)], axis=-1)
         return values, nuisances, tangent
 
     @cached_property
