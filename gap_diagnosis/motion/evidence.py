@@ -93,13 +93,13 @@ def gram_of(
     scale = 1 / np.sqrt(precision)
     small = np.eye(len(index)) + scale[:, None] * inner[np.ix_(index, index)] * scale
     try:
-        factor = cho_factor(small, lower=True)
+        factor = cho_factor(small, lower=True, check_finite=False)
     except LinAlgError:
         # A step of a fit to where columns are larger than all digits hold: it leads nowhere.
         return _never(levels, inner, data)
     across = scale[:, None] * inner[index]
-    solved = cho_solve(factor, across)
-    solved_data = cho_solve(factor, scale * data[index])
+    solved = cho_solve(factor, across, check_finite=False)
+    solved_data = cho_solve(factor, scale * data[index], check_finite=False)
     explained = float((scale * data[index]) @ solved_data)
     log_nothing += 0.5 * explained
     log_nothing -= float(np.log(np.diag(factor[0])).sum())
@@ -110,7 +110,7 @@ def gram_of(
         data - across.T @ solved_data,
         inner,
         data,
-        {column: float(one) for column, one in zip(index, precision, strict=True)},
+        dict(zip(index.tolist(), precision.tolist(), strict=True)),
         float(whole[0, 0]) - explained,
     )
 
