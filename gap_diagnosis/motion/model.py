@@ -321,12 +321,7 @@ class MotionModel:
         *known*: levels that suit other sets, tried once besides those here.
         """
         if start is None:
-            first = score(self.gram(levels), terms, self.prior)
-            lines = split(terms, first.means[int(np.argmax(first.weights))])
-            start = [
-                tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
-                for t, sizes in zip(terms, lines, strict=True)
-            ]
+            start = along_lines(score(self.gram(levels), terms, self.prior))
         coefficients = tuple(start)
         gained = math.inf if free_levels and steps > 1 else 0.0
         climbed = 0.0
@@ -560,6 +555,15 @@ class MotionModel:
         found = self.levels_for((), self.level_prior.median)
         better = self.better_start((), found)
         return found if better is None else self.levels_for((), better)
+
+
+def along_lines(scored: Scored) -> tuple[tuple[float, ...], ...]:
+    """Return the likeliest coefficients of each term by straight lines, from where a fit begins."""
+    lines = split(scored.terms, scored.means[int(np.argmax(scored.weights))])
+    return tuple(
+        tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
+        for t, sizes in zip(scored.terms, lines, strict=True)
+    )
 
 
 def _tolerances(robot: Robot) -> dict[str, float]:
