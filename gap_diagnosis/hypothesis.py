@@ -91,3 +91,19 @@ class Block(Protocol):
 
     def fit(self, effects: frozenset[str]) -> Fit:
         """Fit these effects (all owned by this block); the empty set is no effect."""
+
+
+class Remembering:
+    """A block whose search has ended, so that each set is asked of it once (a `Block`)."""
+
+    def __init__(self, block: Block) -> None:
+        """Take a block."""
+        self._block = block
+        self.name, self.effects = block.name, block.effects
+        self._fits: dict[frozenset[str], Fit] = {}
+
+    def fit(self, effects: frozenset[str]) -> Fit:
+        """Return what the block says of these effects."""
+        if effects not in self._fits:
+            self._fits[effects] = self._block.fit(effects)
+        return self._fits[effects]

@@ -13,6 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.downstream import Downstream, driven, reprogrammed
+from gap_diagnosis.explanations import EXPLAINED
 from gap_diagnosis.explanations.known import known_effects
 from gap_diagnosis.explanations.variant import Setting
 from gap_diagnosis.gap.holdout import hold_out
@@ -223,12 +224,15 @@ def measured(
             return Unmeasured(sides.why_not, known)
         is_unlisted = not effects and stage != "none"
         seen = unseen_dropped(where, sides.fit) if is_unlisted else where
-        fit_side = MotionModel(seen, robot, model.prior, keep=sides.fit)
-        if analysis.burst is not None and analysis.has_burst:
-            fit_side = beside_burst(fit_side, analysis.burst)
-        fitted = _refitted(fit_side, analysis.motion, own)
-        if is_unlisted:
-            unlisted, why_not = modelled_on(fit_side, analysis, stage, wire, sides.fit)
+        fitted = None
+        if own or is_unlisted:
+            others = frozenset[str]() if is_unlisted else frozenset(EXPLAINED) - own
+            fit_side = MotionModel(seen, robot, model.prior, keep=sides.fit, without=others)
+            if analysis.burst is not None and analysis.has_burst:
+                fit_side = beside_burst(fit_side, analysis.burst)
+            fitted = _refitted(fit_side, analysis.motion, own)
+            if is_unlisted:
+                unlisted, why_not = modelled_on(fit_side, analysis, stage, wire, sides.fit)
         motion, mask, kept = model.nodes.motion, sides.held_out, sides.fit
     else:
         where = held

@@ -14,7 +14,7 @@ import numpy as np
 
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
-from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block
+from gap_diagnosis.hypothesis import NEVER, REPLAYED_TOGETHER, Block, Remembering
 from gap_diagnosis.no_news import NEAR, moved
 from gap_diagnosis.priors import WHEELS, Prior
 from gap_diagnosis.set_scores import Score, Scores, single_priors
@@ -147,6 +147,7 @@ def rank(
     nothing, that a stage is as it always is where a reference lost the robot for a while, or wheels
     lost hold; no block says anything of it.
     """
+    logs = [[Remembering(block) for block in blocks] for blocks in logs]
     owned = sorted({effect for blocks in logs for block in blocks for effect in block.effects})
     singles = {effect: total_of(logs, frozenset({effect})) for effect in owned}
     owned = [

@@ -106,8 +106,23 @@ def best_levels(
     free: Sequence[int] = (),
     elsewhere: Sequence[Floats] = (),
 ) -> Floats:
-    """Return the levels that maximise evidence times prior, from *start* (float64[levels]), or
-    where these are far too low from the best of *elsewhere*: a search that climbs for long drags
+    """Return the levels that maximise evidence times prior, from *start* (float64[levels]), as
+    `better_levels` seeks them."""
+    return better_levels(weigh, prior, [start], free=free, elsewhere=elsewhere)[0]
+
+
+def better_levels(
+    weigh: Weigh,
+    prior: LevelPrior,
+    starts: Sequence[Floats],
+    *,
+    free: Sequence[int] = (),
+    elsewhere: Sequence[Floats] = (),
+) -> tuple[Floats, float]:
+    """Return the levels that maximise evidence times prior, from the best of *starts*
+    (float64[levels] each), and what they gain on it [nat].
+
+    Where that is far too low, from the best of *elsewhere*: a search that climbs for long drags
     along what has no part in it, and takes as long to bring that back.
 
     Scoring with the information of the innovations (Engle and Watson 1981, JASA 76:774, section 3;
@@ -115,7 +130,9 @@ def best_levels(
     thousandfold in how sharply a log tells them, so that slopes alone lead nowhere in ten rounds.
     """
     search = _Search(weigh, prior, free)
-    here = search.at(np.log(np.maximum(start, prior.low)))
+    begun = [search.at(np.log(np.maximum(one, prior.low))) for one in starts]
+    here = max(begun, key=lambda place: place.height)
+    begun_at = here.height
     if elsewhere and _surprise(here.seen) > _FAR_TOO_LOW:
         others = [search.at(np.log(np.maximum(one, prior.low))) for one in elsewhere]
         here = max(here, *others, key=lambda place: place.height)
@@ -137,13 +154,13 @@ def best_levels(
         if ends:
             stays = search.still_held(best, resting)
             if stays == resting:
-                return np.asarray(np.exp(best.log_levels))
+                return np.exp(best.log_levels), best.height - begun_at
             resting, damping, steps = stays, 0.0, _Steps()
         else:
             steps.add(here.log_levels, slope, promised)
             resting |= frozenset(np.flatnonzero(is_at_rest).tolist())
         here = best
-    return np.asarray(np.exp(here.log_levels))
+    return np.exp(here.log_levels), here.height - begun_at
 
 
 class _Search:

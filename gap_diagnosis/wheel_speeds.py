@@ -50,14 +50,17 @@ class OwnSpeed:
     Attributes:
         rad_s: float64[n], its size.
         sd_rad_s: float64[n], how far that is off by chance.
+        threshold_rad_s: that threshold.
     """
 
     rad_s: Floats
     sd_rad_s: Floats
+    threshold_rad_s: float
 
-    def share_above(self, threshold_rad_s: float) -> Floats:
-        """Return the probability, float64[n], that it is above a threshold."""
-        return np.asarray(ndtr((self.rad_s - threshold_rad_s) / self.sd_rad_s))
+    @cached_property
+    def share_above(self) -> Floats:
+        """The probability, float64[n], that it is above the threshold."""
+        return np.asarray(ndtr((self.rad_s - self.threshold_rad_s) / self.sd_rad_s))
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,7 @@ class WheelSpeed:
         return OwnSpeed(
             np.where(is_cruise, cruises, seen),
             np.hypot(_CURVED * self.sd_rad_s, np.where(is_cruise, lost_rad_s, 0.0)),
+            threshold_rad_s,
         )
 
     def _seen_rad_s(self, threshold_rad_s: float, probability: float) -> Floats:

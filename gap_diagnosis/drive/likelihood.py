@@ -244,12 +244,7 @@ def _density(setting: Setting, logs: Floats, *, rough: bool) -> tuple[Values, Fl
 
     def log_density(points: Floats) -> Floats:
         grams = _grams(setting, whitening, white_fixed, points)
-        values = marginal(
-            grams.gram[:, np.newaxis],
-            grams.pull[:, np.newaxis],
-            grams.power[:, np.newaxis],
-            sd[np.newaxis],
-        )
+        values = np.stack([marginal(*one, sd) for one in grams.by_point])
         total = np.logaddexp.reduce(values, axis=1) - np.log(len(sd)) + constant
         for i, one in enumerate(setting.coordinates):
             total = total + one.log_prior(points[:, i])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,11 @@ class Grams:
     pull: Floats
     power: Floats
 
+    @property
+    def by_point(self) -> Iterator[tuple[Floats, Floats, float]]:
+        """Those of one point after the other."""
+        return zip(self.gram, self.pull, self.power.tolist(), strict=True)
+
 
 def explained_by(columns: Floats, residual: Floats, sd: Floats) -> float:
     """Return by how much columns float64[c, n] lessen the square of a residual float64[n].
@@ -35,9 +41,9 @@ def draw_linear(
 ) -> Floats:
     """Draw linear coefficients given each sample's grid point: float64[samples, c]."""
     draws = np.zeros((len(place), sd.shape[1]))
-    for i in range(len(grams.power)):
+    for i, products in enumerate(grams.by_point):
         rows = np.flatnonzero(place == i)
-        logs = marginal(grams.gram[i][None], grams.pull[i][None], grams.power[i][None], sd)
+        logs = marginal(*products, sd)
         weight = np.exp(logs - logs.max())
         scale = random.choice(len(sd), size=len(rows), p=weight / weight.sum())
         for number in np.unique(scale):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive.data import DriveData
 from gap_diagnosis.drive.kernels import gains, innovations, products
+from gap_diagnosis.motion.components import gains as gains_of
 from gap_diagnosis.scoring import LevelPrior, best_levels
 from gap_diagnosis.slopes import Weighed
 
@@ -120,21 +121,18 @@ def log_level_prior(logs: Floats) -> float:
     return float(-0.5 * np.sum(((logs - _CENTRE) / _WIDTH) ** 2))
 
 
-def marginal(gram: Floats, pull: Floats, power: Floats, sd: Floats) -> Floats:
-    """Return log likelihoods with linear coefficients of prior standard deviation *sd* gone.
+def marginal(gram: Floats, pull: Floats, power: float, sd: Floats) -> Floats:
+    """Return log likelihoods, float64[s], with linear coefficients gone of which a prior has the
+    standard deviations *sd*, float64[s, c].
 
     Args:
-        gram: float64[..., c, c] of whitened columns.
-        pull: float64[..., c], columns against the residual.
-        power: float64[...], the residual's square.
-        sd: float64[..., c].
+        gram: float64[c, c] of whitened columns.
+        pull: float64[c], columns against the residual.
+        power: the residual's square.
+        sd: of each prior.
     """
-    scaled = gram * sd[..., :, np.newaxis] * sd[..., np.newaxis, :]
-    matrix = scaled + np.eye(sd.shape[-1])
-    aim = pull * sd
-    solved = np.linalg.solve(matrix, aim[..., np.newaxis])[..., 0]
-    _, log_determinant = np.linalg.slogdet(matrix)
-    return np.asarray(-0.5 * (power - np.sum(aim * solved, axis=-1) + log_determinant))
+    gained, _ = gains_of(np.ascontiguousarray(gram), np.ascontiguousarray(pull), sd)
+    return np.asarray(gained - 0.5 * power)
 
 
 def fit_levels(
@@ -153,11 +151,11 @@ def fit_levels(
         whitening = Whitening(data, Levels(white_ticks * data.tick_rad, *others))
         white = whitening.of(stacked)
         gram = products(white)
-        likelihood = float(marginal(gram[1:, 1:], gram[1:, 0], gram[0, 0], sd))
+        inner, pull = gram[1:, 1:], gram[1:, 0]
+        likelihood = float(marginal(inner, pull, gram[0, 0], sd[np.newaxis])[0])
         evidence = likelihood - 0.5 * whitening.log_determinant
-        return Weighed(
-            evidence if np.isfinite(evidence) else _NEVER, white.T, whitening.log_variance
-        )
+        evidence = evidence if np.isfinite(evidence) else _NEVER
+        return Weighed(evidence, white.T, whitening.log_variance, (inner, pull))
 
     def height(logs: Floats) -> float:
         return weigh(np.exp(logs)).log_evidence + log_level_prior(logs)

@@ -173,5 +173,5 @@ def _likelihood(setting: Setting, columns: Floats, logs: Floats) -> float:
     white, _ = whitened(data, columns, Levels.of(logs, data.tick_rad))
     sd = np.concatenate(([one.high for one in setting.linear_sizes], setting.nuisance_sd))
     residual, free = white[0], white[1:]
-    power = np.asarray(residual @ residual)
-    return float(marginal(free @ free.T, free @ residual, power, sd))
+    power = float(residual @ residual)
+    return float(marginal(free @ free.T, free @ residual, power, sd[np.newaxis])[0])

@@ -48,7 +48,7 @@ def _scatter_of_missed(side: str) -> Scatter:
         lost = min(max(probability, 0.0), 0.99)
         step = motion.left_step_rad if side == "left" else motion.right_step_rad
         own = encoder.own_speed(motion, side, lost, threshold)
-        share = own.share_above(threshold)
+        share = own.share_above
         left = 1.0 - share * lost
         turned = np.abs(step) / motion.rad_per_count / left
         # Each is of the size of a rounding.

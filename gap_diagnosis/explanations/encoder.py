@@ -76,7 +76,7 @@ def missed_ticks_left(
     *about*: where it is too fast if they are lost with this probability.
     """
     own = own_speed(p.motion, "left", probability if about is None else about, threshold)
-    p.left_rad = p.left_rad / (1 - own.share_above(threshold) * probability)
+    p.left_rad = p.left_rad / (1 - own.share_above * probability)
 
 
 def missed_ticks_right(
@@ -87,7 +87,7 @@ def missed_ticks_right(
     *about*: where it is too fast if they are lost with this probability.
     """
     own = own_speed(p.motion, "right", probability if about is None else about, threshold)
-    p.right_rad = p.right_rad / (1 - own.share_above(threshold) * probability)
+    p.right_rad = p.right_rad / (1 - own.share_above * probability)
 
 
 def own_speed(motion: Motion, side: str, probability: float, threshold_rad_s: float) -> OwnSpeed:

@@ -14,20 +14,20 @@ least one component (forward, left, turn) that is wild throughout, but may take 
 function of the motion first.
 
 Where the log has all that the ECU had in each tick, there is no excuse: a kernel that ran gives the
-record to its last digit, or it is not the one that ran (`exact_score`). The catch-all
+record to its last digit, or it is not the one that ran. The catch-all
 is then the same kernel with a change that nobody listed: any part of the windows is off by anything
-(`changed_score`).
+(`exact_scores`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
 from gap_diagnosis.firmware.inputs import Odometry
 from gap_diagnosis.recording import Floats, Ints
@@ -53,6 +53,8 @@ _DECADES: Final = 30.0  # e-folds over which a wild misfit is spread
 _FREEDOM: Final = (
     4.0  # of Student's density about a digit: no edge, and no room for more than a few
 )
+_LOG_MOST: Final = math.log(3.0 / 8.0)
+"""That density's logarithm where nothing is off."""
 LOG_NO_EXCUSE: Final = math.log(1e-6)
 """So rarely a kernel that ran on known inputs gives another record, for a reason of no interest."""
 _SHARES: Final = (np.arange(40) + 0.5) / 40.0
@@ -90,6 +92,12 @@ class Windows:
     def is_exact(self) -> bool:
         """Whether a kernel that ran must give the record."""
         return self.from_power_on and self.has_all_inputs
+
+    @cached_property
+    def alike(self) -> Floats:
+        """By how much the record and a pose that is equal to its last digit differ, float64[3]."""
+        rounded = 4.0 * np.spacing(np.max(np.abs(self.pose), axis=0) + 1.0)
+        return np.asarray(_EQUAL_QUANTA * self.quantum + rounded)
 
     @property
     def count(self) -> int:
@@ -162,15 +170,13 @@ def equal_windows(windows: Windows, replayed: Floats) -> NDArray[np.bool_]:
     low = np.minimum.reduceat(difference, starts, axis=0)
     ends = difference[windows.last]
     high, low = np.maximum(high, ends), np.minimum(low, ends)
-    slack = 4.0 * np.spacing(np.max(np.abs(windows.pose), axis=0) + 1.0)
-    return np.asarray((high - low <= _EQUAL_QUANTA * windows.quantum + slack) & ~np.isnan(high))
+    return np.asarray((high - low <= windows.alike) & ~np.isnan(high))
 
 
 def is_equal(windows: Windows, replayed: Floats) -> bool:
     """Tell whether the whole record agrees with the replay to its last digit."""
     difference = np.abs(windows.pose - replayed[windows.rows])
-    slack = 4.0 * np.spacing(np.max(np.abs(windows.pose), axis=0) + 1.0)
-    return bool(np.all(difference <= _EQUAL_QUANTA * windows.quantum + slack))
+    return bool(np.all(difference <= windows.alike))
 
 
 def score(windows: Windows, replayed: Floats) -> float:
@@ -179,28 +185,25 @@ def score(windows: Windows, replayed: Floats) -> float:
     return float(np.sum(component_scores(windows, replayed))) + whole
 
 
-def exact_score(windows: Windows, replayed: Floats) -> float:
-    """Return the log likelihood of a kernel that ran on inputs which are all known.
+def exact_scores(windows: Windows, replayed: Floats) -> tuple[float, float]:
+    """Return the log likelihoods of a kernel that ran on inputs which are all known, and of the
+    same kernel with a change that nobody listed.
 
-    The record is its output, or else something is wrong that nobody knows.
-    """
-    if not is_equal(windows, replayed):
-        return LOG_NO_EXCUSE + changed_score(windows, replayed)
-    return float(np.sum(_to_digits(windows, replayed)[1])) + _WHOLE_NATS
-
-
-def changed_score(windows: Windows, replayed: Floats) -> float:
-    """Return the log likelihood of the replayed kernel with a change that nobody listed.
-
-    Of each component any share of the windows is as replayed, and the others are off by anything:
-    all shares are as likely, and all sizes from a digit on, in logarithm.
+    The record is its output, or else something is wrong that nobody knows. With a change, of each
+    component any share of the windows is as replayed, and the others are off by anything: all
+    shares are as likely, and all sizes from a digit on, in logarithm.
     """
     off, same = _to_digits(windows, replayed)
     size = np.maximum(np.abs(off), windows.quantum) / windows.floor
-    changed = -math.log(2.0 * _DECADES) - np.log(size)
+    other = -math.log(2.0 * _DECADES) - np.log(size)
     shares = _SHARES[:, None, None]
-    logs = np.sum(np.logaddexp(np.log(shares) + same, np.log1p(-shares) + changed), axis=1)
-    return float(np.sum(np.logaddexp.reduce(logs, axis=0) - math.log(len(_SHARES))))
+    most = np.maximum(same, other)
+    mixed = shares * np.exp(same - most) + (1.0 - shares) * np.exp(other - most)
+    logs = np.sum(most + np.log(mixed), axis=1)
+    changed = float(np.sum(np.logaddexp.reduce(logs, axis=0) - math.log(len(_SHARES))))
+    if not is_equal(windows, replayed):
+        return LOG_NO_EXCUSE + changed, changed
+    return float(np.sum(same)) + _WHOLE_NATS, changed
 
 
 def _to_digits(windows: Windows, replayed: Floats) -> tuple[Floats, Floats]:
@@ -208,7 +211,8 @@ def _to_digits(windows: Windows, replayed: Floats) -> tuple[Floats, Floats]:
     off = misfit(windows, replayed)
     off = np.where(np.isfinite(off), off, 1e30)
     digits = _EXACT_QUANTA * windows.quantum
-    few = student_t.logpdf(off / digits, _FREEDOM) + np.log(windows.floor / digits)
+    few = _LOG_MOST - 0.5 * (_FREEDOM + 1.0) * np.log1p((off / digits) ** 2 / _FREEDOM)
+    few += np.log(windows.floor / digits)
     none = np.where(
         equal_windows(windows, replayed),
         np.log(windows.floor / (2.0 * digits)) + _EQUAL_NATS,

@@ -125,8 +125,7 @@ class Singles:
         ]
 
     def _scored(self, one: Candidate, log_prior: float, pose: Floats) -> Scored:
-        bench = self.bench
-        return Scored(one, log_prior, bench.score(pose), bench.changed_score(pose))
+        return Scored(one, log_prior, *self.bench.scores(pose))
 
     @cached_property
     def _offsets(self) -> list[Program]:

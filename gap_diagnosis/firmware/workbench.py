@@ -16,8 +16,7 @@ from firmware_model import KernelConfig
 from gap_diagnosis.firmware.candidates import altered_config
 from gap_diagnosis.firmware.comparison import (
     Windows,
-    changed_score,
-    exact_score,
+    exact_scores,
     is_equal,
     misfit,
     score,
@@ -105,14 +104,18 @@ class Workbench:
 
     def score(self, pose: Floats) -> float:
         """Return the log likelihood of a kernel's pose."""
-        return (exact_score if self.windows.is_exact else score)(self.windows, pose)
+        return self.scores(pose)[0]
 
-    def changed_score(self, pose: Floats) -> float:
-        """Return the same of that kernel with a change that nobody listed.
+    def scores(self, pose: Floats) -> tuple[float, float]:
+        """Return the log likelihoods of a kernel's pose, and of that kernel with a change that
+        nobody listed.
 
-        Only where the log has all that the ECU had: elsewhere no window says what should have been.
+        The latter only where the log has all that the ECU had: elsewhere no window says what should
+        have been.
         """
-        return changed_score(self.windows, pose) if self.windows.is_exact else -math.inf
+        if self.windows.is_exact:
+            return exact_scores(self.windows, pose)
+        return score(self.windows, pose), -math.inf
 
     def foreign_score(self, pose: Floats) -> float:
         """Return the log likelihood of a float program's pose: it need not give the digits."""

@@ -17,7 +17,7 @@ from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, Scored, log_sum, score
 from gap_diagnosis.motion.importance import Bends
-from gap_diagnosis.motion.model import MotionModel, Refitted, is_far
+from gap_diagnosis.motion.model import MotionModel, Refitted, along_lines, is_far
 from gap_diagnosis.motion.nodes import Nodes
 from gap_diagnosis.motion.onset import is_a_moment
 from gap_diagnosis.priors import WHEELS
@@ -380,13 +380,14 @@ class Accounts:
         fitted = [each for each in self.found.values() if each.refitted is not None]
         best = max(fitted, key=lambda each: each.log_evidence, default=one)
         known = () if by_itself else (best.levels,)
-        again = self.model.refit(one.terms, one.levels, known=known)
+        gram = next(gram for gram in self._grams if gram.levels is one.levels)
+        linear = score(gram, one.terms, self.model.prior)
+        start = along_lines(linear)
+        again = self.model.refit(one.terms, one.levels, known=known, start=start)
         self._offer(self._nothing_at(again.levels))
         # The other variants' share of the evidence stays as the scan found it.
-        gram = next(gram for gram in self._grams if gram.levels is one.levels)
-        linear = score(gram, one.terms, self.model.prior).log_evidence
         density = self.model.level_prior.log_density(np.log(one.levels))
-        others = one.log_evidence - (gram.log_nothing + density + linear)
+        others = one.log_evidence - (gram.log_nothing + density + linear.log_evidence)
         if is_never(others):
             others += NEVER  # what the line asks for is beyond belief, and not what was fitted
         evidence = again.log_evidence + others

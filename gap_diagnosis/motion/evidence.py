@@ -93,13 +93,13 @@ def gram_of(
     scale = 1 / np.sqrt(precision)
     small = np.eye(len(index)) + scale[:, None] * inner[np.ix_(index, index)] * scale
     try:
-        factor = cho_factor(small, lower=True)
+        factor = cho_factor(small, lower=True, check_finite=False)
     except LinAlgError:
         # A step of a fit to where columns are larger than all digits hold: it leads nowhere.
         return _never(levels, inner, data)
     across = scale[:, None] * inner[index]
-    solved = cho_solve(factor, across)
-    solved_data = cho_solve(factor, scale * data[index])
+    solved = cho_solve(factor, across, check_finite=False)
+    solved_data = cho_solve(factor, scale * data[index], check_finite=False)
     explained = float((scale * data[index]) @ solved_data)
     log_nothing += 0.5 * explained
     log_nothing -= float(np.log(np.diag(factor[0])).sum())
@@ -110,7 +110,7 @@ def gram_of(
         data - across.T @ solved_data,
         inner,
         data,
-        {column: float(one) for column, one in zip(index, precision, strict=True)},
+        dict(zip(index.tolist(), precision.tolist(), strict=True)),
         float(whole[0, 0]) - explained,
     )
 
@@ -145,26 +145,33 @@ def reduce_to(gram: Gram, terms: Sequence[Term]) -> tuple[Floats, Floats, float]
     weights = [weight for term in terms for weight in term.weights]
     if all(len(weight) == 1 and weight[0][1] == 1.0 for weight in weights):
         own = [weight[0][0] for weight in weights]
-        return gram.inner[np.ix_(own, own)], gram.data[own], 0.0
+        return _among(gram.inner, own), gram.data.take(own), 0.0
     used = sorted({index for weight in weights for index, _ in weight})
     place = {index: row for row, index in enumerate(used)}
     mix = np.zeros((len(used), len(weights)))
     for column, weight in enumerate(weights):
         for index, value in weight:
             mix[place[index], column] = value
-    block, data, cost = gram.inner[np.ix_(used, used)], gram.data[used], 0.0
+    block, data, cost = _among(gram.inner, used), gram.data.take(used), 0.0
     little = {index for weight in weights for index, value in weight if value == 0.0}
     held = sorted(place[index] for index in little & gram.restraint.keys())
     if held:
         # The reverse of marginalising: what that took away came through these columns alone.
         beforehand = np.array([gram.restraint[used[row]] for row in held])
-        left = np.diag(beforehand) - block[np.ix_(held, held)]
-        back = np.linalg.solve(left, np.column_stack([data[held], block[held]]))
-        cost = -0.5 * float(data[held] @ back[:, 0])
+        across, pull = block.take(held, 0), data.take(held)
+        left = np.diag(beforehand) - across.take(held, 1)
+        back = np.linalg.solve(left, np.column_stack([pull, across]))
+        cost = -0.5 * float(pull @ back[:, 0])
         cost += 0.5 * float(np.log(beforehand).sum() - np.linalg.slogdet(left)[1])
-        data = data + block[:, held] @ back[:, 0]
-        block = block + block[:, held] @ back[:, 1:]
+        along = block.take(held, 1)
+        data = data + along @ back[:, 0]
+        block = block + along @ back[:, 1:]
     return mix.T @ block @ mix, mix.T @ data, cost
+
+
+def _among(inner: Floats, own: list[int]) -> Floats:
+    """Return the inner products of some columns with each other."""
+    return inner.take(own, 0).take(own, 1)
 
 
 def log_sum(logarithms: Floats) -> float:
@@ -176,25 +183,25 @@ def log_sum(logarithms: Floats) -> float:
 def score(gram: Gram, terms: Sequence[Term], prior: Prior) -> Scored:
     """Return the evidence of *terms* acting together."""
     inner, data, gained = reduce_to(gram, terms)
-    fixed = np.array([term.is_fixed for term in terms for _ in term.weights])
-    if fixed.any():
+    free = [term for term in terms if not term.is_fixed]
+    if len(free) < len(terms):
+        fixed = np.array([term.is_fixed for term in terms for _ in term.weights])
         ones = fixed.astype(np.float64)
         gained += float(data @ ones - 0.5 * ones @ inner @ ones)
         data = (data - inner @ ones)[~fixed]
         inner = inner[np.ix_(~fixed, ~fixed)]
-    free = [term for term in terms if not term.is_fixed]
-    count = len(data)
-    if count == 0:
+    if len(data) == 0:
         none = np.zeros((1, 0))
         return Scored(tuple(terms), gained, gained, none, np.zeros((1, 0, 0)), np.ones(1))
     ladders = [scales_of(prior, term) for term in free]
-    best, pulled, explained = fitted(inner, data, np.concatenate([one[-1] for one in ladders]))
-    ladders, costs = _reaching(pulled, ladders, free, prior)
+    high = np.concatenate([one[-1] for one in ladders])
+    best, pulled, explained = fitted(inner, data, high)
+    ladders, costs = _reaching(pulled, high, ladders, free, prior)
     steps = _combinations(len(free)) if len(free) <= _ALL_SCALES else _nearest(ladders, best)
     means, covariances, log_parts = update(
         inner,
         data,
-        np.hstack([ladder[steps[:, place]] for place, ladder in enumerate(ladders)]),
+        np.concatenate([ladder[steps[:, place]] for place, ladder in enumerate(ladders)], axis=1),
         np.array([tolerance for term in free for tolerance in term.tolerances]),
         np.array([len(term.tolerances) for term in free]),
         np.array([term.variant.is_positive for term in free]),
@@ -229,17 +236,16 @@ def _nearest(ladders: Sequence[Floats], sizes: Floats) -> NDArray[np.int64]:
 
 
 def _reaching(
-    pulled: Floats, ladders: list[Floats], free: Sequence[Term], prior: Prior
+    pulled: Floats, high: Floats, ladders: list[Floats], free: Sequence[Term], prior: Prior
 ) -> tuple[list[Floats], Floats]:
-    """Return each term's orders of magnitude, the largest where the data have *pulled* it, and what
-    that costs [nat]: float64[terms].
+    """Return each term's orders of magnitude, the largest (*high*) where the data have *pulled* it,
+    and what that costs [nat]: float64[terms].
 
     A size beyond the end of its prior is as rare as a square says, not as a normal tail does: of
     two parameters that together are far off, a normal tail would have both be half as far.
     """
-    high = np.concatenate([ladder[-1] for ladder in ladders])
     costs = np.zeros(len(free))
-    if np.all(pulled <= high):
+    if (pulled <= high).all():
         return ladders, costs
     place = 0
     for one, (term, ladder) in enumerate(zip(free, ladders, strict=True)):

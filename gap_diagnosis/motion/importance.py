@@ -132,6 +132,8 @@ class Bends:
         lines = [place + 1 for term in self._tangent for one in term.weights for place, _ in one]
         known = [place + 1 for place, _ in self._nuisances]
         self._data, self._lines, self._known = white[:, 0], white[:, lines], white[:, known]
+        self._restrained = self._known.T @ self._known
+        self._restrained += np.diag([sd**-2 for _, sd in self._nuisances])
         self._gram: Gram = gram_of(white, log_variance, self._nuisances, fit.levels)
         self._best = np.concatenate([np.array(one, dtype=np.float64) for one in fit.coefficients])
         own = values[..., 0] - values[..., lines] @ self._best
@@ -257,10 +259,8 @@ class Bends:
     def _left(self, white: Floats) -> Floats:
         """Return sums of squares float64[n] of whitened columns, tolerances marginalised."""
         across = self._known.T @ white
-        inner = self._known.T @ self._known + np.diag([sd**-2 for _, sd in self._nuisances])
-        return np.asarray(
-            (white**2).sum(axis=0) - (across * np.linalg.solve(inner, across)).sum(axis=0)
-        )
+        explained = (across * np.linalg.solve(self._restrained, across)).sum(axis=0)
+        return np.asarray((white**2).sum(axis=0) - explained)
 
     def _changes(self, sizes: Floats) -> Floats:
         """Return the residuals with these sizes of the effects, without the data's details."""

@@ -41,7 +41,7 @@ from gap_diagnosis.motion.whitening import INEXACT, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
-from gap_diagnosis.scoring import LevelPrior, along, best_levels
+from gap_diagnosis.scoring import LevelPrior, along, best_levels, better_levels
 from hil_harness.effects.model import Effect
 from hil_harness.robot import Robot
 
@@ -321,12 +321,7 @@ class MotionModel:
         *known*: levels that suit other sets, tried once besides those here.
         """
         if start is None:
-            first = score(self.gram(levels), terms, self.prior)
-            lines = split(terms, first.means[int(np.argmax(first.weights))])
-            start = [
-                tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
-                for t, sizes in zip(terms, lines, strict=True)
-            ]
+            start = along_lines(score(self.gram(levels), terms, self.prior))
         coefficients = tuple(start)
         gained = math.inf if free_levels and steps > 1 else 0.0
         climbed = 0.0
@@ -470,13 +465,16 @@ class MotionModel:
         free: Sequence[tuple[int, float]],
         terms: Sequence[Term],
         coefficients: Sequence[tuple[float, ...]],
+        more: int = 0,
     ) -> Floats:
         """Return the data with a *change*, float64[4, m] or 0, and what units of constants within
-        their tolerances change beside these effects: float64[4, m, 1 + c].
+        their tolerances change beside these effects: float64[4, m, 1 + c + more].
 
-        What acts otherwise beside one of them is told about them.
+        What acts otherwise beside one of them is told about them. Behind them stand *more* columns
+        which are still to be written.
         """
-        values = np.take(self.columns.values, [0, *(index + 1 for index, _ in free)], axis=-1)
+        taken = [0, *(index + 1 for index, _ in free), *[0] * more]
+        values = np.take(self.columns.values, taken, axis=-1)
         values[..., 0] += change
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
@@ -510,15 +508,7 @@ class MotionModel:
         """Return better levels than the first of *starts*, sought from the best of them, and what
         they gain [nat]."""
         weigh = self._weighing(values, nuisances, terms, course)
-
-        def height(levels: Floats) -> float:
-            return weigh(levels).log_evidence + self.level_prior.log_density(np.log(levels))
-
-        heights = [height(start) for start in starts]
-        start = starts[int(np.argmax(heights))]
-        prior = self._prior_on(course)
-        found = best_levels(weigh, prior, start, elsewhere=self.elsewhere)
-        return found, height(found) - max(heights)
+        return better_levels(weigh, self._prior_on(course), starts, elsewhere=self.elsewhere)
 
     def linearised(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
@@ -536,8 +526,9 @@ class MotionModel:
         change = self._details.change(terms, coefficients, levels)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        values = self._free_about(change, free, terms, coefficients)
-        columns: list[Floats] = []
+        sizes = sum(len(term.variant.coefficients) for term in terms)
+        values = self._free_about(change, free, terms, coefficients, more=sizes)
+        behind = len(free)
         tangent: list[Term] = []
         for place, term in enumerate(terms):
             weights = []
@@ -550,13 +541,12 @@ class MotionModel:
                 moved[place] = (term.variant.smooth_about(coefficients[place]), tuple(near))
                 column = (there - residuals(self.nodes, predict(smooth, moved))) / step
                 values[..., 0] += value * column
-                columns.append(column)
-                weights.append(((len(free) + len(columns) - 1, 1.0),))
+                values[..., 1 + behind] = column
+                weights.append(((behind, 1.0),))
+                behind += 1
             if not term.is_fixed:
                 tangent.append(replace(term, weights=tuple(weights)))
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
-        if columns:
-            values = np.concatenate([values, np.stack(columns, axis=-1)], axis=-1)
         return values, nuisances, tangent
 
     @cached_property
@@ -565,6 +555,15 @@ class MotionModel:
         found = self.levels_for((), self.level_prior.median)
         better = self.better_start((), found)
         return found if better is None else self.levels_for((), better)
+
+
+def along_lines(scored: Scored) -> tuple[tuple[float, ...], ...]:
+    """Return the likeliest coefficients of each term by straight lines, from where a fit begins."""
+    lines = split(scored.terms, scored.means[int(np.argmax(scored.weights))])
+    return tuple(
+        tuple(sizes if t.variant.unbent is None else map(t.variant.unbent, sizes))
+        for t, sizes in zip(scored.terms, lines, strict=True)
+    )
 
 
 def _tolerances(robot: Robot) -> dict[str, float]:

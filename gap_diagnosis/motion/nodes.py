@@ -264,8 +264,13 @@ def residuals(nodes: Nodes, prediction: Prediction) -> Floats:
     out = np.full((CHANNELS, nodes.count), np.nan)
     d_x, d_y, d_heading = _deviations(nodes.estimated_steps, prediction)
     if nodes.gyro_beyond_rad is not None:
-        extra = np.cumsum(prediction.gyro_added_rad_s * motion.dt_s)
-        compared = nodes.mean(nodes.gyro_beyond_rad - d_heading - extra)
+        compared = _gyro_beyond(
+            nodes.gyro_beyond_rad,
+            d_heading,
+            prediction.gyro_added_rad_s,
+            motion.dt_s,
+            nodes.starts,
+        )
         out[3] = np.where(nodes.gyro_kept, compared, np.nan)
     if nodes.has_reference:
         _compare_reference(nodes, prediction, d_x, d_y, d_heading, out)
@@ -350,12 +355,11 @@ def _compare_reference(
         way_x, way_y = nodes.smooth.x_m[tick], nodes.smooth.y_m[tick]
         beyond_x = beyond_x - point_x - p.reference_scale * (way_x + point_x)
         beyond_y = beyond_y - point_y - p.reference_scale * (way_y + point_y)
-    starts = nodes.sample_starts
-    out[0, nodes.sample_node] = _mean_beyond(beyond_x, d_x, tick, starts)
-    out[1, nodes.sample_node] = _mean_beyond(beyond_y, d_y, tick, starts)
-    if nodes.has_heading:
-        beyond_heading = beyond_heading - _at(p.reference_heading_rad, tick)
-        out[2, nodes.sample_node] = _mean_beyond(beyond_heading, d_heading, tick, starts)
+    beyond_heading = beyond_heading - _at(p.reference_heading_rad, tick)
+    said, deviations = (beyond_x, beyond_y, beyond_heading), (d_x, d_y, d_heading)
+    means = _means_beyond(*said, *deviations, tick, nodes.sample_starts)
+    seen = 3 if nodes.has_heading else 2
+    out[:seen, nodes.sample_node] = means[:seen]
 
 
 def _at_stamps(delay_s: Floats | float, nodes: Nodes) -> Floats | float:
@@ -411,14 +415,46 @@ def _means(values: Floats, starts: Ints) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True)
-def _mean_beyond(samples: Floats, deviation: Floats, tick: Ints, starts: Ints) -> Floats:
-    """Return the same of samples less a deviation at their ticks."""
-    means = np.empty(len(starts))
+def _means_beyond(
+    x: Floats,
+    y: Floats,
+    angle: Floats,
+    d_x: Floats,
+    d_y: Floats,
+    d_angle: Floats,
+    tick: Ints,
+    starts: Ints,
+) -> Floats:
+    """Return the same of samples less deviations at their ticks, float64[3, starts]."""
+    means = np.empty((3, len(starts)))
     for block in range(len(starts)):
-        stop = starts[block + 1] if block + 1 < len(starts) else len(samples)
+        stop = starts[block + 1] if block + 1 < len(starts) else len(x)
+        total_x = total_y = total_angle = 0.0
+        for k in range(starts[block], stop):
+            total_x += x[k] - d_x[tick[k]]
+            total_y += y[k] - d_y[tick[k]]
+            total_angle += angle[k] - d_angle[tick[k]]
+        count = stop - starts[block]
+        means[0, block] = total_x / count
+        means[1, block] = total_y / count
+        means[2, block] = total_angle / count
+    return means
+
+
+@numba.njit(cache=True, nogil=True)
+def _gyro_beyond(
+    beyond: Floats, d_angle: Floats, added: Floats, dt_s: Floats, starts: Ints
+) -> Floats:
+    """Return the means, from the first tick on, of a gyro's turn less a deviation and what rates
+    *added* have turned it by so far."""
+    means = np.empty(len(starts))
+    extra = 0.0
+    for block in range(len(starts)):
+        stop = starts[block + 1] if block + 1 < len(starts) else len(beyond)
         total = 0.0
         for k in range(starts[block], stop):
-            total += samples[k] - deviation[tick[k]]
+            extra += added[k] * dt_s[k]
+            total += beyond[k] - d_angle[k] - extra
         means[block] = total / (stop - starts[block])
     return means
 

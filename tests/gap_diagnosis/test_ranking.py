@@ -12,7 +12,7 @@ from fake_blocks import PRIOR, STAGE, FakeBlock, odds, ranked
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gap_diagnosis.hypothesis import Estimate
+from gap_diagnosis.hypothesis import Estimate, Fit
 from gap_diagnosis.no_news import notes
 from gap_diagnosis.priors import WHEELS, ParameterPrior
 from gap_diagnosis.ranking import THRESHOLD, rank
@@ -122,6 +122,18 @@ def test_what_a_pair_explains_together_is_asked_of_the_block() -> None:
     ranking = ranked(motion)
     assert ranking.of(both).log_evidence == pytest.approx(28)
     assert ranking.best.effects == {"radius_scale"}
+
+
+def test_a_block_is_asked_for_each_set_once() -> None:
+    asked: list[frozenset[str]] = []
+
+    class Counting(FakeBlock):
+        def fit(self, effects: frozenset[str]) -> Fit:
+            asked.append(effects)
+            return super().fit(effects)
+
+    ranked(Counting({"radius_scale": 30.0, "gyro_bias": 3.0, "gyro_scale": 29.0}))
+    assert len(asked) == len(set(asked)) > 3
 
 
 def test_effects_that_fit_equally_well_are_one_group() -> None:

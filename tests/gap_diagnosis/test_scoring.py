@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from full_size import at_full_size
 
-from gap_diagnosis.scoring import LevelPrior, _step, _Steps, best_levels
+from gap_diagnosis.scoring import LevelPrior, _step, _Steps, best_levels, better_levels
 from gap_diagnosis.slopes import Weighed
 
 Weigh = Callable[[np.ndarray], Weighed]
@@ -79,6 +79,15 @@ def test_where_a_start_is_far_too_low_a_better_one_is_taken() -> None:
         height(weigh, found), abs=0.1
     )
     assert taken < 0.7 * len(calls)
+
+
+def test_a_search_from_several_starts_says_what_it_gained_on_the_best_of_them() -> None:
+    weigh = weigh_of(0.05, 2.0)
+    starts = [np.array([0.9, 0.1]), np.array([0.03, 0.5]), np.array([1e-3, 5.0])]
+    levels, gained = better_levels(weigh, PRIOR, starts)
+    best_start = max(height(weigh, one) for one in starts)
+    assert gained == pytest.approx(height(weigh, levels) - best_start)
+    assert gained > 1.0
 
 
 def count_looks(weigh: Weigh, prior: LevelPrior, start: np.ndarray) -> tuple[np.ndarray, int]:

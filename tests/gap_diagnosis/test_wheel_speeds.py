@@ -62,7 +62,7 @@ def test_a_cruise_above_the_threshold_is_told_from_one_below_whatever_is_lost(
     own = speeds()
     threshold = 5.8
     speed = known(own, seed=1, gyro_seed=2, lost=probability, above=threshold)
-    share = speed.losing(threshold, probability).share_above(threshold)
+    share = speed.losing(threshold, probability).share_above
     fast, slow = own == CRUISE_RAD_S, own == SLOWER_RAD_S
     assert share[fast].min() > 0.99
     assert share[slow].max() < 0.01
@@ -90,7 +90,7 @@ def test_the_gyros_noise_does_not_choose_the_ticks_of_a_cruise_that_lose_counts(
     shares = [
         known(own, seed=1, gyro_seed=seed, lost=0.004, above=0.0)
         .losing(CRUISE_RAD_S, 0.004)
-        .share_above(CRUISE_RAD_S)[cruise]
+        .share_above[cruise]
         for seed in (2, 3)
     ]
     assert np.ptp(shares[0] - shares[1]) < 0.2
@@ -108,6 +108,6 @@ def test_without_a_gyro_counts_alone_tell() -> None:
         rad_per_count=RAD_PER_COUNT,
         rounding_rad=RAD_PER_COUNT,
     )
-    share = speed.losing(4.0, 0.01).share_above(4.0)
+    share = speed.losing(4.0, 0.01).share_above
     assert share[own == CRUISE_RAD_S].min() > 0.99
     assert share[own == SLOWER_RAD_S].max() < 0.01

@@ -72,7 +72,7 @@ def test_along_its_probability_counts_are_lost_where_they_were() -> None:
     here, near = (
         predict(motion, [(about, (size,))]).left_rad for size in (PROBABILITY, PROBABILITY + 0.01)
     )
-    share = own_speed(motion, "left", PROBABILITY, threshold_rad_s).share_above(threshold_rad_s)
+    share = own_speed(motion, "left", PROBABILITY, threshold_rad_s).share_above
     assert share.min() == 0.0 < share.max() == 1.0
     assert here * (1 - share * PROBABILITY) == pytest.approx(
         near * (1 - share * (PROBABILITY + 0.01))
