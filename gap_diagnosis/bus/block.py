@@ -19,7 +19,7 @@ from gap_diagnosis.bus.crowds import happened
 from gap_diagnosis.bus.events import SURE_LENGTH, Message, Staleness, as_sent, classify, staleness
 from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
-from gap_diagnosis.bus.stamps import Choice, jitter, latencies, skew
+from gap_diagnosis.bus.stamps import Choice, jitter, latencies, later_together, skew
 from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.motion.counters import unwrapped
 from gap_diagnosis.priors import Range
@@ -87,16 +87,13 @@ class BusBlock:
             for role in SENSOR_ROLES
             if (mapped := wire.signal_map.get(role)) is not None
         }
-        found = [
-            classify(name, frames, recording, is_sensor=name in sensors)
-            for name, frames in sorted(recording.frames.items())
-        ]
+        found = _classified(recording, sensors)
         answers = {
             mapped.message.name
             for role in ODOMETRY_ROLES
             if (mapped := wire.signal_map.get(role)) is not None
         }
-        sent = as_sent([one for one in found if one is not None], answers)
+        sent = as_sent(found, answers)
         self._messages = [
             replace(
                 one,
@@ -357,6 +354,9 @@ class BusBlock:
             self._chosen(name, "delay", choice, random)
             for name, choice in latencies(sensors).items()
         ]
+        together = later_together(sensors)
+        if together is not None:
+            return [*made, self._chosen(SENSORS, "delay", together, random)]
         # A delay common to all sensors leaves no trace in the stamps: it is as likely as before.
         scales = np.geomspace(prior.LATENCY.tolerance, prior.LATENCY.high, 6)
         drawn = np.abs(random.standard_normal(_SAMPLES))
@@ -382,7 +382,7 @@ class BusBlock:
             step = math.log(choice.value[1] / choice.value[0])
             value = value * np.exp(random.uniform(-0.5, 0.5, _SAMPLES) * step)
         evidence, ratio = choice.log_evidence + besides, choice.log_ratio + besides
-        return _Option(frame, evidence, ratio, {parameter: value})
+        return _Option(frame, evidence, ratio, {parameter: value}, choice.windows)
 
     def _skew(self) -> _Option:
         recording = self._recording
@@ -425,6 +425,21 @@ class BusBlock:
             loss_of([one.runs(excluded)], self._usual("frame_loss", one), prior.BURST).log_evidence
             for one in self._counted
         )
+
+
+def _classified(recording: Recording, sensors: set[str]) -> list[Message]:
+    """Return the messages of a recording; what changes for one of them on the way may for any."""
+
+    def classified(changes_s: Sequence[float]) -> list[Message]:
+        made = [
+            classify(name, frames, recording, is_sensor=name in sensors, changes_s=changes_s)
+            for name, frames in sorted(recording.frames.items())
+        ]
+        return [one for one in made if one is not None]
+
+    found = classified(())
+    longest = max(found, key=lambda one: (len(one.changes_s), one.frames), default=None)
+    return classified(longest.changes_s) if longest is not None and longest.changes_s else found
 
 
 def _groups_of(message: Message) -> tuple[str, ...]:

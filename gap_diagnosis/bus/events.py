@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import fisher_exact
 
 from gap_diagnosis.bus.counting import Runs
+from gap_diagnosis.lateness import blocks_of, lasting_changes
 from gap_diagnosis.lattice import lattice_step
 from gap_diagnosis.recording import FrameTimes, Recording
 from gap_diagnosis.trembling import trembles
@@ -35,7 +36,11 @@ _HELD_OFTEN: Final = 3
 """Times, and half of all, that a gyro which is held at a value begins to say that again."""
 _NO_CHANGE: Final = 1e-6
 _LEAST_STEP: Final = 4.0
-_WANDER_FRAMES: Final = 501
+FEWEST_FRAMES: Final = 20
+_AT_TICKS: Final = 0.9
+"""Mean resultant length of latenesses that spread by 7 % of a tick about whole ones."""
+_RESTLESS: Final = 0.5
+"""Of the spread of the most restless part of a log, another has as much that is no other."""
 _EARLIEST: Final = 1e-3
 """One stamp in a thousand may be early by mistake."""
 
@@ -57,6 +62,8 @@ class Message:
         not_sent, sent_twice: ticks in which its sender said nothing, or spoke twice.
         known_late_s: by how much it is known to be late.
         usual_spread_s: up to which its lateness spreads on this bus, where that is known.
+        part: int64[f], which of the parts, between lasting changes of its lateness, a frame is of.
+        moved_s: float64[f], by how much its part is later than the log's median.
     """
 
     name: str
@@ -73,6 +80,8 @@ class Message:
     sent_twice: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     known_late_s: float = 0.0
     usual_spread_s: float = 0.0
+    part: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    moved_s: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def frames(self) -> int:
@@ -109,25 +118,54 @@ class Message:
         good[:-1] &= ~self.swapped[1:]
         return good
 
+    def restless(self) -> Bools:
+        """Mark the steady frames of those parts in which stamps spread most: all where a log has no
+        parts, or these are alike."""
+        good = self.steady()
+        parts = np.unique(self.part)
+        if len(parts) < 2:
+            return good
+        spread = np.array([_spread(self.late_s[good & (self.part == one)]) for one in parts])
+        return good & np.isin(self.part, parts[spread >= _RESTLESS * spread.max()])
+
+    @property
+    def changes_s(self) -> list[float]:
+        """When its lateness changed for good."""
+        return [float(one) for one in self.t_s[1:][np.diff(self.part) > 0]]
+
     @property
     def earliest_s(self) -> float:
         """What the earliest frames are late by: delays are never negative, so this is no jitter."""
-        late = self.late_s[self.steady()]
-        return float(np.quantile(late, _EARLIEST, method="lower")) if len(late) else math.nan
+        return _earliest((self.late_s + self.moved_s)[self.steady()])
+
+    def earliest_within_s(self, start_s: float, stop_s: float) -> float:
+        """Return what the earliest frames of a window are late by; NaN for too few."""
+        inside = self.steady() & (self.t_s >= start_s) & (self.t_s < stop_s)
+        late = (self.late_s + self.moved_s)[inside]
+        return _earliest(late) if len(late) >= FEWEST_FRAMES else math.nan
 
     def unhindered(self) -> Bools:
         """Mark steady frames that none before them can have held up: all had come by then."""
         sent_s = self.t_s - self.late_s + self.earliest_s
         before = np.maximum.accumulate(self.t_s)[:-1]
-        good = self.steady()
+        good = self.restless()
         good[1:] &= before <= sent_s[1:]
         return good
 
 
 def classify(
-    name: str, frames: FrameTimes, recording: Recording, *, is_sensor: bool
+    name: str,
+    frames: FrameTimes,
+    recording: Recording,
+    *,
+    is_sensor: bool,
+    changes_s: Sequence[float] = (),
 ) -> Message | None:
-    """Classify the frames of one message; None for too few or without a cycle."""
+    """Classify the frames of one message; None for too few or without a cycle.
+
+    *changes_s*: when others' lateness changed for good, for a message that does not show when its
+    own did.
+    """
     if len(frames.t_s) < 20:
         return None
     period = recording.tick_period_s
@@ -149,9 +187,28 @@ def classify(
     late = np.full(len(tick), np.nan)
     if has_counter:
         late = frames.t_s - _line(recording, tick)
-        late = late - _wander(late, ~doubled & ~swapped) + np.median(late)
+        late = late if is_sensor else _late_by_the_bus(late, period)
+    good = ~doubled & ~swapped & np.isfinite(late)
+    part, moved = np.zeros(len(tick), dtype=np.int64), np.zeros(len(tick))
+    if has_counter:
+        part = _parts(late, good)
+        if not part.any():
+            part = np.searchsorted(changes_s, frames.t_s).astype(np.int64)
+        moved = _moved(late, good, part)
+        late = late - _wander(late, good, part) + np.median(late)
     return Message(
-        name, is_sensor, frames.t_s, tick, cycle, has_counter, doubled, swapped, late, changes
+        name,
+        is_sensor,
+        frames.t_s,
+        tick,
+        cycle,
+        has_counter,
+        doubled,
+        swapped,
+        late,
+        changes,
+        part=part,
+        moved_s=moved,
     )
 
 
@@ -175,6 +232,21 @@ def as_sent(messages: Sequence[Message], answers: Collection[str]) -> list[Messa
         else one
         for one in messages
     ]
+
+
+def _late_by_the_bus(late_s: Floats, tick_period_s: float) -> Floats:
+    """Return latenesses of what no sensor says less whole ticks, where nearly all are about these.
+
+    The ECU answers at its ticks: a sensor's frame that comes after one is answered at the next.
+    """
+    there = late_s[np.isfinite(late_s)]
+    turned = np.exp(2j * math.pi * there / tick_period_s)
+    mean = turned.mean() if len(there) else 0.0
+    if abs(mean) < _AT_TICKS:
+        return late_s
+    about_s = float(np.angle(mean)) * tick_period_s / (2 * math.pi)
+    ticks = np.rint((late_s - about_s) / tick_period_s)
+    return np.asarray(late_s - (ticks - np.nanmin(ticks)) * tick_period_s)
 
 
 def _doubled(
@@ -205,15 +277,48 @@ def _line(recording: Recording, tick: Ints) -> Floats:
     return np.where(tick > rows[-1], times[-1] + (tick - rows[-1]) * rate, line)
 
 
-def _wander(late: Floats, good: Bools) -> Floats:
-    """Return the slow change of lateness: block medians, joined."""
-    rows = np.flatnonzero(good & np.isfinite(late))
-    if len(rows) < 2 * _WANDER_FRAMES:
-        return np.full(len(late), np.median(late[rows]) if len(rows) else 0.0)
-    blocks = np.array_split(rows, len(rows) // _WANDER_FRAMES)
-    middle = [float(np.median(late[block])) for block in blocks]
-    where = [float(np.mean(block)) for block in blocks]
-    return np.interp(np.arange(len(late)), where, middle)
+def _wander(late: Floats, good: Bools, part: Ints) -> Floats:
+    """Return the slow change of lateness within each part: block medians, joined."""
+    slow = np.full(len(late), np.median(late[good]) if good.any() else 0.0)
+    for one in np.unique(part):
+        own = np.flatnonzero(part == one)
+        where, middle = blocks_of(late, own[good[own]])
+        if len(where):
+            slow[own] = np.interp(own, where, middle)
+    return slow
+
+
+def _parts(late: Floats, good: Bools) -> Ints:
+    """Return the parts of a log between lasting changes of lateness: int64[f]."""
+    part = np.zeros(len(late), dtype=np.int64)
+    for row in lasting_changes(late, np.flatnonzero(good)):
+        part[row:] += 1
+    return part
+
+
+def _moved(late: Floats, good: Bools, part: Ints) -> Floats:
+    """Return by how much each part is later than the log's median, float64[f]."""
+    moved = np.zeros(len(late))
+    for one in np.unique(part[good]):
+        moved[part == one] = np.median(late[good & (part == one)]) - np.median(late[good])
+    return moved
+
+
+def _before(where: Floats, block: int) -> float:
+    return float(where[max(block - 1, 0)]) if block > 0 else 0.0
+
+
+def _behind(where: Floats, block: int) -> float:
+    return float(where[block + 1]) if block + 1 < len(where) else math.inf
+
+
+def _earliest(late_s: Floats) -> float:
+    return float(np.quantile(late_s, _EARLIEST, method="lower")) if len(late_s) else math.nan
+
+
+def _spread(late_s: Floats) -> float:
+    """Return the robust standard deviation of latenesses."""
+    return 1.4826 * float(np.median(np.abs(late_s - np.median(late_s)))) if len(late_s) else 0.0
 
 
 @dataclass(frozen=True)

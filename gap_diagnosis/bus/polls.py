@@ -46,7 +46,7 @@ def polling(messages: Sequence[Message]) -> Choice:
         return nothing
     gain = gain_at_best = 0.0
     for one in messages:
-        good = one.steady()
+        good = one.restless()
         stamps, late = one.t_s[good], one.late_s[good]
         strength = _strength(stamps, period)
         if strength < _ON_LATTICE or _strength(late, period) > _VARIES:
@@ -71,7 +71,7 @@ def poll_period(message: Message) -> float | None:
     Differences of stamps are whole multiples of it: first those of neighbours, which tell it
     roughly, then of stamps ever farther apart, which tell it to the last digit.
     """
-    good = message.steady()
+    good = message.restless()
     stamps = np.sort(message.t_s[good])
     random = np.random.default_rng(0)
     low, high = prior.POLL_PERIOD_S

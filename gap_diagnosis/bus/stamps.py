@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from gap_diagnosis.bus import prior
-from gap_diagnosis.bus.events import Message
+from gap_diagnosis.bus.events import FEWEST_FRAMES, Message
 
 Floats = NDArray[np.float64]
 
@@ -31,12 +32,14 @@ MOST_INDEPENDENT: Final = 400
 
 @dataclass(frozen=True)
 class Choice:
-    """Evidence for an effect of one message, with its parameter's posterior on a grid."""
+    """Evidence for an effect of one message, with its parameter's posterior on a grid; *windows*
+    in which alone it acts."""
 
     log_evidence: float
     log_ratio: float
     value: Floats
     weight: Floats
+    windows: tuple[tuple[float, float], ...] = ()
 
 
 def spread_of(message: Message) -> tuple[float, int]:
@@ -104,29 +107,67 @@ def _log_spread(sigma: Floats, sd: float, count: float) -> Floats:
 
 
 def latencies(messages: Sequence[Message]) -> dict[str, Choice]:
-    """Return, by message, the evidence that it is later than the other sensor messages."""
-    seen = {}
-    for message in messages:
-        good = message.steady()
-        if np.count_nonzero(good) >= 20:
-            seen[message.name] = message.earliest_s - message.known_late_s
+    """Return, by message, the evidence that it is later than the other sensor messages: all along,
+    or between two changes of when messages come."""
+    steady = [one for one in messages if np.count_nonzero(one.steady()) >= FEWEST_FRAMES]
+    if len(steady) < 2:
+        return {}
+    price = math.log(max(one.frames for one in steady))
     found: dict[str, Choice] = {}
-    if len(seen) < 2:
-        return found
-    for name, offset in seen.items():
-        others = [one for other, one in seen.items() if other != name]
-        away = offset - float(np.median(others))
-        usual = prior.LATENCY_USUAL_S
-        value, weight = _delays(away)
-        null = -0.5 * (away / usual) ** 2
-        logs = -0.5 * ((away - value) / usual) ** 2 + np.log(weight)
-        found[name] = Choice(
-            float(logsumexp(logs)) - null,
-            max(-null, 0.0) if away > 0 else 0.0,
-            value,
-            _weights(logs),
-        )
+    for place, message in enumerate(steady):
+        best = _later(_apart([one.earliest_s - one.known_late_s for one in steady], place))
+        changes_s = message.changes_s
+        ends_s = float(message.t_s[0]), *changes_s, float(message.t_s[-1])
+        for span in pairwise(ends_s) if changes_s else ():
+            offsets = [one.earliest_within_s(*span) - one.known_late_s for one in steady]
+            away = _apart(offsets, place)
+            if not math.isfinite(away):
+                continue
+            there = _later(away)
+            left = there.log_evidence - price * sum(end in changes_s for end in span)
+            if left > best.log_evidence:
+                best = replace(there, log_evidence=left, windows=(span,))
+        found[message.name] = best
     return found
+
+
+def later_together(messages: Sequence[Message]) -> Choice | None:
+    """Return the evidence that all of these messages are as much later between two changes of when
+    they come; None where they are not. Later all along leaves no trace."""
+    if len(messages) < 2 or not all(one.changes_s for one in messages):
+        return None
+    clock = max(messages, key=lambda one: one.frames)
+    ends_s = float(clock.t_s[0]), *clock.changes_s, float(clock.t_s[-1])
+    found = []
+    for span in pairwise(ends_s):
+        offsets = np.array([one.earliest_within_s(*span) for one in messages])
+        late_s = offsets - np.array([one.earliest_s for one in messages])
+        if np.isfinite(late_s).all() and np.ptp(late_s) < prior.LATENCY_USUAL_S:
+            there = _later(float(np.median(late_s)))
+            price = math.log(clock.frames) * sum(end in clock.changes_s for end in span)
+            found.append(replace(there, log_evidence=there.log_evidence - price, windows=(span,)))
+    best = max(found, key=lambda one: one.log_evidence, default=None)
+    return best if best is not None and best.log_evidence > 0.0 else None
+
+
+def _apart(offsets: Sequence[float], place: int) -> float:
+    """Return by how much one message is later than the others are; NaN where none of these is."""
+    others = [one for n, one in enumerate(offsets) if n != place and math.isfinite(one)]
+    return offsets[place] - float(np.median(others)) if others else math.nan
+
+
+def _later(away: float) -> Choice:
+    """Return the evidence of a message that is later than others by so much."""
+    usual = prior.LATENCY_USUAL_S
+    value, weight = _delays(away)
+    null = -0.5 * (away / usual) ** 2
+    logs = -0.5 * ((away - value) / usual) ** 2 + np.log(weight)
+    return Choice(
+        float(logsumexp(logs)) - null,
+        max(-null, 0.0) if away > 0 else 0.0,
+        value,
+        _weights(logs),
+    )
 
 
 def _delays(seen_s: float) -> tuple[Floats, Floats]:

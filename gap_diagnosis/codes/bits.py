@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln
 
+from gap_diagnosis.code_spells import held_bit
 from gap_diagnosis.codes.data import CodeData, stretches
 
 Floats = NDArray[np.float64]
@@ -35,15 +36,29 @@ _DENSE: Final = 0.8
 
 @dataclass(frozen=True)
 class Stuck:
-    """How much better codes are explained by one stuck bit."""
+    """How much better codes are explained by one stuck bit, in these rows alone if any."""
 
     bit: int
     value: int
     log_ratio: float
+    rows: tuple[int, int] | None = None
 
 
 def stuck_bits(data: CodeData) -> list[Stuck]:
-    """Return a log likelihood ratio for each bit and value; -inf where a code contradicts it."""
+    """Return a log likelihood ratio for each bit and value, all along or in the part of the log in
+    which the codes have it; -inf where they contradict it."""
+    found = _stuck_bits(data)
+    for place, one in enumerate(found):
+        rows = held_bit(data.code, one.bit, one.value) if one.log_ratio == -math.inf else None
+        if rows is None:
+            continue
+        within = _stuck_bits(data.rows(*rows))[place].log_ratio - math.log(len(data.code))
+        if within > 0.0:
+            found[place] = Stuck(one.bit, one.value, within, rows)
+    return found
+
+
+def _stuck_bits(data: CodeData) -> list[Stuck]:
     codes = data.code.astype(np.int64)
     unique, counts = np.unique(codes, return_counts=True)
     coarse = _coarse_bits(unique)

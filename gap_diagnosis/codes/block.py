@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from gap_diagnosis.codes.bits import missing_codes, stuck_bits
 from gap_diagnosis.codes.data import CodeData, code_data
 from gap_diagnosis.codes.frozen import frozen_prior, frozen_run
-from gap_diagnosis.codes.saturation import flat_top
+from gap_diagnosis.codes.saturation import FlatTop, flat_top
 from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
@@ -99,7 +99,22 @@ class CodesBlock:
             "adc_stuck_bit.value": Estimate(best.value, probabilities=values),
         }
         evidence = float(logsumexp(logs)) - math.log(len(logs))
-        return Fit(("adc_stuck_bit",), evidence, max(best.log_ratio, 0.0), parameters)
+        windows, ends = self._acting("adc_stuck_bit", best.rows)
+        parameters |= ends
+        return Fit(("adc_stuck_bit",), evidence, max(best.log_ratio, 0.0), parameters, windows)
+
+    def _acting(
+        self, effect: str, rows: tuple[int, int] | None
+    ) -> tuple[tuple[tuple[float, float], ...], dict[str, Estimate]]:
+        """Return the window of an effect that acts in some rows alone, and that end of it which is
+        not the log's own."""
+        if rows is None:
+            return (), {}
+        time_s = self._data.t_s
+        window = float(time_s[rows[0]]), float(time_s[rows[1] - 1])
+        name, at = ("start_s", window[0]) if rows[0] else ("stop_s", window[1])
+        even = generator_of([effect]).uniform(0, float(np.median(np.diff(time_s))), _SAMPLES)
+        return (window,), _estimates({f"{effect}.{name}": at + (-even if rows[0] else even)})
 
     def _missing(self) -> Fit:
         codes, ratio = missing_codes(self._alive())
@@ -132,7 +147,7 @@ class CodesBlock:
         return self._data.code[(self._data.t_s < start_s) | (self._data.t_s > stop_s)]
 
     def _frozen(self) -> Fit:
-        found = frozen_run(self._data)
+        found = frozen_run(self._data, self._flat)
         if found is None:
             return Fit(("gyro_frozen",), 2 * _NOTHING_SEEN, 0.0)
         period = float(np.median(np.diff(self._data.t_s)))
@@ -152,8 +167,12 @@ class CodesBlock:
             ((found.start_s, found.stop_s),),
         )
 
+    @cached_property
+    def _flat(self) -> FlatTop | None:
+        return flat_top(self._data)
+
     def _saturation(self) -> Fit:
-        found = flat_top(self._data)
+        found = self._flat
         reach = float(np.max(np.abs(self._data.code - self._data.zero_code)))
         described = max(self._data.high - self._data.zero_code, 1.0)
         # A limit beyond what was reached leaves no trace: that share of the prior stands.
@@ -165,8 +184,9 @@ class CodesBlock:
         evidence = float(np.logaddexp(found.log_ratio - 2 * math.log(_LIMITS), unseen))
         random = generator_of(["gyro_saturation"])
         draws = found.limit_rad_s + found.sd_rad_s * random.standard_normal(_SAMPLES)
-        parameters = _estimates({"gyro_saturation.limit": draws})
-        return Fit(("gyro_saturation",), evidence, found.log_ratio, parameters)
+        windows, ends = self._acting("gyro_saturation", found.rows)
+        parameters = {**_estimates({"gyro_saturation.limit": draws}), **ends}
+        return Fit(("gyro_saturation",), evidence, found.log_ratio, parameters, windows)
 
 
 def _estimates(draws: Mapping[str, Floats]) -> dict[str, Estimate]:

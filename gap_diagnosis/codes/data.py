@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -55,6 +55,16 @@ class CodeData:
     low: float
     high: float
     bits: int
+
+    def rows(self, first: int, last: int) -> CodeData:
+        """Return the data of some rows, from the first to before the last."""
+        return replace(
+            self,
+            **{
+                name: getattr(self, name)[first:last]
+                for name in ("t_s", "tick", "code", "expected", "turns")
+            },
+        )
 
 
 def code_data(recording: Recording, robot: Robot) -> CodeData | None:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from gap_diagnosis.codes.data import CodeData, stretches
+from gap_diagnosis.codes.saturation import FlatTop
 from gap_diagnosis.trembling import trembles
 
 _LEAST_S: Final = 0.3
@@ -17,6 +18,7 @@ _CLUSTERED: Final = 0.7
 """Repeats come in clusters: a run says less than as many repeats on their own."""
 _CONTRADICTION_NATS: Final = 4.0
 _BLOCK: Final = 10
+_A_CODE: Final = 0.6
 
 
 @dataclass(frozen=True)
@@ -28,12 +30,13 @@ class Frozen:
     log_ratio: float
 
 
-def frozen_run(data: CodeData) -> Frozen | None:
+def frozen_run(data: CodeData, flat: FlatTop | None = None) -> Frozen | None:
     """Return the most suspicious run of equal codes; None where no code repeats for long.
 
     How likely a code repeats once it has is counted on the rest of the log, at rest and in turns
     apart: a noiseless sensor of a robot that rests repeats for ever and is not frozen. Of a sensor
-    that does not tremble elsewhere, only wheels that turn meanwhile say that it is.
+    that does not tremble elsewhere, only wheels that turn meanwhile say that it is. Runs at a
+    *flat* top are none.
     """
     same = (data.code[1:] == data.code[:-1]) & (np.diff(data.tick) == 1)
     again = same[1:] & same[:-1]
@@ -42,7 +45,7 @@ def frozen_run(data: CodeData) -> Frozen | None:
     runs = [one for one in stretches(same) if data.t_s[one[1]] - data.t_s[one[0]] >= _LEAST_S]
     extremes = {data.code.min(), data.code.max()}
     for start, stop in sorted(runs, key=lambda one: one[0] - one[1])[:20]:
-        if data.code[start] in extremes:
+        if data.code[start] in extremes or (flat is not None and _is_of(flat, data, start, stop)):
             continue  # a flat top, not a frozen sensor
         inside = np.zeros(len(again), dtype=np.bool_)
         inside[max(start - 1, 0) : stop - 1] = True
@@ -59,6 +62,15 @@ def frozen_run(data: CodeData) -> Frozen | None:
         if best is None or found.log_ratio > best.log_ratio:
             best = found
     return best
+
+
+def _is_of(flat: FlatTop, data: CodeData, start: int, stop: int) -> bool:
+    """Tell whether a run is at a flat top of a part of the log."""
+    if flat.rows is None or flat.log_ratio <= 0.0:
+        return False
+    away = abs(float(data.code[start]) - data.zero_code) / data.per_rad_s
+    inside = flat.rows[0] <= start and stop <= flat.rows[1]
+    return inside and away > flat.limit_rad_s - _A_CODE / data.per_rad_s
 
 
 def _contradicted(data: CodeData, start: int, stop: int) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from gap_diagnosis import code_spells
 from gap_diagnosis.codes.data import Bools, CodeData, Floats, stretches
 from gap_diagnosis.trembling import tremble_lsb
 
@@ -23,15 +24,31 @@ _BELOW_DESCRIBED: Final = 0.99
 
 @dataclass(frozen=True)
 class FlatTop:
-    """The limit and how much better it explains the extremes."""
+    """The limit and how much better it explains the extremes, in these rows alone if any."""
 
     limit_rad_s: float
     sd_rad_s: float
     log_ratio: float
+    rows: tuple[int, int] | None = None
 
 
 def flat_top(data: CodeData) -> FlatTop | None:
-    """Return the flat top; None where the extremes are no limit, or the described one."""
+    """Return the flat top, of the whole log or of a part of it; None where the extremes are no
+    limit, or the described one."""
+    whole = _flat_top(data)
+    if whole is not None and whole.log_ratio > 0.0:
+        return whole
+    expected = np.nan_to_num(data.expected, nan=data.zero_code)
+    part = code_spells.flat_top(data.code - data.zero_code, expected - data.zero_code)
+    if part is None:
+        return whole
+    within = _flat_top(data.rows(*part[:2]))
+    if within is None:
+        return whole
+    return replace(within, log_ratio=within.log_ratio - math.log(len(data.code)), rows=part[:2])
+
+
+def _flat_top(data: CodeData) -> FlatTop | None:
     away = data.code - data.zero_code
     reach = float(np.max(np.abs(away)))
     described = min(data.high - data.zero_code, data.zero_code - data.low)

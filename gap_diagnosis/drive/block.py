@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
+from gap_diagnosis.drive.chance import BY_CHANCE, likeliest_scatter
 from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.grid import Weighted
@@ -152,15 +153,9 @@ class DriveBlock:
         self._changes: dict[str, Ends] = {}
         self._levels_with: dict[frozenset[str], Floats] = {}
         self._nameless = -math.inf
-        setting = setting_of(
-            Variant(data, np.zeros((0, *self._nominal.shape)), ()), robot, frozenset()
-        )
-        found = [fitted_levels(setting, {}, start) for start in (*STARTS, IDEAL)]
-        levels, likelihood = max(found, key=lambda one: one[1])
-        # From here every effect's levels are sought: what is found there is no effect's doing.
-        again = fitted_levels(setting, {}, exact(levels))
-        levels, likelihood = max((levels, likelihood), again, key=lambda one: one[1])
-        self._null = Null(setting, levels, likelihood, evidence(setting, levels)[0])
+        self._null = _null_of(data, robot)
+        self._scattered: dict[frozenset[str], DriveBlock | None] = {}
+        self._shared: tuple[Ends, ...] | None = None
         self._fits[frozenset()] = Fit((), 0.0, 0.0)
 
     @cached_property
@@ -244,11 +239,76 @@ class DriveBlock:
         return stand_in(self._null, self._robot, one, kept)
 
     def _fit(self, effects: frozenset[str]) -> Fit:
+        counts = effects & BY_CHANCE
+        if counts and effects - counts and not effects & set(SETUP):
+            scattered = self._scattering(counts)
+            if scattered is not None:
+                return self._beside_chance(effects, counts, scattered)
         if self._spell is None or not effects & _MAY_BEGIN or effects & set(SETUP):
             return self._fit_all_along(effects)
-        if len(effects) == 1:
+        if len(effects) == 1 and self._shared is None:
             return self._for_a_while(self._spell, effects, self._fit_all_along(effects))
         return self._beside_others(effects)
+
+    def _scattering(self, counts: frozenset[str]) -> DriveBlock | None:
+        """Return the block whose counts scatter by as much as those do that come or go by chance;
+        None where they do not."""
+        if self._data.scatter.any():
+            return None
+        if counts not in self._scattered:
+            drives = max(self._alone_of(_DRIVES), key=lambda one: one[0], default=None)
+            own = self._alone_of(counts)
+            scatter = np.zeros(self._data.angle.shape)
+            for one in sorted(counts):
+                ways = [
+                    way
+                    for spell in (None, *(ends.spell for _, ends in self._alone_of({one})))
+                    for way in variants(
+                        replace(self._data, miscounting=spell), self._nominal, [one]
+                    )
+                ]
+                scatter += likeliest_scatter(self._null, self._robot, one, ways)
+            changes = [ends for _, ends in (*own, *([drives] if drives else ()))]
+            self._scattered[counts] = (
+                self._with_scatter(scatter, changes) if scatter.any() else None
+            )
+        return self._scattered[counts]
+
+    def _alone_of(self, effects: Set[str]) -> list[tuple[float, Ends]]:
+        """Return the log evidence and the change of those effects that by themselves have one."""
+        fits = {one: self.fit(frozenset({one})) for one in sorted(effects & self.effects)}
+        return [
+            (fit.log_evidence, self._changes[one])
+            for one, fit in fits.items()
+            if one in self._changes
+        ]
+
+    def _with_scatter(self, scatter: Floats, changes: Sequence[Ends]) -> DriveBlock:
+        """Return the block whose counts scatter, and in which effects change where these do."""
+        block = copy(self)
+        block._data = replace(self._data, scatter=scatter)
+        block._null = _null_of(replace(self._null.data, scatter=scatter), self._robot)
+        block._fits, block._levels_with, block._settled = {frozenset(): Fit((), 0.0, 0.0)}, {}, {}
+        block._shared = tuple({one.spell: one for one in changes}.values())
+        return block
+
+    def _beside_chance(
+        self, effects: frozenset[str], counts: frozenset[str], scattered: DriveBlock
+    ) -> Fit:
+        """Return the fit of effects of which some are *counts* that come or go by chance.
+
+        How these scatter is noise: it speaks for no effect beside them, nor for themselves, for the
+        wheels of a robot are seldom as even as each other.
+        """
+        alone, less, found = self.fit(counts), scattered.fit(counts), scattered.fit(effects)
+        self._levels_with[effects] = scattered._levels_with[effects]
+        return replace(
+            found,
+            log_evidence=found.log_evidence + alone.log_evidence - less.log_evidence,
+            log_likelihood=max(
+                found.log_likelihood + alone.log_likelihood - less.log_likelihood, 0.0
+            ),
+        )
 
     @cached_property
     def _spell(self) -> Spell | None:
@@ -297,20 +357,27 @@ class DriveBlock:
         A change is where it is alone, of several where the likeliest is. A gain all along beside
         counts that are wrong from some time on looks like the other way round, and that is told.
         """
-        likely = sorted(effects, key=lambda one: -self.fit(frozenset({one})).log_evidence)
-        changed = [one for one in likely if one in self._changes]
-        if not changed:
+        if not self._changes_of(effects, effects):
             return self._fit_all_along(effects)
         kinds = [one for one in (effects & _DRIVES, effects & COUNTING) if one]
         ways = kinds if len(kinds) == 1 else [*kinds, effects & _MAY_BEGIN]
         found = []
         for some in ways:
-            leader = next((one for one in changed if one in some), changed[0])
-            found.append(self._fit_within(self._changes[leader], some, effects))
+            places = self._changes_of(some, effects)
+            within = [self._fit_within(place, some, effects) for place in places]
+            found.append(max(within, key=lambda one: one[0].log_evidence))
         logs = np.array([fit.log_evidence for fit, _ in found])
         told, self._levels_with[effects] = found[int(np.argmax(logs > logs.max() - _AS_LIKELY))]
         every = float(np.logaddexp.reduce(logs)) - math.log(len(ways))
         return replace(told, log_evidence=every)
+
+    def _changes_of(self, some: frozenset[str], effects: frozenset[str]) -> Sequence[Ends]:
+        """Return where *some* of several effects may change: nowhere if none does alone."""
+        if self._shared is not None:
+            return self._shared
+        likely = sorted(effects, key=lambda one: -self.fit(frozenset({one})).log_evidence)
+        changed = [one for one in likely if one in self._changes]
+        return [self._changes[one] for one in changed if one in some or not some & {*changed}][:1]
 
     def _fit_within(
         self, told: Ends, some: frozenset[str], effects: frozenset[str]
@@ -493,6 +560,18 @@ class DriveBlock:
         ]
         levels, free = fitted_levels(setting, values, *starts)
         return levels, free + setting.variant.log_constant
+
+
+def _null_of(data: DriveData, robot: Robot) -> Null:
+    """Return what data say of no effect."""
+    none = Variant(data, np.zeros((0, *data.angle.shape)), ())
+    setting = setting_of(none, robot, frozenset())
+    found = [fitted_levels(setting, {}, start) for start in (*STARTS, IDEAL)]
+    levels, likelihood = max(found, key=lambda one: one[1])
+    # From here every effect's levels are sought: what is found there is no effect's doing.
+    again = fitted_levels(setting, {}, exact(levels))
+    levels, likelihood = max((levels, likelihood), again, key=lambda one: one[1])
+    return Null(setting, levels, likelihood, evidence(setting, levels)[0])
 
 
 def _counting(setting: Setting, levels: Floats) -> dict[str, float]:

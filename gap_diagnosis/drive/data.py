@@ -64,6 +64,8 @@ class DriveData:
         activity: float64[2, m], how fast the wheel turns or ought to [rad/s].
         astray: float64[2, m], how far the wheel's rate is from that of the described drive [rad/s].
         lost: bool[m], after a gap of which nothing is known.
+        scatter: float64[2, m], variance of the counts that were lost or came by chance since the
+            block before [rad²].
         time_s: float64[m], log time of each block.
         tick_rad: wheel angle of one count.
         delay_sd_s: how far off any delay is between a command's row and a wheel's: by the offset
@@ -89,6 +91,7 @@ class DriveData:
     activity: Floats
     astray: Floats
     lost: NDArray[np.bool_]
+    scatter: Floats
     time_s: Floats
     tick_rad: float
     delay_sd_s: float
@@ -197,6 +200,7 @@ def drive_data(recording: Recording, robot: Robot) -> DriveData | None:
         activity=_activity(commanded[:, start[:-1]], turning, block_s),
         astray=np.zeros(means.shape),
         lost=lost,
+        scatter=np.zeros(means.shape),
         time_s=recording.t_s[rows][start[:-1]],
         tick_rad=tick_rad,
         delay_sd_s=math.hypot(

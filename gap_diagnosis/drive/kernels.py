@@ -38,6 +38,7 @@ def gains(
     count: Any,
     activity: Any,
     lost: Any,
+    scatter: Any,
     dt_s: float,
     white: float,
     walk: float,
@@ -48,13 +49,15 @@ def gains(
 
     The error of a wheel's angle is white noise (standard deviation white/sqrt(count)) plus a random
     walk (*walk* per sqrt of a second, times activity) plus the integral of an Ornstein-Uhlenbeck
-    rate error (standard deviation *spread* times activity, time constant *memory_s*).
+    rate error (standard deviation *spread* times activity, time constant *memory_s*), plus what
+    counts *scatter* by chance.
 
     Args:
         seen: bool[2, m], which are observed. The first of each wheel sets the unknown start angle.
         count: float64[2, m], rows averaged in each.
         activity: float64[2, m], rate scale of the errors [rad/s].
         lost: bool[m], the angle is unknown again from this block on.
+        scatter: float64[2, m], variance by chance since the block before.
         dt_s: time from block to block.
         white, walk, spread, memory_s: the levels.
 
@@ -85,6 +88,7 @@ def gains(
                 # what the rate error gains within the block also moves the angle
                 within = spread * g * dt_s
                 paa += step * step * dt_s + within * within * (1.0 - keep) * 0.667
+                paa += scatter[wheel, i]
                 if lost[i]:
                     started[wheel] = False
             if seen[wheel, i]:

@@ -90,6 +90,7 @@ class Whitening:
             data.count,
             activity(data, levels),
             data.lost,
+            data.scatter,
             data.block_s,
             levels.white,
             levels.walk,

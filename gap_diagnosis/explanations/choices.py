@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis import code_spells
 from gap_diagnosis.bends import noise_by_bends
+from gap_diagnosis.code_spells import held_bit
 from gap_diagnosis.explanations import encoder, gyro, reference, wheel
 from gap_diagnosis.explanations.variant import Scatter, Value, Variant
 from gap_diagnosis.prediction import Motion, Prediction
@@ -165,14 +167,15 @@ def gyro_saturation(motion: Motion) -> Iterable[Variant]:
     none of a gyro that goes as far as described."""
     if motion.gyro_at_its_end.any():
         return
-    flat = _flat_top(motion)
-    if flat is not None:
-        choice = {"limit": flat}
+    top = _flat_top(motion)
+    if top is not None:
+        flat, window = top
+        choice = {"limit": flat, **window}
         half_a_code = 0.5 / motion.gyro_sensitivity_lsb_per_rad_s
         told = {"limit": (flat - half_a_code, flat + half_a_code)}
         for contact in _CONTACTS_M_PER_SQRT_M:
-            known = {"limit": flat, "contact_m_per_sqrt_m": contact}
-            unseen = partial(gyro.unseen_beyond, limit=flat, contact_m_per_sqrt_m=contact)
+            known = {"limit": flat, "contact_m_per_sqrt_m": contact, **window}
+            unseen = partial(gyro.unseen_beyond, limit=flat, contact_m_per_sqrt_m=contact, **window)
             yield Variant(
                 "gyro_saturation",
                 gyro.gyro_saturation,
@@ -193,17 +196,28 @@ def gyro_saturation(motion: Motion) -> Iterable[Variant]:
 _LEAST_AT_TOP: Final = 20
 
 
-def _flat_top(motion: Motion) -> float | None:
-    """Return the rate beyond which no code goes though many go so far; None where there is none."""
+def _flat_top(motion: Motion) -> tuple[float, dict[str, Any]] | None:
+    """Return the rate beyond which no code goes though many go so far, and the window in which that
+    is so, if not all along; None where there is none."""
     if motion.gyro_code is None:
         return None
     away = np.abs(motion.gyro_code - motion.gyro_zero_rate_code)
+    per_rad_s = motion.gyro_sensitivity_lsb_per_rad_s
     reach = float(away.max())
     at_top = int(np.count_nonzero(away >= reach - 0.6))
     just_below = int(np.count_nonzero((away < reach - 0.6) & (away > reach - 1.6)))
     if reach < 1 or at_top < max(_LEAST_AT_TOP, 5 * just_below):
-        return None
-    return reach / motion.gyro_sensitivity_lsb_per_rad_s
+        part = code_spells.flat_top(away, per_rad_s * motion.turn_rate_rad_s)
+        if part is None:
+            return None
+        first, last, top = part
+        return top / per_rad_s, _window(motion, first, last)
+    return reach / per_rad_s, {}
+
+
+def _window(motion: Motion, first: int, last: int) -> dict[str, Any]:
+    """Return the window of some rows, from the first to before the last."""
+    return {"start_s": float(motion.t_s[first]), "stop_s": float(motion.t_s[last - 1])}
 
 
 _WHOLE: Final = 0.1
@@ -229,17 +243,24 @@ _CONTACTS_M_PER_SQRT_M: Final = (0.0, 1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3)
 
 
 def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
-    """Return every bit at both values, where there are codes; the rougher the wheels roll, the less
-    they tell which code there should be."""
-    if not _has_codes(motion):
+    """Return every bit at both values, where there are codes, in the part of the log in which these
+    have it if that is not all; the rougher the wheels roll, the less they tell which code there
+    should be."""
+    if motion.gyro_code is None or not _has_codes(motion):
         return
     for bit in range(int(math.log2(motion.adc_max_code + 1))):
         for value in (0, 1):
-            choice = {"bit": bit, "value": value}
+            rows = held_bit(motion.gyro_code, bit, value)
+            window: dict[str, Any] = {} if rows is None else _window(motion, *rows)
+            choice = {"bit": bit, "value": value, **window}
             for contact in _CONTACTS_M_PER_SQRT_M:
-                known = {"bit": bit, "value": value, "contact_m_per_sqrt_m": contact}
+                known = {**choice, "contact_m_per_sqrt_m": contact}
                 jumps = partial(
-                    gyro.jumps_of_stuck_bit, bit=bit, value=value, contact_m_per_sqrt_m=contact
+                    gyro.jumps_of_stuck_bit,
+                    bit=bit,
+                    value=value,
+                    contact_m_per_sqrt_m=contact,
+                    **window,
                 )
                 yield Variant(
                     "adc_stuck_bit",
@@ -248,6 +269,7 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
                     known,
                     choice,
                     jumps=jumps,
+                    is_held=bool(window),
                 )
 
 
@@ -284,6 +306,7 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
     if motion.gyro_code is None:
         return []
     ends = {motion.gyro_code.min(), motion.gyro_code.max()}
+    flat = _runs_at_a_flat_top(motion)
     same = np.diff(motion.gyro_code, prepend=np.nan) == 0
     bends = np.diff(motion.gyro_code, 2)
     noise_lsb = noise_by_bends(bends)
@@ -294,11 +317,23 @@ def frozen_runs(motion: Motion) -> list[tuple[int, int]]:
         (first, last)
         for first, last in runs(same, _FROZEN_TICKS)
         if motion.gyro_code[first] not in ends
+        and not any(start <= first and last <= stop for start, stop in flat)
         and (
             min(motion.gyro_noise_lsb, noise_lsb) > _NOISY_STEPS * motion.gyro_step_lsb
             or np.ptp(turning[first : last + 1]) * motion.radius_m / motion.wheelbase_m > varied
         )
     ]
+
+
+def _runs_at_a_flat_top(motion: Motion) -> list[tuple[int, int]]:
+    """Return [first, last] of the runs at a flat top of a part of the log."""
+    top = _flat_top(motion)
+    if motion.gyro_code is None or top is None or not top[1]:
+        return []
+    limit, window = top
+    away = np.abs(motion.gyro_code - motion.gyro_zero_rate_code)
+    inside = (motion.t_s >= window["start_s"]) & (motion.t_s <= window["stop_s"])
+    return runs(inside & (away >= limit * motion.gyro_sensitivity_lsb_per_rad_s - 0.6), 1)
 
 
 _FROZEN_RATE: Final = 0.02

@@ -1,9 +1,11 @@
 """Stage gyro: from the true turn rate to what the gyro reads."""
 
+import math
 from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.special import ndtr
@@ -205,7 +207,14 @@ def gyro_g_sensitivity(p: Prediction, *, x: float, y: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + x * p.motion.acceleration_m_s2 + y * lateral
 
 
-def gyro_saturation(p: Prediction, *, limit: float, contact_m_per_sqrt_m: float = 0.0) -> None:
+def gyro_saturation(
+    p: Prediction,
+    *,
+    limit: float,
+    contact_m_per_sqrt_m: float = 0.0,
+    start_s: float = -math.inf,
+    stop_s: float = math.inf,
+) -> None:
     """Clip each sample: near the limit its noise is cut off on one side, and so is what contact
     adds to the rate that the wheels tell.
 
@@ -215,18 +224,30 @@ def gyro_saturation(p: Prediction, *, limit: float, contact_m_per_sqrt_m: float 
     noise_rad_s = m.gyro_noise_lsb / m.gyro_sensitivity_lsb_per_rad_s
     sd = np.maximum(np.hypot(noise_rad_s, contact_m_per_sqrt_m * _per_contact_rad_s(m)), 1e-12)
     rate = rate_with_details(p)
-    p.gyro_rad_s = p.gyro_rad_s - sd * _mean_beyond((rate - limit) / sd)
-    p.gyro_rad_s = p.gyro_rad_s + sd * _mean_beyond((-limit - rate) / sd)
+    unseen = sd * (_mean_beyond((rate - limit) / sd) - _mean_beyond((-limit - rate) / sd))
+    p.gyro_rad_s = p.gyro_rad_s - np.where(_between(m, start_s, stop_s), unseen, 0.0)
 
 
-def unseen_beyond(m: Motion, *, limit: float, contact_m_per_sqrt_m: float) -> Floats:
+def _between(m: Motion, start_s: float, stop_s: float) -> NDArray[np.bool_]:
+    return (m.t_s >= start_s) & (m.t_s <= stop_s)
+
+
+def unseen_beyond(
+    m: Motion,
+    *,
+    limit: float,
+    contact_m_per_sqrt_m: float,
+    start_s: float = -math.inf,
+    stop_s: float = math.inf,
+) -> Floats:
     """Return by how much of a tick's turn that contact makes a clipped gyro sees nothing, as its
     variance, rad², float64[n]."""
     sd = np.maximum(contact_m_per_sqrt_m * _per_contact_rad_s(m), 1e-12)
     away = (np.abs(m.turn_rate_rad_s) - limit) / sd
     mean = _mean_beyond(away)
     square = (1.0 + away**2) * ndtr(away) + away * np.exp(-0.5 * away**2) / np.sqrt(2 * np.pi)
-    return np.asarray((sd * m.tick_s) ** 2 * np.maximum(square - mean**2, 0.0))
+    unseen = (sd * m.tick_s) ** 2 * np.maximum(square - mean**2, 0.0)
+    return np.where(_between(m, start_s, stop_s), unseen, 0.0)
 
 
 def _mean_beyond(away: Floats) -> Floats:
@@ -243,7 +264,15 @@ def adc_inl(p: Prediction, *, peak: float) -> None:
     p.gyro_rad_s = p.gyro_rad_s + bend / m.gyro_sensitivity_lsb_per_rad_s
 
 
-def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> None:
+def adc_stuck_bit(
+    p: Prediction,
+    *,
+    bit: int,
+    value: int,
+    contact_m_per_sqrt_m: float,
+    start_s: float = -math.inf,
+    stop_s: float = math.inf,
+) -> None:
     """Hold one bit of the code: what that adds on average over what the wheels do not tell of it,
     the noise of a sample and the rate that their contact leaves to chance.
 
@@ -254,10 +283,19 @@ def adc_stuck_bit(p: Prediction, *, bit: int, value: int, contact_m_per_sqrt_m: 
     code = m.gyro_zero_rate_code + m.gyro_sensitivity_lsb_per_rad_s * rate_rad_s
     chance = _chance_held(m, code, bit, contact_m_per_sqrt_m)
     added = (1 << bit) * ((1.0 - chance) if value else -chance)
-    p.gyro_rad_s = p.gyro_rad_s + added / m.gyro_sensitivity_lsb_per_rad_s
+    held = np.where(_between(m, start_s, stop_s), added, 0.0)
+    p.gyro_rad_s = p.gyro_rad_s + held / m.gyro_sensitivity_lsb_per_rad_s
 
 
-def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m: float) -> Floats:
+def jumps_of_stuck_bit(
+    m: Motion,
+    *,
+    bit: int,
+    value: int,
+    contact_m_per_sqrt_m: float,
+    start_s: float = -math.inf,
+    stop_s: float = math.inf,
+) -> Floats:
     """Return by how much more a tick's turn varies as a held bit comes and goes, rad², float64[n].
 
     Whether it is held set or clear, it is there or not, and goes with the noise that makes it so:
@@ -270,7 +308,8 @@ def jumps_of_stuck_bit(m: Motion, *, bit: int, value: int, contact_m_per_sqrt_m:
     height = float(1 << bit)
     with_noise = -height * noise_lsb**2 * slope_of_chance(code, noise_lsb, bit)
     more_lsb2 = np.maximum(height**2 * chance * (1.0 - chance) + 2.0 * with_noise, 0.0)
-    return np.asarray(more_lsb2 * (m.tick_s / m.gyro_sensitivity_lsb_per_rad_s) ** 2)
+    jumps = more_lsb2 * (m.tick_s / m.gyro_sensitivity_lsb_per_rad_s) ** 2
+    return np.where(_between(m, start_s, stop_s), jumps, 0.0)
 
 
 def _changing_rate(m: Motion, smooth_rad_s: Floats) -> Floats:

@@ -439,12 +439,16 @@ def _says_something(change: Floats) -> bool:
     return bool(np.nanmax(np.abs(change), initial=0.0) > _LEAST)
 
 
+_ALL_ALONG: Final = (("start_s", -math.inf), ("stop_s", math.inf))
+
+
 def _is_constant(nodes: Nodes, variant: Variant) -> bool:
-    """Tell whether every recorded code has this bit at this value."""
-    codes = nodes.motion.gyro_code
+    """Tell whether every recorded code of the variant's window has this bit at this value."""
+    codes, t_s = nodes.motion.gyro_code, nodes.motion.t_s
     if codes is None:
         return False
-    codes = codes[~nodes.motion.gyro_is_filled]
+    start_s, stop_s = (variant.fixed.get(end, inf) for end, inf in _ALL_ALONG)
+    codes = codes[~nodes.motion.gyro_is_filled & (t_s >= start_s) & (t_s <= stop_s)]
     whole = np.rint(codes[codes == np.rint(codes)]).astype(np.int64)
     bit, value = int(variant.fixed["bit"]), int(variant.fixed["value"])
     return len(whole) > 0 and bool(np.all((whole >> bit) & 1 == value))

@@ -22,6 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gap_diagnosis.lateness import lasting_changes
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -69,12 +71,34 @@ class Clock:
 def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Clock:
     """Return the line through stamps against ticks.
 
+    Where frames come later from some time on, or less late, the line keeps its slope, and its
+    height is that of the earlier ones.
+
     Args:
         tick: int64[f], in any order.
         segment: int64[f], 0 to s - 1, each present.
         stamp_s: float64[f]; small numbers (a log's start taken off).
         period_s: described duration of a tick.
     """
+    clock = _line(tick, segment, stamp_s, period_s)
+    order = np.argsort(stamp_s, kind="stable")
+    late_s = stamp_s - clock.time_s(tick, segment)
+    part = np.zeros(len(tick), dtype=np.int64)
+    for row in lasting_changes(late_s[order], np.arange(len(order))):
+        part[order[row:]] += 1
+    _, first, stretch = np.unique(
+        segment * (part.max() + 1) + part, return_index=True, return_inverse=True
+    )
+    if not part.any() or len(first) == len(clock.start_s):
+        return clock
+    bent = _line(tick, stretch.astype(np.int64), stamp_s, period_s)
+    start_s = np.full(len(clock.start_s), np.inf)
+    np.minimum.at(start_s, segment[first], bent.start_s)
+    return replace(bent, start_s=start_s)
+
+
+def _line(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Clock:
+    """Return the line with a height of its own in each segment."""
     count = int(segment.max()) + 1
     ecu_s = np.asarray(tick * period_s, dtype=np.float64)
     weight = np.ones(len(tick))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.bus import BusBlock, bus_block
 from gap_diagnosis.bus.events import classify
@@ -160,6 +161,55 @@ def test_what_frames_do_for_ten_seconds_is_seen_there_and_what_they_always_do_at
     frame, windows, share = block_of(recording(3, **{effect: values})).shown(effect)
     assert frame == values["frame"]
     assert (windows, share) == ((), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "twins"),
+    [
+        ("frame_jitter", {"frame": "sensors", "sigma": 0.003}, set()),
+        ("frame_latency", {"frame": "IMU", "delay": 0.02}, set()),
+        ("frame_latency", {"frame": "sensors", "delay": 0.02}, set()),
+        (
+            "reception_stamp",
+            {"frame": "sensors", "delay": 0.001, "period": 0.008},
+            {"frame_jitter", "frame_latency"},
+        ),
+    ],
+)
+@pytest.mark.parametrize(
+    "window", [{"start_s": 37.0}, *at_full_size({"start_s": 20.0}, {"stop_s": 25.0})]
+)
+def test_what_stamps_do_from_some_time_on_is_measured_as_it_is_then(
+    effect: str, values: dict[str, Any], twins: set[str], window: dict[str, float]
+) -> None:
+    """A jitter of 3 ms from half of a log on was a poll of the ECU's answers, which came a tick
+    later then; a poll every 8 ms one every 2 ms, for stamps before it lay on both; and a delay that
+    began after half of a log was none."""
+    block = block_of(recording(3, **{effect: {**values, **window}}))
+    fit = block.fit(frozenset({effect}))
+    for name, value in values.items():
+        found = fit.parameters.get(f"{effect}.{name}")
+        if isinstance(value, str):
+            assert found is not None
+            assert found.value == value
+        elif found is not None:
+            assert abs(float(found.value) - value) < max(5 * found.sd, 0.05 * abs(value))
+    rest = block.effects - {effect} - twins
+    assert fit.log_evidence > 8.0
+    assert max(evidence(block, one) for one in rest) < 1.0
+
+
+@pytest.mark.parametrize("frame", ["IMU", "sensors", *at_full_size("ENCODER")])
+def test_a_delay_from_some_time_on_is_told_with_its_window(frame: str) -> None:
+    """A straight line through the change was tilted: of all sensors' delay that left a poll of the
+    commands, another clock, and a reference whose clock drifts."""
+    made = recording(3, frame_latency={"frame": frame, "delay": 0.02, "start_s": 37.0})
+    assert made.clock_skew == pytest.approx(0.0, abs=1e-6)
+    block = block_of(made)
+    ((start_s, stop_s),) = block.fit(frozenset({"frame_latency"})).windows
+    assert start_s == pytest.approx(37.0, abs=0.1)
+    assert stop_s == pytest.approx(60.0, abs=0.1)
+    assert max(evidence(block, one) for one in block.effects - {"frame_latency"}) < 1.0
 
 
 def test_a_jitter_that_makes_frames_wait_for_each_other_is_measured_as_it_is() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.codes import CodesBlock, codes_block
 from gap_diagnosis.codes.bits import missing_codes
@@ -167,3 +168,39 @@ def test_no_code_is_missing_beside_the_one_that_a_quiet_gyro_says_at_rest(seed: 
 
 def test_without_a_gyro_there_is_no_block() -> None:
     assert codes_block(replace(recording(), gyro_code=None), ROBOT) is None
+
+
+@pytest.mark.parametrize(
+    "window", [{"start_s": 25.0}, *at_full_size({"start_s": 40.0}, {"stop_s": 35.0})]
+)
+def test_a_bit_that_is_stuck_from_some_time_on_is_told_with_its_beginning(
+    window: dict[str, float],
+) -> None:
+    """Codes from before it spoke against it: it was a bias that walks."""
+    made = recording(3, adc_stuck_bit={"bit": 4, "value": 1, **window})
+    fit = block_of(made).fit(frozenset({"adc_stuck_bit"}))
+    assert fit.log_evidence > 30.0
+    assert fit.parameters["adc_stuck_bit.bit"].value == 4
+    assert fit.parameters["adc_stuck_bit.value"].value == 1
+    ((name, at_s),) = window.items()
+    told = fit.parameters[f"adc_stuck_bit.{name}"]
+    assert told.value == pytest.approx(at_s, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "window", [{"start_s": 25.0}, *at_full_size({"start_s": 35.0}, {"stop_s": 35.0})]
+)
+def test_a_gyro_that_clips_from_some_time_on_is_not_frozen(window: dict[str, float]) -> None:
+    """It went further before, so that its flat top was no end of all codes: it was a code that
+    repeats for seven seconds."""
+    block = block_of(recording(3, gyro_saturation={"limit": 0.4, **window}))
+    fit = block.fit(frozenset({"gyro_saturation"}))
+    assert fit.log_evidence > 8.0
+    assert fit.parameters["gyro_saturation.limit"].value == pytest.approx(0.4, rel=0.01)
+    assert block.fit(frozenset({"gyro_frozen"})).log_evidence < 0.0
+
+
+def test_codes_of_a_part_of_a_log_show_no_fault_by_chance() -> None:
+    for seed in range(1, 4):
+        found = evidences(recording(seed))
+        assert max(found.values()) <= 0.0

@@ -75,6 +75,30 @@ def test_a_drive_is_not_blamed_for_counts_that_are_too_many_from_some_time_on():
     assert alone.windows == ()  # the motion tells them
 
 
+@pytest.mark.parametrize("seed", [22, *at_full_size(24, 5, 6)])
+def test_a_drive_is_not_blamed_for_how_counts_scatter_that_are_lost_by_chance(seed):
+    """A gain beside them took that up: 27 nats more than by lost counts alone."""
+    missed = {"side": "left", "probability": 0.03, "start_s": START_S}
+    block = block_of(simulated({"missed_ticks": missed}, seed=seed))
+    alone = evidence(block, "missed_ticks")
+    assert evidence(block, "drive_gain", "missed_ticks") < alone + 6.0
+
+
+@pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])
+def test_counts_scatter_by_as_many_as_are_lost_or_by_nothing(seed):
+    """Of n counts, each lost with probability p, n p (1 - p) is the variance of those lost."""
+    healthy = simulated(seed=seed)
+    missed = {"side": "left", "probability": 0.02}
+    lossy = simulated({"missed_ticks": missed}, seed=seed)
+    scattered = block_of(lossy)._scattering(frozenset({"missed_ticks"}))
+    assert scattered is not None
+    left, right = scattered.data.scatter.sum(axis=1) / scattered.data.tick_rad**2
+    lost = np.abs(np.diff(healthy.left_ticks) - np.diff(lossy.left_ticks)).sum()
+    assert 0.5 * lost < left < 2.0 * lost
+    assert right == 0.0
+    assert block_of(healthy)._scattering(frozenset({"missed_ticks"})) is None
+
+
 @pytest.mark.parametrize(
     "effects",
     [
