@@ -156,7 +156,13 @@ def lowered(clock: Clock, messages: Iterable[tuple[Ints, Ints, Floats]]) -> Cloc
 
 
 def lower_edge(late_s: Floats, span_s: float) -> float:
-    """Return where the earliest of stamps lie that are late by *late_s* over *span_s*."""
+    """Return where the earliest of stamps lie that are late by *late_s* over *span_s*: of those
+    that come later from some time on, before that."""
+    stretches = np.split(late_s, lasting_changes(late_s, np.arange(len(late_s))))
+    return min(_edge(one, span_s * len(one) / len(late_s)) for one in stretches)
+
+
+def _edge(late_s: Floats, span_s: float) -> float:
     parts = np.array_split(late_s, min(max(round(span_s / _WANDERS_S), 1), len(late_s)))
     return float(np.median([np.quantile(one, _EARLIEST, method="lower") for one in parts]))
 

@@ -97,3 +97,14 @@ def test_a_single_early_stamp_has_no_say() -> None:
     stamp_s[1234] -= 0.5
     early = lowered(line, [(tick, one_segment(tick), stamp_s)])
     assert early.start_s == pytest.approx(without.start_s, abs=2e-6)
+
+
+@pytest.mark.parametrize("begins", [3000, 9000])
+def test_a_delay_from_some_time_on_neither_tilts_nor_lifts_the_line(begins: int) -> None:
+    """Of 20 ms from half of two minutes on it was 240 ppm slow, and 10 ms high where it was not."""
+    tick = np.arange(12_000)
+    stamp_s = tick * PERIOD_S + np.where(tick >= begins, 0.02, 0.0)
+    clock = fit_clock(tick, one_segment(tick), stamp_s, PERIOD_S)
+    clock = lowered(clock, [(tick, one_segment(tick), stamp_s)])
+    assert clock.skew == pytest.approx(0.0, abs=1e-7)
+    assert clock.start_s[0] == pytest.approx(0.0, abs=1e-5)
