@@ -146,7 +146,11 @@ class Message:
 
     def unhindered(self) -> Bools:
         """Mark steady frames that none before them can have held up: all had come by then."""
-        sent_s = self.t_s - self.late_s + self.earliest_s
+        steady, earliest_s = self.steady(), np.zeros(len(self.t_s))
+        for one in np.unique(self.part):
+            own = self.part == one
+            earliest_s[own] = _earliest(self.late_s[own & steady])
+        sent_s = self.t_s - self.late_s + earliest_s
         before = np.maximum.accumulate(self.t_s)[:-1]
         good = self.restless()
         good[1:] &= before <= sent_s[1:]
@@ -302,14 +306,6 @@ def _moved(late: Floats, good: Bools, part: Ints) -> Floats:
     for one in np.unique(part[good]):
         moved[part == one] = np.median(late[good & (part == one)]) - np.median(late[good])
     return moved
-
-
-def _before(where: Floats, block: int) -> float:
-    return float(where[max(block - 1, 0)]) if block > 0 else 0.0
-
-
-def _behind(where: Floats, block: int) -> float:
-    return float(where[block + 1]) if block + 1 < len(where) else math.inf
 
 
 def _earliest(late_s: Floats) -> float:
