@@ -139,8 +139,15 @@ class Message:
         return _earliest((self.late_s + self.moved_s)[self.steady()])
 
     def earliest_within_s(self, start_s: float, stop_s: float) -> float:
-        """Return what the earliest frames of a window are late by; NaN for too few."""
+        """Return what the earliest frames of a window are late by; NaN for too few.
+
+        Of another message's window those of the part that most are of: when a lateness changed is
+        told to a cycle, and a message that comes often is in time again before it.
+        """
         inside = self.steady() & (self.t_s >= start_s) & (self.t_s < stop_s)
+        if not inside.any():
+            return math.nan
+        inside &= self.part == np.bincount(self.part[inside]).argmax()
         late = (self.late_s + self.moved_s)[inside]
         return _earliest(late) if len(late) >= FEWEST_FRAMES else math.nan
 

@@ -225,6 +225,17 @@ def test_frames_that_are_delayed_from_some_time_on_jitter_as_before(start_s: flo
     assert found.parameters["frame_jitter.sigma"].value == pytest.approx(0.001, rel=0.1)
 
 
+@pytest.mark.parametrize("window", [{"stop_s": 40.05}, {"start_s": 20.0, "stop_s": 35.0}])
+def test_a_delay_of_all_sensors_that_ends_is_not_that_of_the_one_that_comes_seldom(
+    window: dict[str, float],
+) -> None:
+    """Its next frame comes when some of the others' are in time again."""
+    block = block_of(recording(3, frame_latency={"frame": "sensors", "delay": 0.02, **window}))
+    told = block.fit(frozenset({"frame_latency"})).parameters["frame_latency.frame"]
+    assert told.value == "sensors"
+    assert told.probabilities["sensors"] > 0.99
+
+
 def test_a_jitter_that_makes_frames_wait_for_each_other_is_measured_as_it_is() -> None:
     sigma = {"frame": "sensors", "sigma": 0.01}
     found = block_of(recording(4, frame_jitter=sigma)).fit(frozenset({"frame_jitter"}))
