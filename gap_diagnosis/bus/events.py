@@ -139,14 +139,25 @@ class Message:
         return _earliest((self.late_s + self.moved_s)[self.steady()])
 
     def earliest_within_s(self, start_s: float, stop_s: float) -> float:
-        """Return what the earliest frames of a window are late by; NaN for too few."""
+        """Return what the earliest frames of a window are late by; NaN for too few.
+
+        Of another message's window those of the part that most are of: when a lateness changed is
+        told to a cycle, and a message that comes often is in time again before it.
+        """
         inside = self.steady() & (self.t_s >= start_s) & (self.t_s < stop_s)
+        if not inside.any():
+            return math.nan
+        inside &= self.part == np.bincount(self.part[inside]).argmax()
         late = (self.late_s + self.moved_s)[inside]
         return _earliest(late) if len(late) >= FEWEST_FRAMES else math.nan
 
     def unhindered(self) -> Bools:
         """Mark steady frames that none before them can have held up: all had come by then."""
-        sent_s = self.t_s - self.late_s + self.earliest_s
+        steady, earliest_s = self.steady(), np.zeros(len(self.t_s))
+        for one in np.unique(self.part):
+            own = self.part == one
+            earliest_s[own] = _earliest(self.late_s[own & steady])
+        sent_s = self.t_s - self.late_s + earliest_s
         before = np.maximum.accumulate(self.t_s)[:-1]
         good = self.restless()
         good[1:] &= before <= sent_s[1:]
@@ -302,14 +313,6 @@ def _moved(late: Floats, good: Bools, part: Ints) -> Floats:
     for one in np.unique(part[good]):
         moved[part == one] = np.median(late[good & (part == one)]) - np.median(late[good])
     return moved
-
-
-def _before(where: Floats, block: int) -> float:
-    return float(where[max(block - 1, 0)]) if block > 0 else 0.0
-
-
-def _behind(where: Floats, block: int) -> float:
-    return float(where[block + 1]) if block + 1 < len(where) else math.inf
 
 
 def _earliest(late_s: Floats) -> float:

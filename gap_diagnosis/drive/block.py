@@ -409,6 +409,7 @@ class DriveBlock:
         if idle:
             alone = 0.0 if len(effects) == 1 else -math.inf
             rest = self.fit(effects - idle)
+            self._levels_with[effects] = self._levels_with.get(effects - idle, self._null.levels)
             return replace(rest, effects=tuple(sorted(effects)), log_silent=alone)
         settings = [setting_of(one, self._robot, effects) for one in self._variants(effects)]
         best, others, point = 0, 0.0, np.zeros(0)

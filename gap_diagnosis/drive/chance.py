@@ -42,8 +42,8 @@ def likeliest_scatter(null: Null, robot: Robot, effect: str, ways: Sequence[Vari
             whitening = Whitening(data, Levels.of(logs, data.tick_rad))
             white = whitening.of(columns)
             gram = white @ white.T
-            inner, pull = gram[1:, 1:], gram[1:, 0]
-            (met,) = marginal(inner, pull, gram[0, 0], setting.nuisance_sd[np.newaxis])
+            sd = setting.nuisance_sd[np.newaxis]
+            (met,) = marginal(gram[1:, 1:], gram[1:, 0], gram[0, 0], sd)
             found.append(float(met) - 0.5 * whitening.log_determinant)
         return max(found)
 

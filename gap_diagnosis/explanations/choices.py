@@ -250,8 +250,7 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
         return
     for bit in range(int(math.log2(motion.adc_max_code + 1))):
         for value in (0, 1):
-            rows = held_bit(motion.gyro_code, bit, value)
-            window: dict[str, Any] = {} if rows is None else _window(motion, *rows)
+            window = _held(motion, motion.gyro_code, bit, value)
             choice = {"bit": bit, "value": value, **window}
             for contact in _CONTACTS_M_PER_SQRT_M:
                 known = {**choice, "contact_m_per_sqrt_m": contact}
@@ -274,6 +273,13 @@ def adc_stuck_bit(motion: Motion) -> Iterable[Variant]:
 
 
 _FROZEN_TICKS: Final = 20
+
+
+def _held(motion: Motion, code: Floats, bit: int, value: int) -> dict[str, Any]:
+    """Return the window in which a bit of the codes that came is *value*: empty for all along."""
+    came = np.flatnonzero(~motion.gyro_is_filled)
+    rows = held_bit(code[came], bit, value)
+    return {} if rows is None else _window(motion, came[rows[0]], came[rows[1] - 1] + 1)
 
 
 def runs(same: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:

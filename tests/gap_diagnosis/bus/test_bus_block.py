@@ -212,6 +212,30 @@ def test_a_delay_from_some_time_on_is_told_with_its_window(frame: str) -> None:
     assert max(evidence(block, one) for one in block.effects - {"frame_latency"}) < 1.0
 
 
+@pytest.mark.parametrize("start_s", [20.0, *at_full_size(40.0)])
+def test_frames_that_are_delayed_from_some_time_on_jitter_as_before(start_s: float) -> None:
+    """Where most of a log was delayed each frame seemed held up by the one before it: a jitter of
+    730 nats was none."""
+    delay = {"frame": "IMU", "delay": 0.02, "start_s": start_s}
+    block = block_of(
+        recording(3, frame_latency=delay, frame_jitter={"frame": "IMU", "sigma": 0.001})
+    )
+    found = block.fit(frozenset({"frame_jitter"}))
+    assert found.log_evidence > 500.0
+    assert found.parameters["frame_jitter.sigma"].value == pytest.approx(0.001, rel=0.1)
+
+
+@pytest.mark.parametrize("window", [{"stop_s": 40.05}, {"start_s": 20.0, "stop_s": 35.0}])
+def test_a_delay_of_all_sensors_that_ends_is_not_that_of_the_one_that_comes_seldom(
+    window: dict[str, float],
+) -> None:
+    """Its next frame comes when some of the others' are in time again."""
+    block = block_of(recording(3, frame_latency={"frame": "sensors", "delay": 0.02, **window}))
+    told = block.fit(frozenset({"frame_latency"})).parameters["frame_latency.frame"]
+    assert told.value == "sensors"
+    assert told.probabilities["sensors"] > 0.99
+
+
 def test_a_jitter_that_makes_frames_wait_for_each_other_is_measured_as_it_is() -> None:
     sigma = {"frame": "sensors", "sigma": 0.01}
     found = block_of(recording(4, frame_jitter=sigma)).fit(frozenset({"frame_jitter"}))

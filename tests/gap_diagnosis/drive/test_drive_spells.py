@@ -1,5 +1,7 @@
 """A drive that does otherwise from some time on, or for a while, is told with its times."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drive_recordings import ACTUATION, ROBOT, block_of, evidence, simulated
@@ -7,6 +9,7 @@ from full_size import at_full_size
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gap_diagnosis.drive import drive_block
 from gap_diagnosis.drive.answer import for_a_while
 from gap_diagnosis.gap.drive_path import commanded_path
 
@@ -82,6 +85,17 @@ def test_a_drive_is_not_blamed_for_how_counts_scatter_that_are_lost_by_chance(se
     block = block_of(simulated({"missed_ticks": missed}, seed=seed))
     alone = evidence(block, "missed_ticks")
     assert evidence(block, "drive_gain", "missed_ticks") < alone + 6.0
+
+
+def test_a_threshold_that_does_nothing_says_nothing_beside_counts_that_are_lost_by_chance():
+    """Wheels that by far do not reach their limit: a diagnosis ended in a traceback."""
+    drive = ROBOT.plant.drive
+    drive = drive.model_copy(update={"max_wheel_rate_rad_s": 40 * drive.max_wheel_rate_rad_s})
+    fast = replace(ROBOT, plant=ROBOT.plant.model_copy(update={"drive": drive}))
+    missed = {"side": "left", "probability": 0.03}
+    block = drive_block(simulated({"missed_ticks": missed}, seed=22), fast)
+    both = {"drive_saturation", "missed_ticks"}
+    assert evidence(block, *both) == pytest.approx(evidence(block, "missed_ticks"))
 
 
 @pytest.mark.parametrize("seed", [1, *at_full_size(2, 3)])

@@ -9,6 +9,7 @@ import pytest
 from full_size import at_full_size
 from motion_cases import ROBOT, WIRE, model_of, nodes_of, without_noise
 
+from gap_diagnosis.explanations.choices import adc_stuck_bit as variants_of_stuck_bit
 from gap_diagnosis.explanations.gyro import adc_stuck_bit, chance_of_bit
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.model import MotionModel
@@ -135,3 +136,21 @@ def test_what_stands_in_for_lost_codes_contradicts_no_held_bit() -> None:
     terms = MotionModel(log, ROBOT, default_prior()).columns.terms
     held = {one.variant.fixed["bit"] for one in terms if one.variant.effect == "adc_stuck_bit"}
     assert 6 in held
+
+
+@pytest.mark.parametrize("begins_s", [None, 12.0])
+def test_frames_that_are_lost_do_not_tell_when_a_bit_was_stuck(begins_s: float | None) -> None:
+    """What is put in between two codes need not have the bit that both have."""
+    window = () if begins_s is None else (("start_s", begins_s),)
+    stuck = EffectSetting("adc_stuck_bit", (("bit", 6), ("value", 1), *window))
+    log = squares(stuck)
+    assert log.gyro_code is not None
+    lost = np.random.default_rng(1).random(len(log.t_s)) < 0.1
+    lost &= (log.t_s > 14.0) & (log.t_s < 20.0)
+    log = replace(log, gyro_code=np.where(lost, np.nan, log.gyro_code))
+    told_s = [
+        one.fixed.get("start_s", 0.0)
+        for one in variants_of_stuck_bit(nodes_of(log).motion)
+        if (one.fixed["bit"], one.fixed["value"]) == (6, 1)
+    ]
+    assert told_s == pytest.approx([begins_s or 0.0] * len(told_s), abs=0.1)
