@@ -397,15 +397,20 @@ def _whiten(
                 other = seen[before]
                 gain = other[first] + other[second]
                 gain += left_share * other[5] + right_share * other[6] + goes_on * other[12]
-                gain += astray * other[0] + behind * other[wheels_at]
+                gain += astray * other[0]
+                if behind != 0.0:
+                    gain += behind * other[wheels_at]
                 for j in range(wide):
                     row[j] -= gain * other[j]
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6] + goes_on * late[12]
-            late_gain += astray * late[0] + behind * late[wheels_at]
+            late_gain += astray * late[0]
             variance = noise + row[first] + row[second]
             variance += left_share * row[5] + right_share * row[6] + goes_on * row[12]
-            variance += astray * row[0] + behind * row[wheels_at]
+            variance += astray * row[0]
+            if behind != 0.0:
+                late_gain += behind * late[wheels_at]
+                variance += behind * row[wheels_at]
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
