@@ -15,7 +15,7 @@ from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.company import OWN_BLOCK
 from gap_diagnosis.firmware import lacks_the_gyro
 from gap_diagnosis.hypothesis import Block
-from gap_diagnosis.motion.whitening import STAMP
+from gap_diagnosis.motion.whitening import STAMP, WHEELS_LATE
 from gap_diagnosis.pareto import TRUSTED
 from gap_diagnosis.priors import WHEELS
 from gap_diagnosis.reading.ros_reference import ros_file
@@ -363,17 +363,24 @@ _OFF: Final = 5.0
 
 
 def _on_stamps(analysis: Analysis) -> list[str]:
-    """Say by how much the reference's stamps are off, which is no gap."""
+    """Say by how much stamps of the reference and of a table are off, which is no gap."""
     motion = analysis.motion
-    if motion is None or analysis.recording.reference is None:
+    if motion is None:
         return []
-    off_s, usual_s = motion.levels[STAMP], motion.model.level_prior.median[STAMP]
-    if off_s < _OFF * usual_s:
-        return []
-    return [
-        f"{analysis.recording.name}: each stamp of the reference is off by about "
-        f"{1e3 * off_s:.1f} ms, early or late: noise, and no gap."
-    ]
+    usual_s, name = motion.model.level_prior.median, analysis.recording.name
+    off_s, late_s = motion.levels[STAMP], motion.levels[WHEELS_LATE]
+    notes = []
+    if analysis.recording.reference is not None and off_s >= _OFF * usual_s[STAMP]:
+        notes.append(
+            f"{name}: each stamp of the reference is off by about {1e3 * off_s:.1f} ms, early or "
+            "late: noise, and no gap."
+        )
+    if analysis.recording.stamped_by_host and late_s >= _OFF * usual_s[WHEELS_LATE]:
+        notes.append(
+            f"{name}: what the wheels say in a row was read about {1e3 * late_s:.1f} ms before or "
+            "after its time: noise, and no gap."
+        )
+    return notes
 
 
 _ALIKE: Final = 3.0

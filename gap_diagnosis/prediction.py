@@ -76,6 +76,7 @@ class Motion:
         wheel_speeds: what is known of each beside its own counts.
         has_speeds: wheels say how fast they are, and no way.
         has_counters: rows were put together by the frames' counters, not by their stamps.
+        are_rows_late: rows have no clock of their own: what they say was read at other times.
         granted: effects that are known beside the description: every prediction has them.
     """
 
@@ -126,6 +127,7 @@ class Motion:
     wheel_speeds: WheelSpeeds
     has_speeds: bool
     has_counters: bool = True
+    are_rows_late: bool = False
     granted: tuple[Setting, ...] = ()
 
     @cached_property

@@ -121,6 +121,8 @@ class Recording:
             since the row before, not of the moment; None where that is no question, or answered.
         stamps_late_s: by how much the stamps of a table's rows were taken to be late on average,
             because they jitter: so much it may be off itself.
+        stamped_by_host: the rows are a table's that has no clock of the ECU: what stands in one was
+            read at some time before or after its stamp.
         notes: what was read otherwise than it may be meant, each a sentence.
         doubts: where the log and the robot's description contradict each other, and which was
             believed, each a sentence.
@@ -154,6 +156,7 @@ class Recording:
     unsure_ticks2: Floats | None = None
     half_row_ticks: Floats | None = None
     stamps_late_s: float = 0.0
+    stamped_by_host: bool = False
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     granted: Granted = NOTHING

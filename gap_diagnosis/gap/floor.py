@@ -40,6 +40,10 @@ class NoiseLevels:
         slip_wander: share of its way by which a wheel slips, correlated over `slip_s`.
         slip_s: that correlation time.
         speed_noise: of wheels' speeds, over what is told.
+        wheels_late_s, gyro_late_s: by which they were read too late, correlated over
+            `late_lasts_s`.
+        late_lasts_s: that correlation time.
+        are_speeds_late: wheels say speeds: what one that is read late is off by stays.
     """
 
     contact_m_per_sqrt_m: float
@@ -56,6 +60,10 @@ class NoiseLevels:
     slip_wander: float = 0.0
     slip_s: float = 1.0
     speed_noise: float = 1.0
+    wheels_late_s: float = 0.0
+    gyro_late_s: float = 0.0
+    late_lasts_s: float = 1.0
+    are_speeds_late: bool = False
 
 
 @dataclass(frozen=True)
@@ -158,12 +166,21 @@ def _window_floor(
     )
     offset_rad = offset_sd * generator.standard_normal((draws, 1)) * (at_s - at_s[0])
     wheel_rad = (right - left) / wheelbase_m
-    heading_rad = gyro_share * (gyro_rad + offset_rad) + (1 - gyro_share) * wheel_rad
-
     # In complex positions: a heading error turns each later step about its start.
     steps = np.diff(x_m + 1j * y_m, prepend=x_m[0] + 1j * y_m[0])
     course = _course(path, at_s)
-    forward = np.diff(0.5 * (left + right), axis=1, prepend=0.0)
+    turns_rad_s = np.gradient(np.unwrap(np.angle(course))) / node_s
+    late_m = np.zeros((draws, count))
+    if levels.wheels_late_s or levels.gyro_late_s:
+        late = _slow_walks(generator, 2, draws, count, node_s, levels.late_lasts_s)
+        wheels_s, gyro_s = levels.wheels_late_s * late[0], levels.gyro_late_s * late[1]
+        goes_m_s = (steps * course.conj()).real / node_s
+        late_m = _missed(wheels_s, goes_m_s, stays=levels.are_speeds_late)
+        wheel_rad -= _missed(wheels_s, turns_rad_s, stays=levels.are_speeds_late)
+        gyro_rad -= _missed(gyro_s, turns_rad_s, stays=True)
+    heading_rad = gyro_share * (gyro_rad + offset_rad) + (1 - gyro_share) * wheel_rad
+
+    forward = np.diff(0.5 * (left + right) - late_m, axis=1, prepend=0.0)
     lateral = sideways * generator.standard_normal((draws, count))
     off = np.cumsum(1j * heading_rad * steps + (forward + 1j * lateral) * course, axis=1)
 
@@ -185,7 +202,7 @@ def _window_floor(
     white_m, white_rad = levels.reference_position_m, levels.reference_heading_rad
     # By how much the robot goes on while a stamp is off.
     gone_m = levels.reference_stamp_s * steps / node_s
-    gone_rad = levels.reference_stamp_s * np.gradient(np.unwrap(np.angle(course))) / node_s
+    gone_rad = levels.reference_stamp_s * turns_rad_s
     early = normal() / math.sqrt(samples)
     start = off[:, told].mean(1) + white_m * (normal() + 1j * normal()) / math.sqrt(samples)
     start += gone_m[told].mean() * early
@@ -205,6 +222,14 @@ def _window_floor(
     difference = wheel_rad - gyro_rad
     difference = difference - difference[:, :known].mean(1, keepdims=True)
     return position, heading, (difference[:, known:] ** 2).mean(1)
+
+
+def _missed(late_s: Floats, rate: Floats, *, stays: bool) -> Floats:
+    """Return what sums lack that were read so late, float64[draws, count], of what goes on at a
+    *rate*, float64[count]; what sums of rates lack *stays*."""
+    if stays:
+        return np.asarray(np.cumsum(late_s * np.diff(rate, prepend=rate[0]), axis=1))
+    return np.asarray(late_s * rate)
 
 
 def _course(path: Path, at_s: Floats) -> Floats:

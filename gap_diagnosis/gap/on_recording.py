@@ -64,8 +64,16 @@ def levels_of(levels: Floats, robot: Robot, motion: Motion) -> NoiseLevels:
     slow_s = named.pop("reference_slow_s")
     for name in ("inexact", "speed_noise_s"):
         named.pop(name)
+    if not motion.are_rows_late:
+        named["wheels_late_s"] = named["gyro_late_s"] = 0.0
     quantum_rad = _quantum_rad(robot, motion)
-    return NoiseLevels(**named, slow_s=slow_s, quantum_rad=quantum_rad, slip_s=SLIP_S)
+    return NoiseLevels(
+        **named,
+        slow_s=slow_s,
+        quantum_rad=quantum_rad,
+        slip_s=SLIP_S,
+        are_speeds_late=motion.has_speeds,
+    )
 
 
 def _quantum_rad(robot: Robot, motion: Motion) -> float:

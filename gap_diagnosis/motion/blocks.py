@@ -44,7 +44,10 @@ class Course:
     variance by noise of speeds as told, *scatter_m2* that by what else speeds leave unsure, or by
     counts that vary by chance. Where no counts are known the robot may be anywhere by *lost_m2*. A
     block's samples of a reference lie on average *sampled_x_m* and *sampled_y_m* beyond its ticks'
-    mean.
+    mean. *are_rows_late*: what stands in a row was read before or after its stamp. Meanwhile the
+    robot goes on by *goes_x_m_s* and *goes_y_m_s* and turns by *turns_rad_s*, told by the blocks
+    around: a block's own step is longer where its row is late. A rate that was read a block's time
+    late lacks *faster_m_s* and *turns_faster_rad_s*. *are_speeds_late*: wheels say such rates.
     """
 
     dt_s: Floats
@@ -78,6 +81,13 @@ class Course:
     sampled_y_m: Floats
     gyro_floor_rad: Floats
     gyro_unsure_rad2: Floats
+    are_rows_late: bool
+    are_speeds_late: bool
+    goes_x_m_s: Floats
+    goes_y_m_s: Floats
+    turns_rad_s: Floats
+    faster_m_s: Floats
+    turns_faster_rad_s: Floats
 
     def beside(self, left_m: Floats, right_m: Floats) -> Course:
         """Return the course of wheels that effects lead astray by so much more in each block."""
@@ -189,7 +199,18 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         sampled_y_m=sampled_y,
         gyro_floor_rad=_gyro_floor(nodes),
         gyro_unsure_rad2=np.diff(nodes.mean(np.cumsum(motion.gyro_unsure_rad2)), prepend=0.0),
+        are_rows_late=motion.are_rows_late,
+        are_speeds_late=motion.has_speeds,
+        goes_x_m_s=np.gradient(x_m, t_s),
+        goes_y_m_s=np.gradient(y_m, t_s),
+        turns_rad_s=np.gradient(heading, t_s),
+        faster_m_s=np.gradient(nodes.mean(_forward_m_s(nodes.smooth))),
+        turns_faster_rad_s=np.gradient(nodes.mean(nodes.smooth.turn_rate_rad_s)),
     )
+
+
+def _forward_m_s(motion: Motion) -> Floats:
+    return 0.5 * motion.radius_m * (motion.left_rate_rad_s + motion.right_rate_rad_s)
 
 
 def noise_at_all_times(unsure: Floats, block_s: Floats, moves: NDArray[np.bool_]) -> Floats:

@@ -23,7 +23,7 @@ from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.evidence import Gram, make_gram, score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.weighing import Weighing
-from gap_diagnosis.motion.whitening import LEVELS, SLIP_WANDER, whiten
+from gap_diagnosis.motion.whitening import IS_OF_ROBOT, LEVELS, SLIP_WANDER, whiten
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import LevelPrior, best_levels
 
@@ -181,9 +181,9 @@ def _roughened(course: Course, inside: Mask, side: str, factor: float) -> Course
 
 
 def _quiet(described: Floats, suiting: Floats) -> Floats:
-    """Return the described levels of the robot, beside those of the reference that suit the log."""
-    is_reference = [level.startswith("reference") for level in LEVELS]
-    return np.where(is_reference, suiting, described)
+    """Return the described levels of the robot, beside those of the reference and of the log's rows
+    that suit the log."""
+    return np.where(IS_OF_ROBOT, described, suiting)
 
 
 def _beside(model: MotionModel, gram: Gram) -> tuple[list[Term], float]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.known import LONG_S, gyro_delay_s, known_effects
+from gap_diagnosis.explanations.known import LONG_S, Known, gyro_delay_s, known_effects
 from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.blocks import Course, course_of
@@ -37,7 +37,7 @@ from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s, coarse_gyro_delay_s
 from gap_diagnosis.motion.starts import is_of_a_room, starts, with_stamps_off
 from gap_diagnosis.motion.weighing import Weighing
-from gap_diagnosis.motion.whitening import INEXACT, whiten
+from gap_diagnosis.motion.whitening import INEXACT, WHEELS_LATE, whiten
 from gap_diagnosis.prediction import Motion
 from gap_diagnosis.priors import Prior
 from gap_diagnosis.recording import Floats, Recording
@@ -49,6 +49,8 @@ Unsure = Callable[[Motion], tuple[Floats, Floats]]
 """Of a motion, how much its wheels' counts vary by chance, counts² per tick of left and right."""
 
 _LAG: Final = "gyro_lag.time_constant"
+_LATE_S: Final = 3e-3
+"""Of rows that were read late by more the way from row to row is not known."""
 _NEWTON_STEPS: Final = 3
 _SHORTENED: Final = 6
 """Where chance has been taken for contact noise so far, the levels are far from the best."""
@@ -122,7 +124,6 @@ class MotionModel:
             described = level_prior(robot, recording.granted).median
             self.nodes = as_this_log_has_it(self.nodes, self.course, described, known)
             self.course = beside_known(self.nodes, self.course)
-        self._details = Details(self.nodes)
         self.tolerances = _tolerances(robot)
         offset = "reference_time_offset.offset"
         # Whether a speed is of the moment or of the row before it nothing tells.
@@ -137,22 +138,32 @@ class MotionModel:
         if recording.speed_cycle_s > 0:
             usual_s = prior.of("frame_latency", "delay").tolerance
             self.tolerances["frame_latency.delay"] = max(recording.speed_cycle_s, usual_s)
-        self.columns: Columns = build_columns(
-            self.nodes,
-            prior,
-            self.tolerances,
-            gross=gross,
-            without=without,
-            library=library,
-            speed_cycle_s=recording.speed_cycle_s,
-            granted=known,
-        )
         self.level_prior: LevelPrior = replace(
             level_prior(robot, recording.granted), silent=silent_levels(self.nodes)
         )
-        self._apart = FarApart(self)
         later_s = coarse_gyro_delay_s(motion) - gyro_delay_s(self.nodes.motion.granted)
-        self._begin_at(later_s if abs(later_s) >= LONG_S else 0.0)
+        self._build(gross, known, later_s)
+        is_moved = self.nodes.motion.are_rows_late and self.nodes.has_reference
+        if is_moved and self.no_effect_levels[WHEELS_LATE] > _LATE_S:
+            self.nodes = self.nodes.of_late_rows()
+            self._build(gross, known, later_s)
+
+    def _build(self, gross: bool, known: Sequence[Known], gyro_later_s: float) -> None:
+        """Make every effect's columns beside *known* ones."""
+        vars(self).pop("no_effect_levels", None)
+        self._details = Details(self.nodes)
+        self.columns: Columns = build_columns(
+            self.nodes,
+            self.prior,
+            self.tolerances,
+            gross=gross,
+            without=self.without,
+            library=self._library,
+            speed_cycle_s=self.recording.speed_cycle_s,
+            granted=known,
+        )
+        self._apart = FarApart(self)
+        self._begin_at(gyro_later_s if abs(gyro_later_s) >= LONG_S else 0.0)
 
     def of(
         self, recording: Recording, *, without: frozenset[str], unsure: Unsure | None

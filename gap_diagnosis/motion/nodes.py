@@ -141,6 +141,16 @@ class Nodes:
         motion, smooth = (replace(one, granted=granted) for one in (self.motion, self.smooth))
         return replace(self, motion=motion, smooth=smooth)
 
+    def of_late_rows(self) -> Nodes:
+        """Return the same of rows that were read at other times than they say: along a way that is
+        smooth from row to row.
+
+        What they are off by would go along with every delay, which meets them between two rows and
+        was told because it makes them smoother there.
+        """
+        described = gaussian_filter1d(self.described, 1.0, axis=1, mode="nearest")
+        return replace(self, described=np.asarray(described))
+
     @cached_property
     def _way(self) -> CubicSpline:
         """The described way over time: no straight line where a robot turns in and out."""

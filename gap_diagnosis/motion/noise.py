@@ -18,7 +18,7 @@ from gap_diagnosis.motion.blocks import Course
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.drawing import DRAWS
 from gap_diagnosis.motion.model import MotionModel
-from gap_diagnosis.motion.whitening import LEVELS, whiten
+from gap_diagnosis.motion.whitening import IS_OF_ROBOT, LEVELS, whiten
 from gap_diagnosis.recording import Floats
 from gap_diagnosis.scoring import EVEN_OVER, LevelPrior
 
@@ -34,7 +34,6 @@ _FINELY: Final = 400
 """A level is drawn over so many standard deviations, from a curve through so many of its values,
 as finely as this."""
 _FACTORS: Final = (4.0, 16.0, 64.0)
-_OF_REFERENCE: Final = np.array([level.startswith("reference") for level in LEVELS])
 _LARGER: Final = 2.0
 """A level so many times the described one is an effect,"""
 _LABS: Final = _LARGER * EVEN_OVER
@@ -178,7 +177,7 @@ def _start(
     from there to it.
     """
     starts = [levels]
-    for quiet in (levels, np.where(_OF_REFERENCE, levels, described)):
+    for quiet in (levels, np.where(IS_OF_ROBOT, described, levels)):
         for factor in _FACTORS:
             one = quiet.copy()
             one[list(places)] = factor * described[list(places)]

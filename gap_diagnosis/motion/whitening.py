@@ -4,10 +4,10 @@ The noise of a log, in the terms of docs/explanation: the contact of each wheel 
 over distance, the gyro's angle a random walk over time on a walking bias, each count is off by a
 quantum that stays while the wheel stands and is averaged over what it counts while it turns, the
 reference is off by white and by slow noise and each of its stamps by some time, in which the robot
-goes on, and each wheel slips by a share of its way that wanders, and by a share more or less than
-an effect of its tyre has it. Because the filter is
-linear, one pass whitens the data and every effect's column alike, with the same gains; what comes
-out is a plain least-squares problem.
+goes on, what stands in a row of a table was read at some other time than it says, and each wheel
+slips by a share of its way that wanders, and by a share more or less than an effect of its tyre has
+it. Because the filter is linear, one pass whitens the data and every effect's column alike, with
+the same gains; what comes out is a plain least-squares problem.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ LEVELS: Final = (
     "slip_wander",
     "speed_noise",
     "speed_noise_s",
+    "wheels_late_s",
+    "gyro_late_s",
+    "late_lasts_s",
     "reference_position_m",
     "reference_heading_rad",
     "reference_stamp_s",
@@ -44,8 +47,15 @@ INEXACT: Final = LEVELS.index("inexact")
 SLIP_WANDER: Final = LEVELS.index("slip_wander")
 SPEED_NOISE: Final = LEVELS.index("speed_noise")
 SPEED_NOISE_S: Final = LEVELS.index("speed_noise_s")
+WHEELS_LATE: Final = LEVELS.index("wheels_late_s")
+LATE_LASTS: Final = LEVELS.index("late_lasts_s")
 STAMP: Final = LEVELS.index("reference_stamp_s")
 SLOW: Final = LEVELS.index("reference_slow_s")
+OF_ROWS: Final = ("wheels_late_s", "gyro_late_s", "late_lasts_s")
+"""Levels of how a log's rows were read."""
+IS_OF_ROBOT: Final = np.array(
+    [name not in OF_ROWS and not name.startswith("reference") for name in LEVELS]
+)
 
 QUANTUM_S: Final = 0.5
 """Correlation time of what lasts of a count's quantisation error in motion: at steady speed it
@@ -96,6 +106,13 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
         course.sampled_y_m,
         course.gyro_floor_rad,
         course.gyro_unsure_rad2,
+        course.are_rows_late,
+        course.are_speeds_late,
+        course.goes_x_m_s,
+        course.goes_y_m_s,
+        course.turns_rad_s,
+        course.faster_m_s,
+        course.turns_faster_rad_s,
         QUANTUM_S,
         SLIP_S,
         levels,
@@ -137,6 +154,13 @@ def _whiten(
     sampled_y: Floats,
     gyro_floor: Floats,
     gyro_unsure: Floats,
+    are_rows_late: bool,
+    are_speeds_late: bool,
+    goes_x: Floats,
+    goes_y: Floats,
+    turns_by: Floats,
+    faster: Floats,
+    turns_faster: Floats,
     quantum_s: float,
     slip_s: float,
     levels: Floats,
@@ -145,14 +169,21 @@ def _whiten(
     nodes, width = columns.shape[1], columns.shape[2]
     # States: heading, x, y, gyro angle, gyro bias, quantum left, right, slow x, y, heading, slip of
     # the wheels left, right in units of what they slip by, by how much the reference's stamp is
-    # early, and where wheels say speeds how far these are off in units of their noise. A row of
-    # *known* holds a state's covariance with all of them, then its estimate from each column: both
-    # are carried on and corrected by the same sums, four numbers at a time.
+    # early, where wheels say speeds how far these are off in units of their noise, and where a host
+    # stamped the rows by how much wheels and gyro were read late in units of that. A row of *known*
+    # holds a state's covariance with all of them, then its estimate from each column: both are
+    # carried on and corrected by the same sums, four numbers at a time.
     contact, lateral, gyro_noise, walk = levels[0], levels[1], levels[2], levels[3]
     inexact, wander, louder, lasts_s = levels[4], levels[5], levels[6], levels[7]
-    position, heading, stamp = levels[8], levels[9], levels[10]
-    slow_position, slow_heading, slow_s = levels[11], levels[12], levels[13]
-    states = 15 if left_told.any() or right_told.any() else 13
+    wheels_late, gyro_late, late_s = levels[8], levels[9], levels[10]
+    position, heading, stamp = levels[11], levels[12], levels[13]
+    slow_position, slow_heading, slow_s = levels[14], levels[15], levels[16]
+    has_told = left_told.any() or right_told.any()
+    states = 15 if has_told else 13
+    wheels_at = gyro_at = 0
+    if are_rows_late:
+        wheels_at, gyro_at = states, states + 1
+        states += 2
     wide = (states + width + 3) // 4 * 4
     known = np.zeros((states, wide))
     for i in range(4):
@@ -204,6 +235,8 @@ def _whiten(
         if k > 0:
             dx, dy, dt = step_x[k], step_y[k], dt_s[k]
             rate_x, rate_y, turn_rate = dx / dt, dy / dt, turns[k] / dt
+            if are_rows_late:
+                rate_x, rate_y, turn_rate = goes_x[k], goes_y[k], turns_by[k]
             # Both last for as long: an effect that varies and slip of its own are one motion, which
             # goes the effect's way where that is the larger. Next to nothing of an effect changes
             # nothing.
@@ -220,6 +253,33 @@ def _whiten(
             left_y, right_y = 0.5 * s * left_slip, 0.5 * s * right_slip
             keep[10] = keep[11] = np.exp(-dt / slip_s)
             keep[7] = keep[8] = keep[9] = np.exp(-dt / slow_s)
+            if are_rows_late:
+                # Whoever reads a rate late errs by what it changed since, and keeps that.
+                remains = np.exp(-dt / late_s)
+                for i in range(wheels_at, states):
+                    for j in range(wide):
+                        known[i, j] *= remains
+                    for j in range(states):
+                        known[j, i] *= remains
+                    known[i, i] += 1.0 - remains * remains
+                misses = gyro_late * turns_faster[k]
+                for j in range(wide):
+                    known[3, j] -= misses * known[gyro_at, j]
+                for j in range(states):
+                    known[j, 3] -= misses * known[j, gyro_at]
+                if are_speeds_late:
+                    turns_more = wheels_late * turns_faster[k]
+                    more_x, more_y = wheels_late * c * faster[k], wheels_late * s * faster[k]
+                    for j in range(wide):
+                        wheels = known[wheels_at, j]
+                        known[0, j] += turns_more * wheels
+                        known[1, j] += more_x * wheels
+                        known[2, j] += more_y * wheels
+                    for j in range(states):
+                        wheels = known[j, wheels_at]
+                        known[j, 0] += turns_more * wheels
+                        known[j, 1] += more_x * wheels
+                        known[j, 2] += more_y * wheels
             for j in range(wide):
                 turned, bias, left, right = known[0, j], known[4, j], known[10, j], known[11, j]
                 known[0, j] += left_turn * left + right_turn * right
@@ -229,7 +289,7 @@ def _whiten(
             # Of a tick's way half leads along what its own turn adds.
             half_x, half_y = -0.5 * dy / ticks[k], 0.5 * dx / ticks[k]
             left_white, right_white = left_scatter[k], right_scatter[k]
-            if states > 13:
+            if has_told:
                 # What is over within a block is white.
                 keep[13] = keep[14] = remains = np.exp(-dt / lasts_s)
                 lasting = 1.0 - (1.0 - remains) ** 4
@@ -254,7 +314,7 @@ def _whiten(
                 known[i, 1] += left_x * left + right_x * right - dy * turned
                 known[i, 2] += left_y * left + right_y * right + dx * turned
                 known[i, 3] += dt * bias
-                if states > 13:
+                if has_told:
                     left, right = known[i, 13], known[i, 14]
                     known[i, 0] += left_yaw * left + right_yaw * right
                     known[i, 1] += left_off_x * left + right_off_x * right
@@ -321,16 +381,25 @@ def _whiten(
                 first, second = 0, 3
                 left_share, right_share = 1.0 / count_base_m, -1.0 / count_base_m
                 noise = gyro_floor[k] * gyro_floor[k]
+            behind = 0.0
+            if are_rows_late and not are_speeds_late:
+                # Counts that were read late make up for it as soon as they are not.
+                behind = wheels_late * (turn_rate if channel == 3 else goes_on)
             row = seen[count]
             for j in range(wide):
                 row[j] = known[first, j] + known[second, j]
                 row[j] += left_share * known[5, j] + right_share * known[6, j]
                 row[j] += goes_on * known[12, j] + astray * known[0, j]
+            if behind != 0.0:
+                for j in range(wide):
+                    row[j] += behind * known[wheels_at, j]
             for before in range(count):
                 other = seen[before]
                 gain = other[first] + other[second]
                 gain += left_share * other[5] + right_share * other[6] + goes_on * other[12]
                 gain += astray * other[0]
+                if behind != 0.0:
+                    gain += behind * other[wheels_at]
                 for j in range(wide):
                     row[j] -= gain * other[j]
             late_gain = late[first] + late[second]
@@ -339,6 +408,9 @@ def _whiten(
             variance = noise + row[first] + row[second]
             variance += left_share * row[5] + right_share * row[6] + goes_on * row[12]
             variance += astray * row[0]
+            if behind != 0.0:
+                late_gain += behind * late[wheels_at]
+                variance += behind * row[wheels_at]
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gap_diagnosis.lattice import NO_STEP, lattice_step
 from gap_diagnosis.recording import Floats, Recording
@@ -16,6 +17,7 @@ _LEAST_STEPS: Final = 4.0
 """A wheel of fewer steps of its signal in a row shows the same count twice by itself."""
 _AS_FAR: Final = 0.4
 """What comes at last is what was missed, to this share of it."""
+_HARDLY: Final = 0.25
 _OFTEN: Final = 5
 """Fewer times a wheel may have stalled as long as it then made up for."""
 _THE_RULE: Final = 0.25
@@ -29,6 +31,16 @@ def with_news_only(recording: Recording) -> Recording:
     right_ticks, right = without_said_again(recording.right_ticks)
     if not left and not right:
         return recording
+    if left and right:
+        # Both are read at once: where nothing came of one wheel, what hardly moved of the other is
+        # as old, or the robot would turn there and back.
+        left_ticks, right_ticks = (
+            np.where(np.isnan(other) & _hardly_moved(own), np.nan, told)
+            for other, own, told in (
+                (right_ticks, recording.left_ticks, left_ticks),
+                (left_ticks, recording.right_ticks, right_ticks),
+            )
+        )
     note = (
         f"{left:,} rows of {len(recording.t_s):,} say the left wheel's last count again and "
         f"{right:,} the right one's, and the next makes up for it: they were taken as empty."
@@ -39,6 +51,15 @@ def with_news_only(recording: Recording) -> Recording:
         right_ticks=right_ticks,
         notes=(*recording.notes, note),
     )
+
+
+def _hardly_moved(counts: Floats) -> NDArray[np.bool_]:
+    """Tell in which rows a wheel came by much less than its way in a row there, bool[n]."""
+    known = np.flatnonzero(np.isfinite(counts))
+    row = np.arange(len(counts))
+    before, after = (np.interp(row + way * _USUAL_ROWS, known, counts[known]) for way in (-1, 1))
+    usual = np.abs(after - before) / (2 * _USUAL_ROWS)
+    return np.asarray(np.abs(np.diff(counts, prepend=np.nan)) < _HARDLY * usual)
 
 
 def without_said_again(counts: Floats) -> tuple[Floats, int]:

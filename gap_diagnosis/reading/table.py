@@ -200,6 +200,7 @@ def read_table_recording(
         unsure_ticks2=unsure,
         half_row_ticks=half_row,
         stamps_late_s=late_s,
+        stamped_by_host=table_map.get("ecu_time") is None,
         notes=table.missing(),
     )
     if not _is_speed(table):

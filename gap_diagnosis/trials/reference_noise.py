@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from gap_diagnosis.motion.levels import FLOORS
-from gap_diagnosis.motion.whitening import LEVELS
+from gap_diagnosis.motion.whitening import LEVELS, OF_ROWS
 from gap_diagnosis.scoring import LevelPrior
 
 Floats = NDArray[np.float64]
@@ -32,8 +32,11 @@ _OCCLUDED_S: Final = 0.5
 """at a time, on average."""
 _SHAKES_HZ: Final = (3.0, 9.0)
 """A marker on a mast swings between these rates."""
-_AS_BELIEVED: Final = frozenset({"inexact", "slip_wander", "speed_noise", "speed_noise_s"})
-"""Not drawn: a trial's effects are exact, its wheels slip at random, and it has no speeds."""
+_AS_BELIEVED: Final = frozenset(
+    {"inexact", "slip_wander", "speed_noise", "speed_noise_s", *OF_ROWS}
+)
+"""Not drawn: a trial's effects are exact, its wheels slip at random, it has no speeds, and its rows
+have a clock of their own."""
 _RATES_HZ: Final = (50.0, 100.0, 120.0)
 
 

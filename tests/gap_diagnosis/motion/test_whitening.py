@@ -30,6 +30,9 @@ SIZES = {
     "slip_wander": 0.006,
     "speed_noise": 1.3,
     "speed_noise_s": 0.08,
+    "wheels_late_s": 6e-3,
+    "gyro_late_s": 9e-3,
+    "late_lasts_s": 0.4,
     "reference_position_m": 8e-4,
     "reference_heading_rad": 1.5e-3,
     "reference_stamp_s": 4e-3,
@@ -55,21 +58,27 @@ COURSE = replace(
 """Beside effects that make the left wheel go 4 % farther, and the right one 3 % less far, then 1 %:
 by that they vary by less than a slip of its own does, and do not turn that round. With noise of
 speeds besides, of which the right wheel's has less."""
+LATE = replace(COURSE, are_rows_late=True)
+SPEEDS_LATE = replace(LATE, are_speeds_late=True)
+"""The same in a table whose rows have no clock of their own, of counts and of speeds."""
+COURSES = {"by the ECU's clock": COURSE, "counts late": LATE, "speeds late": SPEEDS_LATE}
 SEEN = np.ones((CHANNELS, NODES.count), dtype=np.bool_)
 SEEN[:3, 40:60] = False  # the reference is lost for a second
 SEEN[3, 90:95] = False
 
 
 @cache
-def dense_covariance() -> Floats:
+def dense_covariance(which: str) -> Floats:
     """Return the covariance of all residuals, block after block, written down without a filter.
 
     Each residual is linear in independent draws; the draws' weights are carried along. A draw is
     a pair of weights and variance, so that no recursion on covariances is needed.
     """
-    contact, lateral, gyro_noise, walk, inexact, wander, louder, lasts_s, *reference = LEVELS
+    course = COURSES[which]
+    contact, lateral, gyro_noise, walk, inexact, wander, louder, lasts_s, *others = LEVELS
+    wheels_late, gyro_late, late_s, *reference = others
     position, heading, stamp, slow_position, slow_heading, slow_s = reference
-    axle = COURSE.wheelbase_m
+    axle = course.wheelbase_m
     draws: list[float] = []
 
     def draw(variance: float) -> dict[int, float]:
@@ -89,22 +98,34 @@ def dense_covariance() -> Floats:
     quantum: list[dict[int, float]] = [{}, {}]
     slips = [draw(1.0) for _ in range(2)]
     speeds = [draw(1.0) for _ in range(2)]
+    late = [draw(1.0) for _ in range(2)]
     mean_angle, mean = angle, gyro
     rows = []
     for k in range(NODES.count):
-        c, s = COURSE.cosine[k], COURSE.sine[k]
-        moved = (COURSE.left_moved[k], COURSE.right_moved[k])
+        c, s = course.cosine[k], course.sine[k]
+        moved = (course.left_moved[k], course.right_moved[k])
         if k > 0:
-            dt = COURSE.dt_s[k]
+            dt = course.dt_s[k]
+            # A rate that is read late is off by what it changed meanwhile, and that stays.
+            stays = math.exp(-dt / late_s)
+            late = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in late]
+            if course.are_rows_late:
+                gyro = plus((1.0, gyro), (-gyro_late * course.turns_faster_rad_s[k], late[1]))
+            if course.are_speeds_late:
+                faster = wheels_late * course.faster_m_s[k]
+                turns_faster = wheels_late * course.turns_faster_rad_s[k]
+                angle = plus((1.0, angle), (turns_faster, late[0]))
+                x = plus((1.0, x), (faster * c, late[0]))
+                y = plus((1.0, y), (faster * s, late[0]))
             x, y, gyro = (
-                plus((1.0, x), (-COURSE.step_y_m[k], angle)),
-                plus((1.0, y), (COURSE.step_x_m[k], angle)),
+                plus((1.0, x), (-course.step_y_m[k], angle)),
+                plus((1.0, y), (course.step_x_m[k], angle)),
                 plus((1.0, gyro), (dt, bias)),
             )
             # An effect that varies and slip of its own last for as long, and are one motion: here
             # with the sign of the effect, which is the larger one.
-            effects = inexact * COURSE.left_astray_m[k], inexact * COURSE.right_astray_m[k]
-            own = wander * COURSE.left_way_m[k], wander * COURSE.right_way_m[k]
+            effects = inexact * course.left_astray_m[k], inexact * course.right_astray_m[k]
+            own = wander * course.left_way_m[k], wander * course.right_way_m[k]
             more_left = math.hypot(effects[0], own[0]), slips[0]
             way = -1.0 if -effects[1] > own[1] else 1.0
             more_right = way * math.hypot(effects[1], own[1]), slips[1]
@@ -115,11 +136,11 @@ def dense_covariance() -> Floats:
             slips = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in slips]
             ticks = int(NODES.ticks[k])
             # Of a tick's way half leads along what its own turn adds.
-            half_x, half_y = -0.5 * COURSE.step_y_m[k] / ticks, 0.5 * COURSE.step_x_m[k] / ticks
+            half_x, half_y = -0.5 * course.step_y_m[k] / ticks, 0.5 * course.step_x_m[k] / ticks
             # Noise of speeds that lasts goes on from block to block, what is over in one is white.
             stays = math.exp(-dt / lasts_s)
             lasting = 1.0 - (1.0 - stays) ** 4
-            told = louder**2 * np.array([COURSE.left_told_m2[k], COURSE.right_told_m2[k]])
+            told = louder**2 * np.array([course.left_told_m2[k], course.right_told_m2[k]])
             off = np.sqrt(lasting * (1.0 - stays) / (1.0 + stays) * told)
             more_left, more_right = ((one, state) for one, state in zip(off, speeds, strict=True))
             yaw = plus(_scaled(1 / axle, more_right), _scaled(-1 / axle, more_left))
@@ -128,7 +149,7 @@ def dense_covariance() -> Floats:
             y = plus((1.0, y), *(_scaled(0.5 * s, one) for one in (more_left, more_right)))
             x, y = plus((1.0, x), (half_x, yaw)), plus((1.0, y), (half_y, yaw))
             speeds = [plus((stays, one), (1.0, draw(1 - stays**2))) for one in speeds]
-            paths = COURSE.left_path_m[k], COURSE.right_path_m[k]
+            paths = course.left_path_m[k], course.right_path_m[k]
             lefts, rights = (
                 [draw((contact**2 * path + (1.0 - lasting) * one) / ticks) for _ in range(ticks)]
                 for path, one in zip(paths, told, strict=True)
@@ -139,7 +160,7 @@ def dense_covariance() -> Floats:
                 for one, other in zip(rights, lefts, strict=True)
             ]
             mean_angle = plus((1.0, angle), *((1 - i / ticks, turns[i]) for i in range(ticks)))
-            side = draw(lateral**2 * 0.5 * (COURSE.left_path_m[k] + COURSE.right_path_m[k]))
+            side = draw(lateral**2 * 0.5 * (course.left_path_m[k] + course.right_path_m[k]))
             angle = plus((1.0, angle), (1 / axle, right), (-1 / axle, left))
             x = plus((1.0, x), (0.5 * c, left), (0.5 * c, right), (-s, side))
             y = plus((1.0, y), (0.5 * s, left), (0.5 * s, right), (c, side))
@@ -156,31 +177,45 @@ def dense_covariance() -> Floats:
         few = 0.0
         for wheel in (0, 1):
             averaged = min(max(moved[wheel], 1.0), NODES.ticks[k])
-            whole = COURSE.quantum_m[wheel] ** 2 / averaged
-            share = min(COURSE.beat_m[wheel] ** 2 / whole, 1.0) / NODES.ticks[k]
-            in_step = share * math.exp(-COURSE.dt_s[k] / QUANTUM_S)
-            keep = max((COURSE.left_kept, COURSE.right_kept)[wheel][k], in_step) if k else 0.0
+            whole = course.quantum_m[wheel] ** 2 / averaged
+            share = min(course.beat_m[wheel] ** 2 / whole, 1.0) / NODES.ticks[k]
+            in_step = share * math.exp(-course.dt_s[k] / QUANTUM_S)
+            keep = max((course.left_kept, course.right_kept)[wheel][k], in_step) if k else 0.0
             quantum[wheel] = plus((keep, quantum[wheel]), (1.0, draw((1 - keep**2) * whole)))
-            few += COURSE.quantum_m[wheel] ** 2 / min(max(COURSE.samples[k], 1.0), averaged) - whole
+            few += course.quantum_m[wheel] ** 2 / min(max(course.samples[k], 1.0), averaged) - whole
         counted = plus((1 / axle, quantum[0]), (-1 / axle, quantum[1]))
         midway = plus((-0.5, quantum[0]), (-0.5, quantum[1]))
-        white = position**2 / max(COURSE.samples[k], 1.0) + 1e-12
-        read = heading**2 / max(COURSE.samples[k], 1.0) + few / axle**2 + 1e-12
+        white = position**2 / max(course.samples[k], 1.0) + 1e-12
+        read = heading**2 / max(course.samples[k], 1.0) + few / axle**2 + 1e-12
         first, second = (draw(white + 0.25 * one**2 * few) for one in (c, s))
-        early = draw(stamp**2 / max(COURSE.samples[k], 1.0))
-        steps = (COURSE.step_x_m[k], COURSE.step_y_m[k], COURSE.turn_rad[k])
-        on = [(step / COURSE.dt_s[k] if k else 0.0, early) for step in steps]
+        early = draw(stamp**2 / max(course.samples[k], 1.0))
+        steps = (course.step_x_m[k], course.step_y_m[k], course.turn_rad[k])
+        rates = [step / course.dt_s[k] if k else 0.0 for step in steps]
+        if course.are_rows_late and k:
+            rates = [course.goes_x_m_s[k], course.goes_y_m_s[k], course.turns_rad_s[k]]
+        on = [(rate, early) for rate in rates]
+        # Counts that are read late make up for it as soon as they are not.
+        is_behind = course.are_rows_late and not course.are_speeds_late
+        behind = [(wheels_late * rate if is_behind else 0.0, late[0]) for rate in rates]
         # From a block's middle to where its samples lie a robot goes where it heads.
-        aside = (-COURSE.sampled_y_m[k], angle), (COURSE.sampled_x_m[k], angle)
+        aside = (-course.sampled_y_m[k], angle), (course.sampled_x_m[k], angle)
         channels = (
-            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first), on[0], aside[0]),
-            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second), on[1], aside[1]),
-            plus((1.0, mean_angle), (1.0, counted), (1.0, slow[2]), (1.0, draw(read)), on[2]),
+            plus((1.0, x), (c, midway), (1.0, slow[0]), (1.0, first), on[0], aside[0], behind[0]),
+            plus((1.0, y), (s, midway), (1.0, slow[1]), (1.0, second), on[1], aside[1], behind[1]),
+            plus(
+                (1.0, mean_angle),
+                (1.0, counted),
+                (1.0, slow[2]),
+                (1.0, draw(read)),
+                on[2],
+                behind[2],
+            ),
             plus(
                 (1.0, mean_angle),
                 (1.0, mean),
                 (1.0, counted),
-                (1.0, draw(COURSE.gyro_floor_rad[k] ** 2)),
+                (1.0, draw(course.gyro_floor_rad[k] ** 2)),
+                behind[2],
             ),
         )
         rows += [one for one, seen in zip(channels, SEEN[:, k], strict=True) if seen]
@@ -202,23 +237,27 @@ def laid_out(values: Floats) -> Floats:
     return np.ascontiguousarray(columns.transpose(1, 0, 2))
 
 
-def drawn(count: int, seed: int) -> Floats:
+def drawn(count: int, seed: int, which: str = "by the ECU's clock") -> Floats:
     # Start pose and angle vary by metres and radians, what is measured by a thousandth.
-    factor = np.linalg.cholesky(dense_covariance())
-    return factor @ np.random.default_rng(seed).standard_normal((len(dense_covariance()), count))
+    covariance = dense_covariance(which)
+    factor = np.linalg.cholesky(covariance)
+    return factor @ np.random.default_rng(seed).standard_normal((len(covariance), count))
 
 
-def test_inner_products_are_those_of_the_dense_inverse_covariance():
-    values = drawn(3, seed=1)
-    white, _ = whiten(laid_out(values), COURSE, LEVELS, NODES.ticks)
-    assert len(white) == len(dense_covariance())
-    expected = values.T @ np.linalg.solve(dense_covariance(), values)
+@pytest.mark.parametrize("which", COURSES)
+def test_inner_products_are_those_of_the_dense_inverse_covariance(which: str):
+    values, covariance = drawn(3, 1, which), dense_covariance(which)
+    white, _ = whiten(laid_out(values), COURSES[which], LEVELS, NODES.ticks)
+    assert len(white) == len(covariance)
+    expected = values.T @ np.linalg.solve(covariance, values)
     np.testing.assert_allclose(white.T @ white, expected, rtol=1e-4, atol=1e-3)
 
 
-def test_the_log_determinant_is_that_of_the_dense_covariance():
-    _, log_variance = whiten(laid_out(drawn(1, seed=1)), COURSE, LEVELS, NODES.ticks)
-    assert log_variance.sum() == pytest.approx(np.linalg.slogdet(dense_covariance())[1], abs=1e-2)
+@pytest.mark.parametrize("which", COURSES)
+def test_the_log_determinant_is_that_of_the_dense_covariance(which: str):
+    _, log_variance = whiten(laid_out(drawn(1, 1, which)), COURSES[which], LEVELS, NODES.ticks)
+    expected = np.linalg.slogdet(dense_covariance(which))[1]
+    assert log_variance.sum() == pytest.approx(expected, abs=1e-2)
 
 
 def test_slip_beside_an_effect_of_nothing_is_as_beside_none():

@@ -123,6 +123,20 @@ def test_a_table_tells_how_many_rows_have_no_news_of_a_wheel(tmp_path: Path) -> 
     assert "rows of 2,000 say the left wheel's last count again and 0 the right one's" in note
 
 
+def test_where_nothing_came_of_one_wheel_the_other_is_as_old() -> None:
+    """A host read again a moment later: the right wheel had one count more by then, and the robot
+    seemed to turn there and back."""
+    left = 40.0 * np.arange(400)
+    old = np.arange(400) % 20 == 7
+    wheels = held(left, old), held(left, old)
+    wheels[1][np.flatnonzero(old)[8:]] += 1.0
+    at_s = 0.02 * np.arange(400)
+    log = Recording("table.csv", 0.02, at_s, at_s, np.arange(400), *wheels)
+    found = with_news_only(log)
+    assert np.array_equal(np.isnan(found.left_ticks), old)
+    assert np.array_equal(np.isnan(found.right_ticks), old)
+
+
 def late_rows(seed: int, *effects: EffectSetting) -> Recording:
     """Return a drive as a table of which every twentieth row says the last counts again."""
     calm = replace(scenario("calibration"), effects=())
