@@ -45,14 +45,18 @@ def lasting_changes(late_s: Floats, rows: Ints) -> list[int]:
         return []
     steps = np.diff(middle)
     # Along a tilted line all other steps are alike.
-    away = np.abs(steps - np.median(steps))
-    places = np.flatnonzero(away > max(_A_CHANGE * float(np.median(away)), _A_CHANGE_S)).tolist()
-    if len(places) > _MOST_CHANGES:
+    beside = steps - np.median(steps)
+    away = np.abs(beside)
+    places = np.flatnonzero(away > max(_A_CHANGE * float(np.median(away)), _A_CHANGE_S))
+    # Of a block in which it changes, both steps are one change.
+    is_next = (np.diff(places) > 1) | (np.diff(np.sign(beside[places])) != 0)
+    changes = np.split(places, np.flatnonzero(is_next) + 1) if len(places) else []
+    if len(changes) > _MOST_CHANGES:
         return []
     found = []
-    for place in places:
-        first = where[place - 1] if place > 0 else 0.0
-        last = where[place + 2] if place + 2 < len(where) else math.inf
+    for own in changes:
+        first = where[own[0] - 1] if own[0] > 0 else 0.0
+        last = where[own[-1] + 2] if own[-1] + 2 < len(where) else math.inf
         around = rows[(rows >= first) & (rows <= last)]
         found.append(int(around[_change(late_s[around])]))
     return sorted(set(found))

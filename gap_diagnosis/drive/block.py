@@ -258,16 +258,17 @@ class DriveBlock:
         if counts not in self._scattered:
             drives = max(self._alone_of(_DRIVES), key=lambda one: one[0], default=None)
             own = self._alone_of(counts)
-            scatter = np.zeros(self._data.angle.shape)
-            for one in sorted(counts):
-                ways = [
+            ways = {
+                one: [
                     way
                     for spell in (None, *(ends.spell for _, ends in self._alone_of({one})))
                     for way in variants(
                         replace(self._data, miscounting=spell), self._nominal, [one]
                     )
                 ]
-                scatter += likeliest_scatter(self._null, self._robot, one, ways)
+                for one in sorted(counts, key=lambda one: -self.fit(frozenset({one})).log_evidence)
+            }
+            scatter = likeliest_scatter(self._null, ways)
             changes = [ends for _, ends in (*own, *([drives] if drives else ()))]
             self._scattered[counts] = (
                 self._with_scatter(scatter, changes) if scatter.any() else None

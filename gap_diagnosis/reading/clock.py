@@ -37,6 +37,8 @@ _STAMP_STEP_S = 1e-6
 """Logs carry whole microseconds."""
 _EARLIEST = 1e-3
 """One stamp in a thousand may be early by mistake."""
+_A_PART = 0.02
+"""So closely, as a share, a step is a part of a tick."""
 _WANDERS_S = 60.0
 """Over a longer time two clocks do not keep one rate, and the earliest stamps are sought anew."""
 
@@ -72,7 +74,8 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
     """Return the line through stamps against ticks.
 
     Where frames come later from some time on, or less late, the line keeps its slope, and its
-    height is that of the earlier ones.
+    height is that of the less late ones. Not where they wander through a tick, or a part of it, and
+    begin again: a poll about as long does that.
 
     Args:
         tick: int64[f], in any order.
@@ -92,9 +95,19 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
     if not part.any() or len(first) == len(clock.start_s):
         return clock
     bent = _line(tick, stretch.astype(np.int64), stamp_s, period_s)
+    later_s = np.diff(bent.start_s)[np.diff(segment[first]) == 0]
+    if abs(bent.skew) > abs(clock.skew) and _are_parts_of(period_s, later_s):
+        return clock
     start_s = np.full(len(clock.start_s), np.inf)
     np.minimum.at(start_s, segment[first], bent.start_s)
     return replace(bent, start_s=start_s)
+
+
+def _are_parts_of(period_s: float, steps_s: Floats) -> bool:
+    """Tell whether steps are a whole tick each, or a half, or a third and so on."""
+    parts = period_s / np.maximum(np.abs(steps_s), _STAMP_STEP_S)
+    whole = np.maximum(np.rint(parts), 1.0)
+    return bool(np.all(np.abs(parts - whole) < _A_PART * whole))
 
 
 def _line(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Clock:

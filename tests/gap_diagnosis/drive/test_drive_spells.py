@@ -113,6 +113,16 @@ def test_counts_scatter_by_as_many_as_are_lost_or_by_nothing(seed):
     assert block_of(healthy)._scattering(frozenset({"missed_ticks"})) is None
 
 
+def test_what_scatters_by_lost_counts_does_not_scatter_by_extra_ones_once_more():
+    """Each of both by itself is as noisy as all of it: together they were twice as noisy."""
+    block = block_of(simulated({"missed_ticks": {"side": "left", "probability": 0.03}}, seed=22))
+    missed, both = (
+        block._scattering(frozenset(some)).data.scatter.sum()
+        for some in ({"missed_ticks"}, {"extra_ticks", "missed_ticks"})
+    )
+    assert missed <= both < 1.3 * missed
+
+
 @pytest.mark.parametrize(
     "effects",
     [
