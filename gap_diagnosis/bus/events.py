@@ -39,6 +39,8 @@ _LEAST_STEP: Final = 4.0
 FEWEST_FRAMES: Final = 20
 _AT_TICKS: Final = 0.9
 """Mean resultant length of latenesses that spread by 7 % of a tick about whole ones."""
+_WANDERS_BACK: Final = 0.5
+"""A change is none where all of a log wanders against it by more than this share of it."""
 _RESTLESS: Final = 0.5
 """Of the spread of the most restless part of a log, another has as much that is no other."""
 _EARLIEST: Final = 1e-3
@@ -202,7 +204,7 @@ def classify(
     good = ~doubled & ~swapped & np.isfinite(late)
     part, moved = np.zeros(len(tick), dtype=np.int64), np.zeros(len(tick))
     if has_counter:
-        part = _parts(late, good)
+        part = _parts(late, frames.t_s - period * tick, good)
         if not part.any():
             part = np.searchsorted(changes_s, frames.t_s).astype(np.int64)
         moved = _moved(late, good, part)
@@ -299,10 +301,24 @@ def _wander(late: Floats, good: Bools, part: Ints) -> Floats:
     return slow
 
 
-def _parts(late: Floats, good: Bools) -> Ints:
-    """Return the parts of a log between lasting changes of lateness: int64[f]."""
+def _parts(late: Floats, by_described: Floats, good: Bools) -> Ints:
+    """Return the parts of a log between lasting changes of lateness: int64[f].
+
+    Stamps of a poll about as long as a tick wander through it and begin again: that is no change.
+    *by_described*: stamps less their ticks as long as described.
+    """
     part = np.zeros(len(late), dtype=np.int64)
-    for row in lasting_changes(late, np.flatnonzero(good)):
+    rows = np.flatnonzero(good)
+    changes = lasting_changes(late, rows)
+    if changes:
+        steps, described = (np.diff(blocks_of(one, rows)[1]) for one in (late, by_described))
+        usual = float(np.median(steps))
+        change = float(steps[np.argmax(np.abs(steps - usual))])
+        # A clock's line that is tilted by a change makes all wander, by the description nothing.
+        wander = min(-math.copysign(1.0, change) * one for one in (usual, np.median(described)))
+        if wander * len(steps) > _WANDERS_BACK * abs(change):
+            return part
+    for row in changes:
         part[row:] += 1
     return part
 

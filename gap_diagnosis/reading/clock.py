@@ -39,6 +39,8 @@ _EARLIEST = 1e-3
 """One stamp in a thousand may be early by mistake."""
 _A_PART = 0.02
 """So closely, as a share, a step is a part of a tick."""
+_ANY_CLOCKS = 1e-4
+"""By so much any two clocks may differ."""
 _WANDERS_S = 60.0
 """Over a longer time two clocks do not keep one rate, and the earliest stamps are sought anew."""
 
@@ -96,7 +98,7 @@ def fit_clock(tick: Ints, segment: Ints, stamp_s: Floats, period_s: float) -> Cl
         return clock
     bent = _line(tick, stretch.astype(np.int64), stamp_s, period_s)
     later_s = np.diff(bent.start_s)[np.diff(segment[first]) == 0]
-    if abs(bent.skew) > abs(clock.skew) and _are_parts_of(period_s, later_s):
+    if abs(bent.skew) > max(abs(clock.skew), _ANY_CLOCKS) and _are_parts_of(period_s, later_s):
         return clock
     start_s = np.full(len(clock.start_s), np.inf)
     np.minimum.at(start_s, segment[first], bent.start_s)
