@@ -43,6 +43,8 @@ _WANDERS_BACK: Final = 0.5
 """A change is none where all of a log wanders against it by more than this share of it."""
 _RESTLESS: Final = 0.5
 """Of the spread of the most restless part of a log, another has as much that is no other."""
+_STAMP_STEP_S: Final = 1e-6
+"""Of a log; what stamps spread by less is its rounding."""
 _EARLIEST: Final = 1e-3
 """One stamp in a thousand may be early by mistake."""
 
@@ -127,7 +129,8 @@ class Message:
         parts = np.unique(self.part)
         if len(parts) < 2:
             return good
-        spread = np.array([_spread(self.late_s[good & (self.part == one)]) for one in parts])
+        each = [_spread(self.late_s[good & (self.part == one)]) for one in parts]
+        spread = np.maximum(each, _STAMP_STEP_S)
         return good & np.isin(self.part, parts[spread >= _RESTLESS * spread.max()])
 
     @property

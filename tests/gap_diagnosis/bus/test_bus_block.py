@@ -226,6 +226,14 @@ def test_frames_that_are_delayed_from_some_time_on_jitter_as_before(start_s: flo
     assert found.parameters["frame_jitter.sigma"].value == pytest.approx(0.001, rel=0.1)
 
 
+def test_where_stamps_hardly_spread_no_part_of_a_log_is_more_restless_than_another() -> None:
+    """A float's last digit chose one."""
+    block = block_of(recording(3, frame_latency={"frame": "IMU", "delay": 0.02, "start_s": 20.0}))
+    for message in block._counted:
+        assert len(np.unique(message.part)) == 2
+        assert np.array_equal(message.restless(), message.steady())
+
+
 @pytest.mark.parametrize("window", [{"stop_s": 40.05}, {"start_s": 20.0, "stop_s": 35.0}])
 def test_a_delay_of_all_sensors_that_ends_is_not_that_of_the_one_that_comes_seldom(
     window: dict[str, float],
