@@ -15,6 +15,9 @@ from gap_diagnosis.recording import Floats
 _LEAST_SHARE: Final = 0.1
 """Of a log; in less, codes look like anything by chance."""
 _LEAST_AT_TOP: Final = 20
+_A_CODE: Final = 0.6
+_TURNING: Final = 0.3
+"""A turn of such a share of a limit tells how much of it a gyro reads."""
 _FLAT: Final = 5
 """So many times as many codes are at a flat top as just below it."""
 _BEYOND: Final = 1.03
@@ -40,18 +43,20 @@ def flat_top(away: Floats, told: Floats) -> tuple[int, int, float] | None:
     """Return the rows of a part in which no code goes beyond a top to which many go, and how far
     that is from the code of no turn; None where there is none but that of the whole log.
 
-    *told*: how far the wheels say that codes should be.
+    *told*: how far the wheels say that codes should be. A gyro that reads too little does so
+    elsewhere too: that is no top.
     """
-    size = np.abs(away)
+    size, wheels_say = np.abs(away), np.abs(told)
     best: tuple[int, int, float] | None = None
     for is_reversed in (False, True):
-        ordered, wheels = (size[::-1], np.abs(told[::-1])) if is_reversed else (size, np.abs(told))
+        ordered, wheels = (size[::-1], wheels_say[::-1]) if is_reversed else (size, wheels_say)
         most = np.maximum.accumulate(ordered)
         for top in np.unique(most[most < most[-1]])[::-1].tolist():
             rows = int(np.searchsorted(most, top, side="right"))
             if rows < _LEAST_SHARE * len(size):
                 break
-            if _is_flat(ordered[:rows], wheels[:rows], top):
+            read = abs(share_read(away, told, top))
+            if _is_flat(ordered[:rows], read * wheels[:rows], top):
                 part = (len(size) - rows, len(size)) if is_reversed else (0, rows)
                 if best is None or rows > best[1] - best[0]:
                     best = (*part, top)
@@ -59,9 +64,17 @@ def flat_top(away: Floats, told: Floats) -> tuple[int, int, float] | None:
     return best
 
 
+def share_read(away: Floats, told: Floats, top: float) -> float:
+    """Return how much of what the wheels say the codes do that are not at a top."""
+    other = (np.abs(np.abs(away) - top) > _A_CODE) & (np.abs(told) > _TURNING * top)
+    if np.count_nonzero(other) < _LEAST_AT_TOP:
+        return 1.0
+    return float(np.median(away[other] / told[other]))
+
+
 def _is_flat(size: Floats, told: Floats, top: float) -> bool:
-    at_top = size >= top - 0.6
-    just_below: NDArray[np.bool_] = (size < top - 0.6) & (size > top - 1.6)
+    at_top = size >= top - _A_CODE
+    just_below: NDArray[np.bool_] = ~at_top & (size > top - 1.0 - _A_CODE)
     many = max(_LEAST_AT_TOP, _FLAT * int(np.count_nonzero(just_below)))
     beyond = at_top & (told > _BEYOND * top)
     return bool(np.count_nonzero(at_top) >= many and np.count_nonzero(beyond) >= _LEAST_AT_TOP)

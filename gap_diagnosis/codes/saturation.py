@@ -95,6 +95,7 @@ def _overrun(data: CodeData, away: Floats, reach: float, top: Bools) -> float:
     Against it: stretches beyond the top with the code elsewhere.
     """
     expected = np.nan_to_num(data.expected, nan=data.zero_code) - data.zero_code
+    expected = expected * code_spells.share_read(away, expected, reach)
     margin = max(5 * data.spread, 0.03 * reach)
     beyond = (np.abs(expected) > reach + margin) & (np.sign(expected) == np.sign(away))
     long = [one for one in stretches(beyond & top) if one[1] - one[0] >= _LEAST_TICKS]

@@ -204,3 +204,25 @@ def test_codes_of_a_part_of_a_log_show_no_fault_by_chance() -> None:
     for seed in range(1, 4):
         found = evidences(recording(seed))
         assert max(found.values()) <= 0.0
+
+
+@pytest.mark.parametrize("noise_ticks", [0.0, ROBOT.plant.encoder.noise_ticks])
+@pytest.mark.parametrize("reads_less", [-0.04, *at_full_size(-0.06)])
+def test_a_quiet_gyro_that_reads_too_little_does_not_clip(
+    reads_less: float, noise_ticks: float
+) -> None:
+    """At each turn of one rate it says one code, below what the wheels say: 196 nats for a limit,
+    or 81 for one in the slower part of the log."""
+    plant = ROBOT.plant
+    still = {"noise_density_rad_per_sqrt_s": 0.0, "bias_walk_density_rad_s_per_sqrt_s": 0.0}
+    even = {
+        "gyro": plant.gyro.model_copy(update=still),
+        "contact": plant.contact.model_copy(update={"noise_m_per_sqrt_m": 0.0}),
+        "encoder": plant.encoder.model_copy(update={"noise_ticks": noise_ticks}),
+    }
+    quiet = replace(ROBOT, plant=plant.model_copy(update=even))
+    setting = EffectSetting("gyro_scale", (("scale", reads_less),))
+    made = synthetic_recording(quiet, WIRE, replace(scenario("calibration"), seed=3), (setting,), 5)
+    block = codes_block(made, quiet)
+    assert block is not None
+    assert block.fit(frozenset({"gyro_saturation"})).log_evidence < 0.0
