@@ -243,6 +243,7 @@ ALL_BLOCKS: Values = {
 }
 
 
+@pytest.mark.full_size
 def test_beside_what_is_known_in_every_block_there_is_no_gap_or_the_further_cause() -> None:
     known = Granted(settings(ALL_BLOCKS), {}, "explained.toml")
 
