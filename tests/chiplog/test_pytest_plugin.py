@@ -459,6 +459,7 @@ def test_workers_of_xdist_do_not_meet(pytester: pytest.Pytester) -> None:
     result.assert_outcomes(passed=8)
 
 
+@pytest.mark.full_size
 def test_workers_of_xdist_do_not_meet_in_real_time_either(pytester: pytest.Pytester) -> None:
     result = run_apart(
         pytester,

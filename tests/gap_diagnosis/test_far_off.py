@@ -38,8 +38,8 @@ RIVALS = frozenset(
     ("drive", "duration_s", "effect", "values", "seed"),
     [
         ("figure8", 30.0, "reference_yaw", {"angle": 1.5708}, 101),
-        ("figure8", 30.0, "drive_delay", {"delay": 0.5}, 140),
         *at_full_size(
+            ("figure8", 30.0, "drive_delay", {"delay": 0.5}, 140),
             ("figure8", 30.0, "reference_yaw", {"angle": -2.5}, 5),
             ("figure8", 60.0, "reference_scale", {"scale": 0.1}, 110),
             ("calibration", 30.0, "reference_time_offset", {"offset": 0.8}, 106),

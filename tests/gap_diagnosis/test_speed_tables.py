@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_size import at_full_size
 
 from gap_diagnosis.diagnose import diagnose
 from gap_diagnosis.recording import Reference
@@ -32,7 +33,9 @@ def write_tum(path: Path, reference: Reference) -> None:
 
 
 @pytest.mark.parametrize(
-    ("every", "noise_m_s"), [(2, 0.0), (1, 0.005)], ids=["counts each 20 ms", "noise of 5 mm/s"]
+    ("every", "noise_m_s"),
+    [*at_full_size((2, 0.0)), (1, 0.005)],
+    ids=["counts each 20 ms", "noise of 5 mm/s"],
 )
 def test_speeds_of_a_healthy_robot_show_no_gap(
     tmp_path: Path, every: int, noise_m_s: float

@@ -76,6 +76,7 @@ def test_a_healthy_tractors_gyro_does_not_lag(tmp_path: Path, size: str) -> None
         assert lag.log_evidence - found[frozenset()].log_evidence < 1.0
 
 
+@pytest.mark.full_size
 def test_a_tractors_gyro_that_lags_is_found(tmp_path: Path) -> None:
     found = Scan(tractor(tmp_path, 5, gyro_lag_s=0.3)).found
     lag = found[LAG]

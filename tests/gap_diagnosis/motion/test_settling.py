@@ -64,6 +64,7 @@ def test_no_part_is_fitted_twice_from_where_the_same_fit_ended(
     assert max(begun.values()) == 1
 
 
+@pytest.mark.full_size
 def test_what_stretches_contradict_is_not_fitted_with_all_its_parts_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from full_size import at_full_size
 from motion_cases import ROBOT, WIRE
 
 from gap_diagnosis.motion.columns import Term
@@ -48,7 +49,7 @@ def told(term: Term) -> tuple[str, float, float]:
 
 @pytest.mark.parametrize(
     ("start_s", "stop_s", "ratio", "seed"),
-    [(95.075, 95.775, 0.15, 630234), (97.314, 100.314, 0.04, 628030)],
+    [(95.075, 95.775, 0.15, 630234), *at_full_size((97.314, 100.314, 0.04, 628030))],
     ids=["a fraction of a second", "as the robot spins"],
 )
 def test_a_short_slip_is_told_of_its_own_wheel_and_alone(

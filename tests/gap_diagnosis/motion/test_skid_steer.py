@@ -68,7 +68,7 @@ def told_of(*, uneven: bool) -> MotionBlock:
     return block_of(on_many_floors(skidding(), 1) if uneven else skidding())
 
 
-@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("uneven", [False, *at_full_size(True)])
 def test_wheels_that_turn_a_robot_less_than_half_are_likelier_than_any_wrong_unit(
     uneven: bool,
 ) -> None:

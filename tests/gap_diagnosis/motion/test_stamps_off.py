@@ -87,6 +87,7 @@ def test_a_healthy_robot_whose_references_stamps_are_off_has_no_gap() -> None:
     assert off_ms == pytest.approx(20.0, rel=0.1)
 
 
+@pytest.mark.full_size
 def test_of_stamps_that_are_right_nothing_is_said() -> None:
     found = diagnose_recordings([drive(100.0)], ROBOT, WIRE).diagnosis
     assert not any("stamp of the reference" in note for note in found.notes)

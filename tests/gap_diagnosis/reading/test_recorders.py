@@ -135,10 +135,12 @@ def read(drive: Recorded, folder: Path) -> Recording:
     ("made", "rows_apart"),
     [
         (jittering, 5),
-        (in_millimetres, 1),
-        (of_two_controllers, 1),
         *at_full_size(
-            (with_courses, 1), (holding_its_last_pose, 1), (before_it_found_the_robot, 1)
+            (in_millimetres, 1),
+            (of_two_controllers, 1),
+            (with_courses, 1),
+            (holding_its_last_pose, 1),
+            (before_it_found_the_robot, 1),
         ),
     ],
     ids=lambda one: getattr(one, "__name__", ""),

@@ -167,6 +167,7 @@ def test_what_a_method_needs_stays_open(trial: Path) -> None:
     assert tried(trial, OPEN) == dict.fromkeys(OPEN, "open")
 
 
+@pytest.mark.full_size
 def test_a_diagnosis_of_ours_and_a_rivals_run_closed_in(trial: Path) -> None:
     for method in (None, Path(whitened_bic.__file__)):
         ran = run_trial(trial, jobs=1, method=method, key=key_of(trial))
