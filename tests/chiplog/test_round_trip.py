@@ -19,7 +19,7 @@ SCALE = 0.02
 
 
 def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_path: Path) -> None:
-    drive(chiplog, "real", f"wheelbase_scale.scale={SCALE}", seed=1, duration_s=60)
+    drive(chiplog, "real", f"wheelbase_scale.scale={SCALE}", seed=1)
     first = diagnosed(chiplog, "real", "--write-robot", "calibrated.toml")
     named(first, "wheelbase_scale", stage="wheel")
     close_to(SCALE, number(first, "wheelbase_scale.scale"))
@@ -29,7 +29,7 @@ def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_pa
     corrected_m = load_robot(tmp_path / "calibrated.toml").plant.wheels.wheelbase_m
     left = WHEELBASE_M * (1 + SCALE) / corrected_m - 1
     known = "calibrated.toml"
-    drive(chiplog, "fresh", f"wheelbase_scale.scale={left!r}", seed=2, duration_s=60, robot=known)
+    drive(chiplog, "fresh", f"wheelbase_scale.scale={left!r}", seed=2, robot=known)
     named(diagnosed(chiplog, "fresh", "--robot", known), "no_gap", stage="none")
 
 
