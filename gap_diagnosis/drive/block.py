@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.drive import prior
 from gap_diagnosis.drive.chance import BY_CHANCE, likeliest_scatter
-from gap_diagnosis.drive.columns import LINEAR, SHARED, TICKS, Variant, may_be_dead, variants
+from gap_diagnosis.drive.columns import LINEAR, TICKS, Variant, may_be_dead, variants
 from gap_diagnosis.drive.data import DriveData, Spell
 from gap_diagnosis.drive.grid import Weighted
 from gap_diagnosis.drive.leftover import Dependence, StandIn, depends_on, stand_in
@@ -31,13 +31,12 @@ from gap_diagnosis.drive.likelihood import (
 )
 from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
-from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes, drive_beside_described
+from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes
 from gap_diagnosis.drive.spell import Ends, ends, sought
 from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, own_manner, unlisted
 from gap_diagnosis.explanations.known import COUNTING
 from gap_diagnosis.hypothesis import Estimate, Fit
-from gap_diagnosis.recording import Recording
 from hil_harness.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -58,62 +57,8 @@ _MAY_BEGIN: Final = _DRIVES | COUNTING
 what counts do from then on."""
 _AS_LIKELY: Final = 5.0
 """A way that lacks less [nat] is told if it comes first."""
-_ANSWERS: Final = frozenset({"drive_delay", "drive_lag"})
-_PROMPT_S: Final = 1e-3
 _TOLERATED: Final = frozenset({"drive_gain", "drive_lag", "drive_delay"})
 """What a drive that does as it is told is off by less than its tolerances."""
-
-
-def drive_block(
-    recording: Recording,
-    robot: Robot,
-    doubted: frozenset[str] = COMMANDS | COUNTS,
-    without: frozenset[str] = frozenset(),
-) -> DriveBlock | None:
-    """Return the block, or None where the log holds no commands or no motion.
-
-    *doubted*: the signals of which a mistake of the set-up may be. *without*: effects that nobody
-    will ask for, so that they explain nothing away.
-    """
-    block = _beside_its_manner(recording, robot, doubted, without)
-    if block is None or robot.describes_drive or not block.answers_otherwise():
-        return block
-    answers = as_it_answers(recording, robot)
-    return _beside_its_manner(recording, answers, doubted, without, answers) or block
-
-
-def _beside_its_manner(
-    recording: Recording,
-    robot: Robot,
-    doubted: frozenset[str],
-    without: frozenset[str],
-    answers: Robot | None = None,
-) -> DriveBlock | None:
-    data = drive_beside_described(recording, robot)
-    if data is None:
-        return None
-    block = DriveBlock(data, robot, doubted, without, answers=answers)
-    own = block.manner()
-    return block if own is None else DriveBlock(data, robot, doubted, without, own, answers)
-
-
-def as_it_answers(recording: Recording, robot: Robot) -> Robot:
-    """Return the robot with the lag and the delay that a log shows of its drive; as it is where the
-    log shows nothing of it."""
-    prompt = _answering(robot, _PROMPT_S, 0.0)
-    data = drive_beside_described(recording, prompt)
-    if data is None:
-        return robot
-    known = DriveBlock(data, prompt, frozenset()).fit(_ANSWERS).parameters
-    lag_s, delay_s = (
-        float(known[key].value) for key in ("drive_lag.time_constant", "drive_delay.delay")
-    )
-    return _answering(robot, _PROMPT_S + lag_s, delay_s)
-
-
-def _answering(robot: Robot, lag_s: float, delay_s: float) -> Robot:
-    drive = robot.plant.drive.model_copy(update={"time_constant_s": lag_s, "delay_s": delay_s})
-    return replace(robot, plant=robot.plant.model_copy(update={"drive": drive}))
 
 
 class DriveBlock:
@@ -596,6 +541,3 @@ def _choices(
             likely = {key: share for key, share in shares.items() if share > _UNLIKELY}
             found[f"{effect}.{name}"] = Estimate(value, probabilities=likely)
     return found
-
-
-__all__ = ["SHARED", "DriveBlock", "drive_block"]
