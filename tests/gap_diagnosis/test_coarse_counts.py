@@ -10,7 +10,7 @@ import pytest
 from diagnosed import WIRE
 from full_size import at_full_size
 
-from gap_diagnosis.drive.block import drive_block
+from gap_diagnosis.drive import drive_block
 from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.recording import Recording

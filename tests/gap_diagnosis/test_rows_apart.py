@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from structure_cases import ROBOT, WIRE, analysis_of
 
-from gap_diagnosis.drive.block import drive_block
+from gap_diagnosis.drive import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.how_far import Shrink, shrink
 from gap_diagnosis.pictures import ResidualSeries

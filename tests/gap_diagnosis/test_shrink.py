@@ -10,7 +10,7 @@ import pytest
 from structure_cases import ROBOT, WIRE, analysis_of, drive
 
 from gap_diagnosis.bus import bus_block
-from gap_diagnosis.drive.block import drive_block
+from gap_diagnosis.drive import drive_block
 from gap_diagnosis.firmware import firmware_block
 from gap_diagnosis.how_far import shrink, shrink_each, shrink_on
 from gap_diagnosis.recording import Recording

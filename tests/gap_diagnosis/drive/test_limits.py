@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from drive_recordings import ROBOT, recording_of, simulated
 
-from gap_diagnosis.drive import prior
-from gap_diagnosis.drive.block import DriveBlock, drive_block
+from gap_diagnosis.drive import DriveBlock, drive_block, prior
 from gap_diagnosis.drive.limits import BOUNDS, limits_of_answers, limits_of_bounds
 from gap_diagnosis.drive.noise import Levels, whitened
 from gap_diagnosis.ranking import THRESHOLD
