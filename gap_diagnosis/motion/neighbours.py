@@ -64,7 +64,7 @@ class Neighbours(OffTheGrid):
                 less = self.found.get(head.effects - {effect})
                 if less is not None and less.effects and less.refitted is not None:
                     self._seek_beside(less, less.refitted, instead_of=effect)
-        return max(self.found.values(), key=self._belief).effects != head.effects
+        return self._likeliest_expected.effects != head.effects
 
     def _fit_parts(self, head: Found, fit: Refitted) -> None:
         """Fit a set without each of its effects, once from where a fit of the set ended."""
@@ -141,7 +141,7 @@ class Neighbours(OffTheGrid):
                 others = head.log_evidence - fit.log_evidence
                 others += self._cost(term) - self._cost(other)
                 self._fit(terms, head.levels, start, others)
-        return max(self.found.values(), key=self._belief).effects != head.effects
+        return self._likeliest_expected.effects != head.effects
 
     def _sought_stretched(self, head: Found) -> bool:
         """Fit, once, beside the best set the effects whose tolerances it stretches; tell whether
@@ -152,7 +152,7 @@ class Neighbours(OffTheGrid):
         for one in map(self.account, self._stretched(head)):
             if one.refitted is None:
                 self._refit(one)
-        return max(self.found.values(), key=self._belief).effects != head.effects
+        return self._likeliest_expected.effects != head.effects
 
     def _stretched(self, beside: Found) -> list[Effects]:
         """Return a set with each one more effect of which far more than is within tolerance is

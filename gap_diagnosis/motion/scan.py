@@ -118,7 +118,8 @@ class Scan(Neighbours):
         self._seek_more()
         refitted = self._to_refit()
         for done, one in enumerate(refitted):
-            self._refit(one)
+            if not self._will_fall(one):
+                self._refit(one)
             progress(0.6 + 0.4 * (done + 1) / len(refitted))
         for one in self._beyond_a_line():
             self._led_astray |= one.effects
@@ -186,7 +187,7 @@ class Scan(Neighbours):
     def _settle(self) -> None:
         """Fit the best set, its parts and what comes beside it, until another one is no better."""
         for _ in range(_REFITTED):
-            head = max(self.found.values(), key=self._belief)
+            head = self._likeliest_expected
             if self._contradicted >= _CONTRADICTED and self._doubted(head):
                 continue
             unfitted = [head] if head.refitted is None and head.effects else self._parts_of(head)
@@ -197,6 +198,13 @@ class Scan(Neighbours):
                 break
             for one in unfitted:
                 self._refit(one)
+
+    def _will_fall(self, one: Found) -> bool:
+        """Tell whether a set that is not fitted will lose as sets like it did, and so be none of
+        the best."""
+        expected = self._expected(one, self._falls())
+        best = max(self._belief(each) for each in self._fitted())
+        return expected < min(self._belief(one), best - NEAR)
 
     def _moved_windows(self, head: Found) -> bool:
         """Seek the windows and thresholds of a fitted set again, once, about its fit and at its
@@ -238,7 +246,7 @@ class Scan(Neighbours):
         self._fit(tuple(terms), head.levels, fit.coefficients, others)
         better = self.found[head.effects]
         if better is head or better.refitted is None:
-            return max(self.found.values(), key=self._belief) is not head
+            return self._likeliest_expected is not head
         self._fit_parts(better, better.refitted)
         self._surrounded.discard(head.effects)
         return True
@@ -312,7 +320,7 @@ class Scan(Neighbours):
         self._weighed[head.effects] = head.log_likelihood, too_much
         self._take_no_more_than_from_rivals(head.effects)
         self._lower(head.effects, self._weighed[head.effects][1])
-        is_beaten = max(self.found.values(), key=self._belief).effects != head.effects
+        is_beaten = self._likeliest_expected.effects != head.effects
         self._contradicted += is_beaten
         return is_beaten
 

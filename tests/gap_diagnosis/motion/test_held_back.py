@@ -83,6 +83,45 @@ def test_a_few_effects_on_lines_do_not_beat_many_that_were_fitted_by_the_prior_o
     assert max(scan.found.values(), key=scan._belief).effects == frozenset(six)
 
 
+def fallen(by: float, evidence: float, *effects: str) -> Found:
+    return replace(found(evidence, *effects, fitted=True), fell=by)
+
+
+def test_what_fell_by_itself_and_beside_others_is_expected_to_fall_beside_more() -> None:
+    """Seventeen sets with wheels farther apart fell by 1,200 nats in the lesson, one after another,
+    at two seconds each."""
+    wheelbase, more = "wheelbase_scale", found(1190.0, "wheelbase_scale", "gyro_scale")
+    scan = scan_of(
+        found(0.0),
+        found(30.0, "gyro_bias", fitted=True),
+        fallen(1261.0, -60.0, wheelbase),
+        fallen(1195.0, 5.0, wheelbase, "gyro_bias"),
+        more,
+    )
+    assert scan._expected(more, scan._falls()) == scan._belief(more), (
+        "two sets may have fallen by chance"
+    )
+    assert not scan._will_fall(more)
+    third = fallen(1194.0, 4.0, wheelbase, "payload")
+    scan.found[third.effects] = third
+    assert scan._expected(more, scan._falls()) == pytest.approx(scan._belief(more) - 1194.0)
+    assert scan._will_fall(more)
+
+
+@pytest.mark.parametrize("kept", ["the effect by itself", "a set of two"])
+def test_what_kept_its_promise_once_is_fitted_beside_others(kept: str) -> None:
+    by = {"the effect by itself": (3.0, 900.0), "a set of two": (900.0, 3.0)}[kept]
+    more = found(1190.0, "backlash", "gyro_scale")
+    scan = scan_of(
+        found(0.0),
+        fallen(by[0], 30.0, "backlash"),
+        fallen(by[1], 40.0, "backlash", "gyro_bias"),
+        fallen(900.0, 5.0, "backlash", "payload"),
+        more,
+    )
+    assert scan._expected(more, scan._falls()) == scan._belief(more)
+
+
 @pytest.mark.full_size
 def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
     """Or every effect gains what a longer search for the noise gains."""
