@@ -487,8 +487,9 @@ class MotionModel:
         What acts otherwise beside one of them is told about them. Behind them stand *more* columns
         which are still to be written.
         """
-        taken = [0, *(index + 1 for index, _ in free), *[0] * more]
-        values = np.take(self.columns.values, taken, axis=-1)
+        place_of = {index: 1 + place for place, (index, _) in enumerate(self.columns.nuisances)}
+        taken = [0, *(place_of[index] for index, _ in free), *[0] * more]
+        values = np.take(self.columns.within_tolerance, taken, axis=-1)
         values[..., 0] += change
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
