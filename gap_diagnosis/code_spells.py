@@ -55,8 +55,10 @@ def flat_top(away: Floats, told: Floats) -> tuple[int, int, float] | None:
             rows = int(np.searchsorted(most, top, side="right"))
             if rows < _LEAST_SHARE * len(size):
                 break
+            if not _is_crowded(ordered[:rows], top):
+                continue
             read = abs(share_read(away, told, top))
-            if _is_flat(ordered[:rows], read * wheels[:rows], top):
+            if _is_beyond(ordered[:rows], read * wheels[:rows], top):
                 part = (len(size) - rows, len(size)) if is_reversed else (0, rows)
                 if best is None or rows > best[1] - best[0]:
                     best = (*part, top)
@@ -72,9 +74,15 @@ def share_read(away: Floats, told: Floats, top: float) -> float:
     return float(np.median(away[other] / told[other]))
 
 
-def _is_flat(size: Floats, told: Floats, top: float) -> bool:
+def _is_crowded(size: Floats, top: float) -> bool:
+    """Tell whether many codes are at a top, and few just below."""
     at_top = size >= top - _A_CODE
     just_below: NDArray[np.bool_] = ~at_top & (size > top - 1.0 - _A_CODE)
     many = max(_LEAST_AT_TOP, _FLAT * int(np.count_nonzero(just_below)))
-    beyond = at_top & (told > _BEYOND * top)
-    return bool(np.count_nonzero(at_top) >= many and np.count_nonzero(beyond) >= _LEAST_AT_TOP)
+    return int(np.count_nonzero(at_top)) >= many
+
+
+def _is_beyond(size: Floats, told: Floats, top: float) -> bool:
+    """Tell whether many codes at a top should be beyond it."""
+    beyond = (size >= top - _A_CODE) & (told > _BEYOND * top)
+    return int(np.count_nonzero(beyond)) >= _LEAST_AT_TOP

@@ -186,10 +186,14 @@ class Accounts:
         """Return a fitted set at levels that were found beside it, if they suit it better."""
         if one.refitted is None:
             return one
-        again = self.model.evidence_about(one.terms, one.refitted.coefficients, levels)
-        gained = again.log_evidence - one.refitted.log_evidence
-        explained = again.log_likelihood - one.refitted.log_likelihood
+        known = one.refitted
+        there = self.model.evidence_about(one.terms, known.coefficients, levels)
+        gained = there.log_evidence - known.log_evidence
         if gained > 0:
+            again = self.model.refit(
+                one.terms, levels, free_levels=False, steps=1, start=known.coefficients
+            )
+            explained = again.log_likelihood - known.log_likelihood
             self.found[one.effects] = replace(
                 one,
                 log_evidence=one.log_evidence + gained,

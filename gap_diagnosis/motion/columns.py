@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
@@ -96,6 +97,12 @@ class Columns:
     terms: tuple[Term, ...]
     nuisances: tuple[tuple[int, float], ...]
     little: Mapping[int, tuple[Variant, int]] = field(default_factory=dict)
+
+    @cached_property
+    def within_tolerance(self) -> Floats:
+        """The data, then the columns of *nuisances* in their order, side by side: every fit reads
+        these, and among all columns each lies in a line of memory of its own."""
+        return np.take(self.values, [0, *(index + 1 for index, _ in self.nuisances)], axis=-1)
 
 
 def build_columns(

@@ -218,8 +218,10 @@ class MotionModel:
     def evidence_about(
         self, terms: Sequence[Term], coefficients: Sequence[tuple[float, ...]], levels: Floats
     ) -> Refitted:
-        """Return the fit about given coefficients: one step, no other levels."""
-        return self.refit(terms, levels, free_levels=False, steps=1, start=coefficients)
+        """Return the fit about given coefficients, to be compared: one step, no other levels."""
+        return self.refit(
+            terms, levels, free_levels=False, steps=1, start=coefficients, is_compared=True
+        )
 
     def gram(self, levels: Floats) -> Gram:
         """Return all inner products at these noise levels."""
@@ -323,12 +325,13 @@ class MotionModel:
         free_levels: bool = True,
         steps: int = _NEWTON_STEPS,
         start: Sequence[tuple[float, ...]] | None = None,
-        shortens: bool = True,
+        is_compared: bool = False,
         known: Sequence[Floats] = (),
     ) -> Refitted:
         """Fit *terms* again about their own best coefficients (Gauss-Newton).
 
-        *shortens*: a step that leads downhill, which takes half of a fit's time to tell.
+        *is_compared*: by its evidence alone, which is told about where the last step begins: no
+        matter where that leads.
         *known*: levels that suit other sets, tried once besides those here.
         """
         if start is None:
@@ -355,9 +358,9 @@ class MotionModel:
             gram = gram_of(*white, nuisances, levels)
             scored = score(gram, tangent, self.prior)
             best = bounded(terms, split(terms, scored.means[int(np.argmax(scored.weights))]))
-            if shortens:
+            if not (is_compared and step == steps - 1):
                 if height is None:
-                    height = self._height(terms, coefficients, levels)
+                    height = _height_in(gram, coefficients)
                 best, climbed = self._no_worse(terms, coefficients, best, levels, height)
                 height += climbed
             coefficients = best
@@ -484,8 +487,9 @@ class MotionModel:
         What acts otherwise beside one of them is told about them. Behind them stand *more* columns
         which are still to be written.
         """
-        taken = [0, *(index + 1 for index, _ in free), *[0] * more]
-        values = np.take(self.columns.values, taken, axis=-1)
+        place_of = {index: 1 + place for place, (index, _) in enumerate(self.columns.nuisances)}
+        taken = [0, *(place_of[index] for index, _ in free), *[0] * more]
+        values = np.take(self.columns.within_tolerance, taken, axis=-1)
         values[..., 0] += change
         told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
         if not told:
@@ -566,6 +570,15 @@ class MotionModel:
         found = self.levels_for((), self.level_prior.median)
         better = self.better_start((), found)
         return found if better is None else self.levels_for((), better)
+
+
+def _height_in(gram: Gram, coefficients: Sequence[tuple[float, ...]]) -> float:
+    """Return the log likelihood at the coefficients about which columns are told, tolerances
+    marginalised, from their products: tangents come last."""
+    sizes = np.array([one for of_term in coefficients for one in of_term])
+    own = slice(len(gram.data) - len(sizes), None)
+    data, inner = gram.data[own], gram.inner[own, own]
+    return gram.log_nothing + float(data @ sizes - 0.5 * sizes @ inner @ sizes)
 
 
 def along_lines(scored: Scored) -> tuple[tuple[float, ...], ...]:

@@ -186,7 +186,7 @@ class _Compared:
                 free_levels=False,
                 steps=self._steps,
                 start=self._start,
-                shortens=self._steps > 1,
+                is_compared=True,
             )
             self._found[rate] = trial, fit
 

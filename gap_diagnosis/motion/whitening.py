@@ -195,7 +195,8 @@ def _whiten(
         if i != 12:
             known[i, i] = 1.0
     # What each state keeps over a block, and the variance that it gains.
-    keep, fresh = np.ones(states), np.zeros(states)
+    keeps, fresh = np.ones(wide), np.zeros(states)
+    keep = keeps[:states]
     keep[12] = 0.0
     fresh_angle = 0.0
     # What the contact adds to the heading from a block's mean to its end, as a row of *known*, and
@@ -308,7 +309,7 @@ def _whiten(
                     known[0, j] += left_yaw * left + right_yaw * right
                     known[1, j] += left_off_x * left + right_off_x * right
                     known[2, j] += left_off_y * left + right_off_y * right
-            for i in range(states):
+            for i in range(4):
                 turned, bias, left, right = known[i, 0], known[i, 4], known[i, 10], known[i, 11]
                 known[i, 0] += left_turn * left + right_turn * right
                 known[i, 1] += left_x * left + right_x * right - dy * turned
@@ -319,11 +320,16 @@ def _whiten(
                     known[i, 0] += left_yaw * left + right_yaw * right
                     known[i, 1] += left_off_x * left + right_off_x * right
                     known[i, 2] += left_off_y * left + right_off_y * right
-                for j in range(states):
+            # The other states stay as they were: of theirs with these four the rows above say all.
+            for i in range(4, states):
+                for j in range(4):
+                    known[i, j] = known[j, i]
+            for i in range(5):
+                for j in range(5, states):
                     known[i, j] *= keep[j]
             for i in range(5, states):
                 for j in range(wide):
-                    known[i, j] *= keep[i]
+                    known[i, j] *= keep[i] * keeps[j]
             fresh[7] = fresh[8] = (1.0 - keep[7] * keep[7]) * slow_position**2
             fresh[9] = (1.0 - keep[9] * keep[9]) * slow_heading**2
             for i in range(10, states):
@@ -427,11 +433,24 @@ def _whiten(
             for j in range(width):
                 row[states + j] = (columns[channel, k, j] - row[states + j]) * scale
                 out[rows, j] = row[states + j]
+            rows += 1
+            if k == 0:
+                # Square metres less what is seen of them to a tenth of a millimetre: few digits of
+                # what is left are right. In the channel it is what the channel's own noise leaves
+                # (the stabilised form of Bucy and Joseph 1968).
+                for i in range(states):
+                    for j in range(wide):
+                        known[i, j] -= row[i] * row[j]
+                    wrong = known[i, first] + known[i, second] + noise * scale * row[i]
+                    wrong += left_share * known[i, 5] + right_share * known[i, 6]
+                    wrong += astray * known[i, 0]
+                    for j in range(states):
+                        known[i, j] += wrong * scale * row[j]
+                continue
             for j in range(wide):
                 late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
             count += 1
-            rows += 1
         if count == 4:
             for i in range(states):
                 x, y, angle, rate = seen[0, i], seen[1, i], seen[2, i], seen[3, i]

@@ -260,6 +260,19 @@ def test_the_log_determinant_is_that_of_the_dense_covariance(which: str):
     assert log_variance.sum() == pytest.approx(expected, abs=1e-2)
 
 
+@pytest.mark.parametrize("which", COURSES)
+def test_a_start_that_is_unknown_by_metres_costs_no_digits_of_what_is_seen_of_it(which: str):
+    """A search for levels takes differences of what a log says at levels a thousandth apart: its
+    slopes were off by 0.007 nat where the reference is sharp."""
+    sharp = LEVELS.copy()
+    sharp[[NAMES.index(one) for one in NAMES if one.startswith("reference")]] = 3e-5
+    values, steps = laid_out(drawn(1, 1, which)), np.linspace(0.0, 4e-3, 41)
+    levels = [sharp * (1.0 + step) for step in steps]
+    log_variances = [whiten(values, COURSES[which], one, NODES.ticks)[1].sum() for one in levels]
+    smooth = np.polynomial.Polynomial.fit(steps, log_variances, 4)
+    np.testing.assert_allclose(log_variances, smooth(steps), rtol=0.0, atol=1e-7)
+
+
 def test_slip_beside_an_effect_of_nothing_is_as_beside_none():
     """Of a healthy car on a straight road the sign of what a scrub would do goes to and fro with
     the noise of its wheels, and its slip was taken to turn round as often: nine nats for a scrub of
