@@ -76,6 +76,10 @@ def _candidate(
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
     twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
     ambiguous += [twin for twin in twins if twin not in ambiguous]
+    # a twin is named whatever it gains over its parts, and so counts like any other member
+    group += [
+        each for each in ranking.sets if each not in group and tuple(sorted(each.effects)) in twins
+    ]
     detailed = analyses if place < _DETAILED else []
     closely = place == 0 or one.probability >= _CLOSELY
     by_log = [_details(one.effects, each, closely=closely) for each in detailed]
