@@ -149,6 +149,18 @@ def test_logs_that_disagree_on_a_choice_are_weighed() -> None:
     assert chosen.probabilities["right"] == pytest.approx(0.36 / 0.42)
 
 
+def test_a_late_frame_goes_by_the_name_that_the_logs_own_bus_has_for_it() -> None:
+    frame = Estimate("IMU", probabilities={"IMU": 0.9, "ENCODER": 0.1})
+    block = FakeBlock({"frame_latency": 60.0}, parameters={"frame_latency.frame": frame})
+    ranking = rank([[block]], PRIOR, {**STAGE, "frame_latency": "bus"}, {})
+    log = replace(LOG, own_names={"IMU": "YAW", "ENCODER": "WHEELS"})
+    listed = candidates(ranking, [analysis(log, block)])[0]
+    told = entry(listed, "frame_latency").parameters["frame_latency.frame"]
+    assert isinstance(told, ChoiceEstimate)
+    assert told.estimate == "YAW"
+    assert told.probabilities == pytest.approx({"YAW": 0.9, "WHEELS": 0.1})
+
+
 def test_a_group_has_the_probability_of_its_members() -> None:
     both = frozenset({"wheelbase_scale", "gyro_scale"})
     block = FakeBlock({"wheelbase_scale": 60.0, "gyro_scale": 59.0}, {both: 55.0})
