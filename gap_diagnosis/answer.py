@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, cast, get_args
 
@@ -76,6 +77,10 @@ def _candidate(
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
     twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
     ambiguous += [twin for twin in twins if twin not in ambiguous]
+    # a twin is named whatever it gains over its parts, and so counts like any other member
+    group += [
+        each for each in ranking.sets if each not in group and tuple(sorted(each.effects)) in twins
+    ]
     detailed = analyses if place < _DETAILED else []
     closely = place == 0 or one.probability >= _CLOSELY
     by_log = [_details(one.effects, each, closely=closely) for each in detailed]
@@ -115,8 +120,24 @@ def _details(effects: Effects, analysis: Analysis, *, closely: bool = True) -> l
     for block, own, _ in concerned([analysis.blocks], effects):
         whole = block.block if isinstance(block, Reduced) else block
         motion = analysis.motion if whole is analysis.motion else None
-        fits.append(block.fit(own) if motion is None else motion.detail(own, closely=closely))
+        fit = block.fit(own) if motion is None else motion.detail(own, closely=closely)
+        fits.append(
+            replace(fit, parameters=_by_own_names(fit.parameters, analysis.recording.own_names))
+        )
     return fits
+
+
+def _by_own_names(
+    parameters: Mapping[str, Estimate], own_names: Mapping[str, str]
+) -> Mapping[str, Estimate]:
+    """Return the parameters with the name that the log's bus has for a message."""
+    key = "frame_latency.frame"
+    told = parameters.get(key)
+    if told is None:
+        return parameters
+    by_name = {own_names.get(name, name): p for name, p in (told.probabilities or {}).items()}
+    value = own_names.get(str(told.value), told.value)
+    return {**parameters, key: replace(told, value=value, probabilities=by_name)}
 
 
 def _independent(

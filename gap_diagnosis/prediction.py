@@ -12,7 +12,7 @@ Index k of every array speaks of the tick that ends at t_k; at k = 0 steps are z
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
@@ -77,6 +77,7 @@ class Motion:
         has_speeds: wheels say how fast they are, and no way.
         has_counters: rows were put together by the frames' counters, not by their stamps.
         are_rows_late: rows have no clock of their own: what they say was read at other times.
+        own_names: what the log's bus calls ENCODER and IMU.
         granted: effects that are known beside the description: every prediction has them.
     """
 
@@ -128,6 +129,7 @@ class Motion:
     has_speeds: bool
     has_counters: bool = True
     are_rows_late: bool = False
+    own_names: Mapping[str, str] = field(default_factory=dict)
     granted: tuple[Setting, ...] = ()
 
     @cached_property

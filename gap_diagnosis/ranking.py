@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from scipy.stats import chi2
 
 from gap_diagnosis.block_sums import Effects, quick_of, silent_of, total_of
 from gap_diagnosis.company import OWN_BLOCK, Company
@@ -20,13 +21,14 @@ from gap_diagnosis.priors import WHEELS, Prior
 from gap_diagnosis.set_scores import Score, Scores, single_priors
 from gap_diagnosis.setup_mistakes import LEAST_GAIN
 from gap_diagnosis.unseen import with_one_unseen
+from hil_harness.effects import catalogue
 
 THRESHOLD: Final = 29.0
 """Separation below which two sets are not told apart (docs/design.md, section 5)."""
 
-_BY_CHANCE: Final = 6.63
-"""Twice the log-likelihood that an effect gains which is not there, in 99 of 100 cases (chi-square
-with one degree of freedom)."""
+_BY_CHANCE: Final = 0.01
+"""Effects that are not there gain more than `_gained_by_chance` in so many cases: twice the
+log-likelihood is chi-square, with as many degrees of freedom as they have numbers."""
 
 _PAIRED: Final = 10
 _WORTH_PAIRING: Final = 2.0
@@ -127,7 +129,11 @@ class Ranking:
         size = len(one.effects)
         less = (frozenset(part) for n in range(size) for part in combinations(one.effects, n))
         known = (self._entries[part] for part in less if part in self._entries)
-        return any(2 * (one.log_likelihood - each.log_likelihood) < _BY_CHANCE for each in known)
+        return any(
+            2 * (one.log_likelihood - each.log_likelihood)
+            < _gained_by_chance(_numbers(one.effects - each.effects))
+            for each in known
+        )
 
 
 def rank(
@@ -333,6 +339,20 @@ def _pairs_within(
     larger = [one for one, value in likely.items() if len(one) > 2 and value > top - NEAR]
     within = {frozenset(pair) for one in larger for pair in combinations(sorted(one), 2)}
     return {pair: (*total_of(logs, pair), scored[pair][2]) for pair in within & quick}
+
+
+@cache
+def _gained_by_chance(numbers: int) -> float:
+    """Return twice the log-likelihood that so many numbers gain by chance at most."""
+    return float(chi2.isf(_BY_CHANCE, numbers))
+
+
+def _numbers(effects: Effects) -> int:
+    """Return how many numbers there are to fit in effects, of what is not in the catalogue one."""
+    known = catalogue()
+    told = [known[one].parameters for one in effects if one in known]
+    unknown = len(effects) - len(told)
+    return unknown + sum(max(1, sum(one.kind == "real" for one in each)) for each in told)
 
 
 def _causes(effects: Effects) -> int:

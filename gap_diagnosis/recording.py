@@ -105,6 +105,8 @@ class Recording:
             hold of the frames received until then), or None.
         odometry_x_m, odometry_y_m, odometry_heading_rad: float64[n] (heading unwrapped), or None.
         frames: per message name, the reception stamps of its frames; empty for tables.
+        own_names: what the log's bus calls the messages with wheels and gyro that Chiplog calls
+            ENCODER and IMU; empty for tables, and where both are in one message.
         rejected: frames that failed a check, by reason.
         counter_bits: width at which the counts were unwrapped.
         counts_per_step: by how many counts the reading of each wheel steps, left and right: more
@@ -146,6 +148,7 @@ class Recording:
     odometry_y_m: Floats | None = None
     odometry_heading_rad: Floats | None = None
     frames: Mapping[str, FrameTimes] = field(default_factory=dict)
+    own_names: Mapping[str, str] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     counter_bits: int = 16
     counts_per_step: tuple[float, float] = (1.0, 1.0)

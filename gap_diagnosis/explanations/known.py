@@ -53,7 +53,7 @@ def known_effects(granted: Granted, motion: Motion) -> tuple[Known, ...]:
     found = []
     for effect, given in granted.values.items():
         off = {name: granted.sds.get(f"{effect}.{name}", 0.0) for name in given}
-        told, values, sds = _told_as(effect, given, off, motion)
+        told, values, sds = _told_as(effect, _in_our_names(given, motion), off, motion)
         ways = tuple(_ways(told, values, granted, motion))
         if ways:
             found.append(Known(ways, tuple(_sds(ways[0][0], values, sds, is_open=len(ways) > 1))))
@@ -76,6 +76,13 @@ def gyro_delay_s(settings: Iterable[Setting]) -> float:
         elif variant.report.get("frame") == "ENCODER":
             late_s -= sizes[0]
     return late_s
+
+
+def _in_our_names(values: Mapping[str, Value], motion: Motion) -> Mapping[str, Value]:
+    """Return the values with Chiplog's name of a message that the log's bus calls otherwise."""
+    ours = {own: name for name, own in motion.own_names.items()}
+    frame = values.get("frame")
+    return {**values, "frame": ours[frame]} if isinstance(frame, str) and frame in ours else values
 
 
 def _told_as(

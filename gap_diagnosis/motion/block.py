@@ -20,7 +20,7 @@ from gap_diagnosis.motion.mending import Mending
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.neighbours import DEAD
 from gap_diagnosis.motion.noise import NOISES, fit_noise
-from gap_diagnosis.motion.posterior import Posterior, estimate
+from gap_diagnosis.motion.posterior import Posterior, estimate, of_moment_or_mean
 from gap_diagnosis.motion.pushes import Pushes, find_pushes
 from gap_diagnosis.motion.scan import Scan, search
 from gap_diagnosis.motion.standstill import Standstills, find_standstills
@@ -419,6 +419,8 @@ class MotionBlock:
                 parameters[f"{alias}.{name}"] = parameters.pop(known)
             samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
             parameters[f"{alias}.scale"] = estimate("scale", samples)
+        if not self.model.nodes.motion.has_counters:
+            parameters |= of_moment_or_mean(parameters, self.model.nodes.motion.tick_s)
         fit = self._fit(effects)
         return replace(
             fit,

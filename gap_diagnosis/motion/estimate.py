@@ -271,6 +271,7 @@ def _estimated(recording: Recording, robot: Robot, reference_delay_s: Floats | f
         has_speeds=recording.speed_cycle_s > 0,
         has_counters=has_counters,
         are_rows_late=recording.stamped_by_host,
+        own_names=recording.own_names,
     )
 
 

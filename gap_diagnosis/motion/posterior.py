@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -233,3 +233,22 @@ def estimate(name: str, samples: Floats) -> Estimate:
         middle = float(np.angle(np.mean(np.exp(1j * samples))))
         samples = middle + np.angle(np.exp(1j * (samples - middle)))
     return Estimate(float(samples.mean()), float(samples.std()), samples)
+
+
+def of_moment_or_mean(parameters: Mapping[str, Estimate], row_s: float) -> dict[str, Estimate]:
+    """Return how late a gyro is whose rows do not say whether a rate is of the row's own moment or
+    the mean since the row before.
+
+    Either is as likely, and a fit takes it for the mean, which shows half a row less.
+    """
+    frame = parameters.get("frame_latency.frame")
+    is_late = frame is not None and frame.value == "IMU"
+    name = "frame_latency.delay" if is_late else "gyro_lag.time_constant"
+    if name not in parameters:
+        return {}
+    samples = np.asarray(parameters[name].samples)
+    of_the_moment = np.arange(len(samples)) % 2 == 1
+    either = estimate(name, samples + 0.5 * row_s * of_the_moment)
+    return {
+        name: replace(parameters[name], value=either.value, sd=either.sd, samples=either.samples)
+    }

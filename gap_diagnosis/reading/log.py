@@ -81,6 +81,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         odometry_y_m=_quantity(log.on_rows("odom_y")),
         odometry_heading_rad=None if heading is None else unwrapped(heading),
         frames={name: _frame_times(log, name) for name in log.frames},
+        own_names=_own_names(log.wire),
         rejected=log.rejected,
         counter_bits=_counter_bits(log.wire.signal_map["left_count"], robot),
         clock_skew=log.clock.skew,
@@ -95,6 +96,13 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         doubts=_beyond_the_counter(log, robot),
     )
     return recording, _reference(log)
+
+
+def _own_names(wire: Wire) -> dict[str, str]:
+    wheels, gyro = wire.signal_map["left_count"], wire.signal_map.get("gyro")
+    if gyro is None or gyro.message.name == wheels.message.name:
+        return {}
+    return {"ENCODER": wheels.message.name, "IMU": gyro.message.name}
 
 
 def _wheel(log: LogByTicks, role: Role) -> Floats:

@@ -9,14 +9,15 @@ from typing import cast
 
 import numpy as np
 import pytest
-from fake_blocks import STAGE, FakeBlock, analysis, ranked
+from fake_blocks import PRIOR, STAGE, FakeBlock, analysis, ranked
 
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.answer import candidates, stage_probabilities, unknown_part
 from gap_diagnosis.drive.leftover import Dependence
 from gap_diagnosis.hypothesis import Estimate
 from gap_diagnosis.motion.unknown import Alternative
-from gap_diagnosis.ranking import Ranking
+from gap_diagnosis.priors import WHEELS
+from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import Candidate, ChoiceEstimate, NumberEstimate
 from hil_harness.effects import EffectParameter, catalogue
@@ -148,6 +149,18 @@ def test_logs_that_disagree_on_a_choice_are_weighed() -> None:
     assert chosen.probabilities["right"] == pytest.approx(0.36 / 0.42)
 
 
+def test_a_late_frame_goes_by_the_name_that_the_logs_own_bus_has_for_it() -> None:
+    frame = Estimate("IMU", probabilities={"IMU": 0.9, "ENCODER": 0.1})
+    block = FakeBlock({"frame_latency": 60.0}, parameters={"frame_latency.frame": frame})
+    ranking = rank([[block]], PRIOR, {**STAGE, "frame_latency": "bus"}, {})
+    log = replace(LOG, own_names={"IMU": "YAW", "ENCODER": "WHEELS"})
+    listed = candidates(ranking, [analysis(log, block)])[0]
+    told = entry(listed, "frame_latency").parameters["frame_latency.frame"]
+    assert isinstance(told, ChoiceEstimate)
+    assert told.estimate == "YAW"
+    assert told.probabilities == pytest.approx({"YAW": 0.9, "WHEELS": 0.1})
+
+
 def test_a_group_has_the_probability_of_its_members() -> None:
     both = frozenset({"wheelbase_scale", "gyro_scale"})
     block = FakeBlock({"wheelbase_scale": 60.0, "gyro_scale": 59.0}, {both: 55.0})
@@ -155,6 +168,23 @@ def test_a_group_has_the_probability_of_its_members() -> None:
     assert ("gyro_scale",) in first.ambiguous_with
     assert first.probability < 0.8
     assert first.group_probability > 0.98
+
+
+def test_what_is_named_as_a_twin_counts_for_the_group() -> None:
+    """Of a load on one side 78 % and its named twin's 16 % were together 79.8 %."""
+    gains = {"payload": 101.0, "radius_mismatch": 97.0, "radius_scale": 20.0}
+    likelihood = {"payload": 104.0, "radius_mismatch": 102.0}
+    no_more = {WHEELS: 99.5, **{frozenset({"payload", one}): 95.0 for one in WHEELS}}
+    no_more[WHEELS | {"payload"}] = 95.0
+    block = FakeBlock(gains, no_more, likelihood=likelihood)
+    ranking = rank([[block]], PRIOR, {**STAGE, "payload": "wheel"}, {})
+    first = entry(entries(ranking, block), "payload")
+    assert ("radius_mismatch", "radius_scale") in first.ambiguous_with
+    named = (first.effects, *first.ambiguous_with)
+    assert ranking.of(WHEELS).probability > 0.05
+    assert first.group_probability == pytest.approx(
+        math.fsum(ranking.of(frozenset(one)).probability for one in named)
+    )
 
 
 def test_an_effect_that_leaves_the_same_data_in_every_log_is_named() -> None:

@@ -9,9 +9,12 @@ import pytest
 from drives import ROBOT
 
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.granted import Granted
+from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.recording import Recording
 from hil_harness import HarnessError, Robot
+from hil_harness.effects import EffectSetting
 
 HEAD = 'VERSION ""\nBU_: A B\n'
 CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
@@ -62,6 +65,19 @@ def wheels(left: int, right: int) -> str:
 
 def yaw(rate: int) -> str:
     return f"101#{rate.to_bytes(4, 'little', signed=True).hex()}"
+
+
+def test_a_late_gyro_of_a_foreign_bus_is_known_by_the_name_of_its_own_message(
+    tmp_path: Path,
+) -> None:
+    """It was told as IMU's, and no effects file that said so could be read beside that DBC."""
+    lines = [(1 + k * 0.02, wheels(40 * k, 30 * k)) for k in range(200)]
+    lines += [(1.005 + k * 0.02, yaw(1000 * k)) for k in range(200)]
+    recording = read(tmp_path, COUNTS, (20, 20), lines)
+    assert recording.own_names == {"ENCODER": "WHEELS", "IMU": "YAW"}
+    late = EffectSetting("frame_latency", (("frame", "YAW"), ("delay", 0.04)))
+    motion = estimate_motion(replace(recording, granted=Granted((late,))), ROBOT)
+    assert [one.report for one, _ in motion.granted] == [{"frame": "IMU"}]
 
 
 @pytest.mark.parametrize("says_cycles", [True, False])
