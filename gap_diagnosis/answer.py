@@ -74,8 +74,14 @@ def _candidate(
 ) -> Candidate:
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
-    twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
-    ambiguous += [twin for twin in twins if twin not in ambiguous]
+    named = {tuple(sorted(one.effects)), *ambiguous}
+    ambiguous += dict.fromkeys(
+        tuple(sorted(twin))
+        for each in (one, *group[:_MOST_AMBIGUOUS])
+        for twin in twin_sets(each.effects)
+        # twice as many for one are named beside the set itself only
+        if (each is one or len(twin) == len(each.effects)) and tuple(sorted(twin)) not in named
+    )
     detailed = analyses if place < _DETAILED else []
     closely = place == 0 or one.probability >= _CLOSELY
     by_log = [_details(one.effects, each, closely=closely) for each in detailed]
