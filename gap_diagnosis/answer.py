@@ -75,8 +75,15 @@ def _candidate(
 ) -> Candidate:
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
-    twins = [tuple(sorted(twin)) for twin in twin_sets(one.effects)]
-    ambiguous += [twin for twin in twins if twin not in ambiguous]
+    named = {tuple(sorted(one.effects)), *ambiguous}
+    twins = dict.fromkeys(
+        tuple(sorted(twin))
+        for each in (one, *group[:_MOST_AMBIGUOUS])
+        for twin in twin_sets(each.effects)
+        # twice as many for one are named beside the set itself only
+        if (each is one or len(twin) == len(each.effects)) and tuple(sorted(twin)) not in named
+    )
+    ambiguous += twins
     # a twin is named whatever it gains over its parts, and so counts like any other member
     group += [
         each for each in ranking.sets if each not in group and tuple(sorted(each.effects)) in twins

@@ -79,7 +79,9 @@ class Plant:
         )
         self._noise = Noise(records.active_streams(self._parameters), lesson=noise == "lesson")
         self._noise.start(check_seed(seed))
-        delays = [0] if drive == "ideal" else self._parameters["delay_ticks"].tolist()
+        delays = self._parameters["delay_ticks"].tolist()
+        if drive == "ideal":
+            delays = [0] * len(delays)
         longest = max(delays)
         # commands k − delay − 1 … k; the robot was told to rest before the first
         self._commands = deque([(0.0, 0.0)] * (longest + 2), maxlen=longest + 2)

@@ -72,7 +72,7 @@ class Posterior:
                 elif name in EDGES:
                     parameters[key] = estimate(name, self._edge(term, name, found, rng))
                 else:
-                    parameters[key] = self._choice(term, name, found)
+                    parameters[key] = self._choice(term, name, found, again)
             if "start_s" in term.variant.fixed:
                 fixed = term.variant.fixed
                 windows.append((float(fixed["start_s"]), float(fixed["stop_s"])))
@@ -208,23 +208,38 @@ class Posterior:
         step = float(np.diff(grid).mean()) if len(grid) > 1 else 0.0
         return np.maximum(drawn + step * rng.uniform(-0.5, 0.5, DRAWS), 0.0)
 
-    def _choice(self, term: Term, name: str, found: Found) -> Estimate:
-        """Return the probabilities of a choice, from every variant of the effect."""
+    def _choice(self, term: Term, name: str, found: Found, again: Refitted) -> Estimate:
+        """Return the probabilities of a choice, from every variant of the effect.
+
+        Where straight lines speak for another than was fitted, that one is fitted as it acts: a
+        size told of one wheel would stand beside a probability of the other.
+        """
         others = [one for one in found.terms if one.variant.effect != term.variant.effect]
+        chosen = term.variant.report[name]
         scores: dict[str, float] = {}
+        best: dict[str, tuple[float, Term]] = {}
         for variant in self.scan.by_effect[term.variant.effect]:
             if says_twice([*others, variant]):
                 continue
             key = str(variant.variant.report[name])
             value = self.scan.evidence([*others, variant], found.levels)
             scores[key] = float(np.logaddexp(scores.get(key, -np.inf), value))
+            best[key] = max(best.get(key, (-math.inf, variant)), (value, variant), key=_first)
+        own = scores.get(str(chosen), -math.inf)
+        for key in [key for key, score in scores.items() if self.closely and score > own]:
+            terms = tuple(best[key][1] if one is term else one for one in found.terms)
+            fit = self.model.refit(terms, found.levels, known=(again.levels,))
+            scores[key] = own + fit.log_evidence - again.log_evidence
         top = max(scores.values())
         weights = {key: float(np.exp(value - top)) for key, value in scores.items()}
         total = sum(weights.values())
         return Estimate(
-            term.variant.report[name],
-            probabilities={key: weight / total for key, weight in weights.items()},
+            chosen, probabilities={key: weight / total for key, weight in weights.items()}
         )
+
+
+def _first(scored: tuple[float, Term]) -> float:
+    return scored[0]
 
 
 def estimate(name: str, samples: Floats) -> Estimate:

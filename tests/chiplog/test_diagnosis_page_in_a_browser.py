@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import diagnosis_samples as samples
+import numpy as np
 import pytest
 from browser import Browser, Tab
 
 from chiplog.pages.diagnosis import diagnosis_page
-from gap_diagnosis.pictures import Report
+from gap_diagnosis.pictures import Report, ResidualSeries
 from gap_diagnosis.result import Diagnosis
 
 EVERY = [samples.diagnosis(), samples.single(), samples.nothing(), samples.unlisted()]
@@ -61,6 +63,23 @@ def test_a_drag_over_the_map_zooms_all_charts_over_time_and_a_double_click_undoe
     shown.click("#map", times=2)
     assert shown.texts(TIME_TICKS) == whole
     assert shown.complaints == []
+
+
+def test_what_is_off_by_a_rounding_only_is_drawn_flat_on_an_axis_that_can_be_read(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """Labels of 15 decimals ran out of the chart, and frames were counted in n1."""
+    time_s = np.linspace(0.0, 60.0, 50)
+    residue = 1e-15 * np.sin(time_s)
+    kinds = ("heading", "rad"), ("along x", "m"), ("stamps", "s"), ("frames missing", "1")
+    rows = tuple(ResidualSeries("bus", name, unit, time_s, residue) for name, unit in kinds)
+    pictures = replace(samples.pictures(), residuals=rows)
+    shown = opened(browser, tmp_path, diagnosis_page(Report(samples.diagnosis(), pictures)))
+    labels = [shown.texts(f"#residual-{k} text") for k in range(len(kinds))]
+    assert max(len(label) for chart in labels for label in chart if label[-1].isdigit()) <= 6
+    assert ["frames missing" in chart for chart in labels] == [False, False, False, True]
+    paths = "[...document.querySelectorAll('[id^=residual-] path.line')]"
+    assert max(shown.run(f"{paths}.map((path) => path.getBBox().height)")) < 1
 
 
 def test_pointing_at_a_cell_of_the_map_tells_its_share(shown: Tab) -> None:

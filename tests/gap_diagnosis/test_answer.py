@@ -70,6 +70,15 @@ def test_intervals_are_nested_about_the_estimate() -> None:
     assert known.ci95[1] - known.ci95[0] == pytest.approx(2 * 1.96 * 0.002, rel=0.05)
 
 
+def test_what_leaves_the_data_of_any_member_of_a_group_is_named_with_it() -> None:
+    """A gyro's bias that a square cannot tell from `adc_inl` was "adc_inl or gyro_bias": that its
+    converter may be off instead was said only where the bias led."""
+    block = FakeBlock({"wheelbase_scale": 50.0, "gyro_scale": 49.0, "gyro_bias": 1.0})
+    led = entry(entries(ranked(block), block), "wheelbase_scale")
+    assert set(led.ambiguous_with) >= {("gyro_scale",), ("adc_gain",), ("gyro_tilt",)}
+    assert ("adc_offset",) not in led.ambiguous_with
+
+
 def test_two_logs_know_a_value_better_than_one() -> None:
     block = FakeBlock({"gyro_bias": 50.0}, parameters={"gyro_bias.bias": normal(0.01, 0.002)})
     known = entry(entries(ranked(block, logs=2), block, logs=2), "gyro_bias")

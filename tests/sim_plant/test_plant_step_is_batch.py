@@ -14,6 +14,7 @@ from quiet_robot import held
 from sim_plant import (
     Batch,
     Mechanisms,
+    MechanismSchedule,
     Plant,
     PlantDescription,
     PlantError,
@@ -198,6 +199,22 @@ def test_runs_share_one_motion_exactly_when_nothing_random_moves_them() -> None:
     assert shared.truth.shape == (1, 20, 3)
     assert own.truth.shape == (4, 20, 3)
     assert len(np.unique(own.truth[:, -1, 1])) == 4
+
+
+@pytest.mark.parametrize("drive", ["motor", "ideal"])
+def test_a_run_whose_mechanisms_change_with_time_is_the_same_both_ways(drive: Any) -> None:
+    models: dict[str, Any] = {"tick_period_us": 10_000, "drive": drive}
+    for_a_while = MechanismSchedule(
+        (
+            (-math.inf, Mechanisms(drive_delay_s=0.03)),
+            (0.5, Mechanisms(drive_delay_s=0.05, gyro_bias_rad_s=0.02)),
+            (1.0, Mechanisms()),
+        )
+    )
+    commands = np.vstack([held(0.7, -0.3, 80), held(-0.2, 0.4, 70)])
+    runs = simulate(PlantDescription(), for_a_while, commands, [11], **models)
+    plant = Plant(PlantDescription(), for_a_while, seed=11, **models)
+    assert_tick_by_tick_is_row(runs, 0, commands, plant)
 
 
 def test_one_tick_is_a_run() -> None:

@@ -26,6 +26,7 @@
   function written(value, unit) {
     if (value === null || value === undefined) return "–";
     if (unit === "rad") return minus(Number((value * 180 / Math.PI).toPrecision(3)).toString()) + "°";
+    if (unit === "1") return minus(Number(value.toPrecision(3)).toString());
     for (const [factor, prefix] of [[1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]]) {
       if (Math.abs(value) >= factor) return minus(Number((value / factor).toPrecision(3)).toString()) + " " + prefix + unit;
     }
@@ -201,13 +202,18 @@
   }
 
   function residualChart(host, series, place) {
-    const bounds = extent([series.value, series.explained]);
-    const largest = Math.max(Math.abs(bounds[0]), Math.abs(bounds[1]));
-    const turn = series.unit === "rad";
-    const [scale, prefix] = turn ? [Math.PI / 180, "°"]
-      : [[1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]].find((one) => largest >= one[0]) || [1, ""];
+    let bounds = extent([series.value, series.explained]);
+    let largest = Math.max(Math.abs(bounds[0]), Math.abs(bounds[1]));
+    const turn = series.unit === "rad", counted = series.unit === "1";
+    const least = counted ? 1 : 1e-9;  // what is smaller is a rounding, and drawn flat
+    if (largest < least) { bounds = [-least, least]; largest = least; }
+    const whole = turn ? Math.PI / 180 : 1;
+    const prefixes = counted ? [[1, ""]] : [[1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
+    const [factor, prefix] = prefixes.find((one) => largest >= one[0] * whole) || prefixes[prefixes.length - 1];
+    const scale = factor * whole;
+    const unit = counted ? "" : ` [${prefix}${turn ? "°" : series.unit}]`;
     const options = { name: "residual-" + place, label: series.name + " over time", xName: "time [s]",
-      yName: `${series.name} [${turn ? "°" : prefix + series.unit}]`, yScale: scale, height: (w) => (w < 500 ? 190 : 210), hint: " ",
+      yName: series.name + unit, yScale: scale, height: (w) => (w < 500 ? 190 : 210), hint: " ",
       view: () => ({ x: shown, y: bounds }) };
     function draw(plot) {
       line(plot.inside, series.t, series.value, plot.toX, plot.toY, COLOURS.before);

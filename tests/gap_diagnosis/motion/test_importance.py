@@ -236,6 +236,29 @@ def test_a_variant_that_its_fit_shows_to_be_unlikely_is_not_weighed_as_it_bends(
     assert pareto_k is not None
 
 
+def test_a_side_for_which_straight_lines_alone_speak_is_not_the_likelier_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A lawnmower's slip was told with the right wheel's size and window, "probability < 0.1 %":
+    along straight lines the left one's was worth 220 nats more, and as it acts less."""
+    terms, fit = fitted("extra_ticks")
+    mine = replace(terms[0], variant=replace(terms[0].variant, report={"side": "right"}))
+    other = replace(terms[0], variant=replace(terms[0].variant, report={"side": "left"}))
+    scan = SimpleNamespace(
+        dispersion=1.0,
+        spans={},
+        by_effect={"extra_ticks": [mine, other]},
+        evidence=lambda terms, levels: 220.0 if terms[-1] is other else 0.0,
+    )
+    less = replace(fit, log_evidence=fit.log_evidence - 40.0)
+    monkeypatch.setattr(MotionModel, "refit", lambda *_, **__: less)
+    found = Found(frozenset({"extra_ticks"}), (mine,), 0.0, 0.0, fit.levels, fit)
+    side = Posterior(MODEL, scan).estimates(found, fit)[0]["extra_ticks.side"]
+    assert side.value == "right"
+    assert side.probabilities is not None
+    assert side.probabilities["right"] > 0.999
+
+
 def test_a_set_with_a_size_that_is_no_news_is_told_by_its_lines() -> None:
     """All draws lay within the tolerance: shape and evidence were no numbers, and a car's log with
     a gyro 80 ms late ended as an internal error."""
