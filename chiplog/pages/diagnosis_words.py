@@ -81,6 +81,8 @@ def headline(diagnosis: Diagnosis) -> str:
     name = group_name(diagnosis.group)
     if diagnosis.verdict == UNKNOWN and _is_noises(diagnosis.gap):
         name += ", smaller than noise"
+    elif diagnosis.verdict == NO_GAP and _is_tolerated(diagnosis.gap):
+        name += " beyond tolerance"
     line = f"{name} ({probability(diagnosis.which[0].group_probability)})"
     if diagnosis.contradicting:
         line = f"the logs contradict each other; as of one robot {line}"
@@ -168,6 +170,11 @@ def _is_nothing(gap: Metric) -> bool:
 def _is_noises(gap: Metric | None) -> bool:
     """Tell whether a gap is no larger than what noise alone would leave."""
     return gap is not None and gap.floor is not None and gap.before <= gap.floor
+
+
+def _is_tolerated(gap: Metric | None) -> bool:
+    """Tell whether more is left than noise: where there is no gap, it is within tolerance."""
+    return gap is not None and gap.floor is not None and gap.before >= CLOSABLE * gap.floor
 
 
 def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:

@@ -327,6 +327,19 @@ def test_an_unlisted_cause_that_does_less_than_noise_is_said_to() -> None:
     assert headline(found.model_copy(update={"gap": large})).startswith("an unlisted cause (")
 
 
+def test_no_gap_beyond_tolerance_is_said_to_be_so_where_more_is_left_than_noise() -> None:
+    """Of a robot in another engine it read "no gap (95.4 %): gap 12.1 mm (floor 587 µm)"."""
+    found = samples.nothing()
+    small = samples.gap().model_copy(
+        update={"before": 0.0121, "after": None, "floor": 0.000587, "closed": None, "ci95": None}
+    )
+    said = found.model_copy(update={"gap": small})
+    assert headline(said).startswith("no gap beyond tolerance (")
+    assert gap_sentence(said).endswith("; what stands above the floor lies within tolerance.")
+    noise = small.model_copy(update={"before": 0.0006})
+    assert headline(found.model_copy(update={"gap": noise})).startswith("no gap (")
+
+
 def test_a_small_group_is_named_member_by_member() -> None:
     assert group_name((("a",), ("b", "c"))) == "a or b + c"
 
