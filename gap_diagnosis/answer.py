@@ -35,6 +35,8 @@ _DETAILED: Final = 4
 _CLOSELY: Final = 0.01
 """Of less probable sets, windows and thresholds are told as roughly as the search found them."""
 _MOST_AMBIGUOUS: Final = 40
+_FEW: Final = 2
+"""Twins of a group's members of so many effects are named with it."""
 _EXACT: Final = 1e-100
 """What is known to the last digit is as sure as this; its square is still a number."""
 
@@ -76,12 +78,14 @@ def _candidate(
     group = ranking.group(one.effects)
     ambiguous = [tuple(sorted(each.effects)) or (NO_GAP,) for each in group[:_MOST_AMBIGUOUS]]
     named = {tuple(sorted(one.effects)), *ambiguous}
+    # Two for one are named beside the set itself only, and so are those of larger sets: of a Kobuki
+    # one of 18 sets was one of 34.
     twins = dict.fromkeys(
         tuple(sorted(twin))
         for each in (one, *group[:_MOST_AMBIGUOUS])
         for twin in twin_sets(each.effects)
-        # twice as many for one are named beside the set itself only
-        if (each is one or len(twin) == len(each.effects)) and tuple(sorted(twin)) not in named
+        if each is one or len(twin) == len(each.effects) <= _FEW
+        if tuple(sorted(twin)) not in named
     )
     ambiguous += twins
     # a twin is named whatever it gains over its parts, and so counts like any other member
