@@ -17,6 +17,7 @@ from gap_diagnosis.gap.shares import joined, shares_of
 from gap_diagnosis.gap.waterfall import shapley_reductions
 from gap_diagnosis.measured import Measured, Unmeasured, measured
 from gap_diagnosis.modelled import NO_GAP_MEASURED, told_apart
+from gap_diagnosis.motion.block import ALIASES
 from gap_diagnosis.pictures import Pictures
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.result_parts import (
@@ -75,7 +76,8 @@ def shrink(
     one = measured(analysis, effects, stage, robot, wire, held)
     if isinstance(one, Unmeasured):
         return Shrink(notes=(one.why,), unmeasured={0: one.why}, pictures=one.pictures)
-    shrunk = _shrink([one], analysis.motion_of(effects), stage, is_other_log=held is not None)
+    own = analysis.motion_of(effects)
+    shrunk = _shrink([one], effects, own, stage, is_other_log=held is not None)
     return replace(shrunk, notes=(_unmet(one),)) if one.unmet else shrunk
 
 
@@ -118,7 +120,7 @@ def shrink_each(
         pictures = first.pictures if isinstance(first, Unmeasured) else Pictures()
         return Shrink(notes=tuple(notes), unmeasured=unmeasured, pictures=pictures), metrics
     own = frozenset[str]().union(*(analyses[place].motion_of(effects) for place in parts))
-    shrunk = _shrink(list(parts.values()), own, stage, is_other_log=False)
+    shrunk = _shrink(list(parts.values()), effects, own, stage, is_other_log=False)
     notes += [f"{names[place]}: {_unmet(one)}" for place, one in parts.items() if one.unmet]
     if shrunk.gap is not None:
         notes.append(_which(shrunk.gap, names, metrics))
@@ -139,9 +141,14 @@ def _which(gap: Gap, names: Sequence[str], metrics: Sequence[dict[str, Metric]])
 
 
 def _shrink(
-    parts: Sequence[Measured], own: Effects, stage: StageOrNone, *, is_other_log: bool
+    parts: Sequence[Measured],
+    effects: Effects,
+    own: Effects,
+    stage: StageOrNone,
+    *,
+    is_other_log: bool,
 ) -> Shrink:
-    """Return the gap of all windows together; *own* are the effects that the motion shows."""
+    """Return the gap of all windows together; *own* are those *effects* that the motion shows."""
     acting = _acting(stage, own, has_frames=any(one.where.frames for one in parts))
     compared = _together([one.compared for one in parts])
     gap = gap_of(compared, acting, "log" if is_other_log else "stretches")
@@ -160,7 +167,7 @@ def _shrink(
         segments = shown.segments(name)
     return Shrink(
         gap=gap,
-        waterfall=None if gap.after is None else _waterfall(gap, having),
+        waterfall=None if gap.after is None else _waterfall(gap, effects, having),
         stages=shares,
         segments=segments,
         pictures=shown.pictures(),
@@ -224,8 +231,10 @@ def _acting(stage: StageOrNone, own: Effects, *, has_frames: bool) -> StageOrNon
     return "wheel" if is_table or (stage == "actuation" and behind) else stage
 
 
-def _waterfall(gap: Gap, parts: Sequence[Measured]) -> Waterfall | None:
-    """Return what switching each effect on takes away, over the windows of all *parts*."""
+def _waterfall(gap: Gap, effects: Effects, parts: Sequence[Measured]) -> Waterfall | None:
+    """Return what switching each of these effects on takes away, over the windows of all *parts*:
+    by their own names, and not by those that the motion knows them by."""
+    named = {ALIASES[effect]: effect for effect in effects & ALIASES.keys()}
     acting = [one.acting(gap.metric) for one in parts]
     if any(one is None for one in acting):
         return None
@@ -252,7 +261,7 @@ def _waterfall(gap: Gap, parts: Sequence[Measured]) -> Waterfall | None:
         unit=gap.unit,
         before=known(frozenset()),
         steps=tuple(
-            WaterfallStep(effect=name, reduction=value)
+            WaterfallStep(effect=named.get(name, name), reduction=value)
             for name, value in sorted(reductions.items(), key=lambda item: -item[1])
         ),
         after=known(names),

@@ -106,6 +106,20 @@ def test_each_effect_of_the_bus_takes_its_part_off_the_gap_of_the_stamps() -> No
     assert alone.before == alone.after
 
 
+def test_what_takes_its_part_off_a_gap_stands_there_by_the_name_that_it_was_told_by() -> None:
+    """Of a Kobuki whose counts per turn were told a bar said radius_scale."""
+    wrong = (EffectSetting("ticks_per_rev", (("scale", 0.02),)),)
+    figure8 = replace(scenario("figure8"), effects=())
+    log = synthetic_recording(
+        ROBOT, WIRE, figure8, wrong, 3, reference=ReferenceNoise(), duration_s=30.0
+    )
+    analysis = analysis_of(log, *FEW, "radius_scale", "ticks_per_rev")
+    for name in ("ticks_per_rev", "radius_scale"):
+        fall = shrink(analysis, frozenset({name}), "wheel", ROBOT, WIRE, None).waterfall
+        assert fall is not None
+        assert [step.effect for step in fall.steps] == [name]
+
+
 def test_a_gap_of_the_odometry_falls_to_the_stages_of_its_chain() -> None:
     wider = EffectSetting("wheelbase_scale", (("scale", 0.02),))
     shrunk = shrink(
