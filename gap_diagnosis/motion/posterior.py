@@ -92,7 +92,7 @@ class Posterior:
                 return self._along_thresholds(found.terms, place, again, rng)
         likely = [(found.terms, again)]
         for place, term in enumerate(found.terms):
-            if not term.variant.coefficients or any(name in term.variant.fixed for name in EDGES):
+            if not _is_of_either(term):
                 continue
             known = self.scan.evidence(found.terms, found.levels)
             for other in self.scan.by_effect[term.variant.effect]:
@@ -230,12 +230,20 @@ class Posterior:
             terms = tuple(best[key][1] if one is term else one for one in found.terms)
             fit = self.model.refit(terms, found.levels, known=(again.levels,))
             scores[key] = own + fit.log_evidence - again.log_evidence
-        top = max(scores.values())
-        weights = {key: float(np.exp(value - top)) for key, value in scores.items()}
+        likeliest = max(scores, key=lambda key: scores[key])
+        if _is_of_either(term) and name != FORM:
+            chosen = best[likeliest][1].variant.report[name]
+        weights = {k: float(np.exp(value - scores[likeliest])) for k, value in scores.items()}
         total = sum(weights.values())
         return Estimate(
             chosen, probabilities={key: weight / total for key, weight in weights.items()}
         )
+
+
+def _is_of_either(term: Term) -> bool:
+    """Tell whether sizes are drawn of every variant of a term that is about as likely: where none
+    has a window or a threshold of its own."""
+    return bool(term.variant.coefficients) and not any(name in term.variant.fixed for name in EDGES)
 
 
 def _first(scored: tuple[float, Term]) -> float:

@@ -35,6 +35,30 @@ def test_where_either_side_may_count_wrongly_both_of_their_rates_are_likely() ->
     assert np.mean(rates > 0.0) == pytest.approx(sides["left"], abs=0.1)
 
 
+@pytest.mark.parametrize("settled_on", ["left", "right"])
+def test_the_likeliest_side_is_told_whichever_a_search_settled_on(settled_on: str) -> None:
+    """Of a Kobuki's play both wheels were told, 0.13, where it was the left one's, 0.87."""
+    stray = EffectSetting("extra_ticks", (("side", "left"), ("rate", 4.0)))
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("figure8"), (stray,), 4, reference=None, duration_s=20.0
+    )
+    model = MotionModel(log, ROBOT, default_prior())
+    own = {
+        str(one.variant.report["side"]): one
+        for one in model.columns.terms
+        if one.variant.effect == "extra_ticks"
+    }
+    model.columns = replace(model.columns, terms=tuple(own.values()))
+    block = MotionBlock(model)
+    (effects,) = (one for one in block.scan.found if one)
+    known, terms = block.scan.found[effects], (own[settled_on],)
+    fit = model.refit(terms, known.levels)
+    block.scan.found[effects] = replace(known, terms=terms, refitted=fit)
+    told = block.detail(effects).parameters["extra_ticks.side"]
+    assert told.probabilities is not None
+    assert told.value == max(told.probabilities, key=lambda side: told.probabilities[side])
+
+
 def test_no_count_comes_at_a_rate_at_which_one_would_have_come_while_the_wheel_stood() -> None:
     """Without a reference, a gyro's bias of 1 deg/s was 11 counts a second (.99), on a robot that
     stood for nine seconds without one."""
