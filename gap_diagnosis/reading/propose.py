@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.clock_names import sounds_like_time
+from gap_diagnosis.reading.following import STEP_S, is_followed
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
@@ -166,6 +167,7 @@ def propose(
     _choose_wheels(search)
     turn = _turn(search)
     _choose(search, "gyro", None, turn)
+    _choose_followed(search)
     _hear_the_command(search, turn)
     for role in _ODOMETRY:
         _choose(search, role, _is_odometry, turn if role == "odom_heading" else None)
@@ -234,6 +236,30 @@ def _is_place(search: _Search, signal: FoundSignal, words: frozenset[str], most_
         and float(np.ptp(degrees)) < _FARTHEST_DEG
         and not is_whole(signal)
     )
+
+
+def _choose_followed(search: _Search) -> None:
+    """Give the commands to the one pair of a speed and a turn rate of a message that wheels follow,
+    where no name tells of any: a robot's own message of what it measured comes after them."""
+    if search.is_table or set(_COMMANDS) & set(search.guesses):
+        return
+    wheels = [search.guesses[role].signal for role in ("left_count", "right_count")]
+    grid, left, right = _rates(search, wheels[0], wheels[1], STEP_S)
+    asked: dict[Role, Floats] = {"v_command": left + right, "w_command": right - left}
+    followed: dict[str, dict[Role, list[FoundSignal]]] = {}
+    for role in _COMMANDS:
+        for signal in search.free:
+            unit = unit_of(signal.unit)
+            if unit is None or unit.quantity not in QUANTITIES[role]:
+                continue
+            if is_followed(signal, grid, asked[role]):
+                message = signal.path.rpartition(".")[0]
+                followed.setdefault(message, {}).setdefault(role, []).append(signal)
+    pairs = [one for one in followed.values() if [len(some) for some in one.values()] == [1, 1]]
+    if len(pairs) == 1:
+        for given, (signal,) in pairs[0].items():
+            reasons = (f"unit {signal.unit}", "wheels follow it")
+            search.guesses[given] = Guess(given, signal, reasons=reasons)
 
 
 def _hear_the_command(search: _Search, turn: tuple[Floats, Floats]) -> None:
@@ -549,16 +575,24 @@ def _turn(search: _Search) -> tuple[Floats, Floats]:
 
 def _difference(search: _Search, left: FoundSignal, right: FoundSignal) -> tuple[Floats, Floats]:
     """Return a grid of times and how fast the right wheel turns beyond the left one on it."""
+    grid, left_rate, right_rate = _rates(search, left, right, _GRID_S)
+    return grid, right_rate - left_rate
+
+
+def _rates(
+    search: _Search, left: FoundSignal, right: FoundSignal, step_s: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return a grid of times and how fast either wheel turns on it."""
     start = max(left.time_s[0], right.time_s[0])
     stop = min(left.time_s[-1], right.time_s[-1])
-    grid = np.arange(start, stop, _GRID_S)[:1_000_000]
+    grid = np.arange(start, stop, step_s)[:1_000_000]
     if len(grid) < 3:
-        return np.zeros(0), np.zeros(0)
-    away = np.interp(grid, right.time_s, right.unwrapped())
-    away -= np.interp(grid, left.time_s, left.unwrapped())
+        return np.zeros(0), np.zeros(0), np.zeros(0)
     unit = unit_of(unit_of_signal(left, search.is_table))
     is_rate = unit is not None and unit.quantity in ("speed", "turn rate")
-    return grid[1:], away[1:] if is_rate else np.diff(away)
+    ways = (np.interp(grid, one.time_s, one.unwrapped()) for one in (left, right))
+    left_rate, right_rate = (way[1:] if is_rate else np.diff(way) for way in ways)
+    return grid[1:], left_rate, right_rate
 
 
 def _likeness(signal: FoundSignal, turn: tuple[Floats, Floats], *, is_rate: bool) -> float:

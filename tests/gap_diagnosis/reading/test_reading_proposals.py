@@ -5,11 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import ROBOT, Drive, drive, encoded
+from scipy.signal import lfilter
 
 from can_bus import load_database
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.reading.map_text import propose_map
+from gap_diagnosis.reading.propose import propose
+from gap_diagnosis.reading.signals_found import FoundSignal
 
 TURNING = drive(900)
 TURNING.columns["gyro_code"] = np.rint(
@@ -44,6 +47,43 @@ def test_names_units_and_wraps_find_the_roles_and_every_guess_is_marked(tmp_path
         "w_command": "cmd_w_rad_s",
     }
     assert text.count("# GUESS:") == 6  # these and the clock
+
+
+def on_a_bus(late_s: float, unit_of_turns: str = "deg/s") -> dict[str, FoundSignal]:
+    """Return what a bus says of a drive whose message DRIVE comes so long after the wheels."""
+    time_s = np.arange(0.0, 60.0, 0.02)
+    speed = 300.0 + 200.0 * np.sign(np.sin(0.4 * time_s))
+    turn = 20.0 * np.sign(np.sin(0.9 * time_s))
+    done = [lfilter([0.3], [1.0, -0.7], one) for one in (speed, turn)]
+    away = np.radians(done[1]) * 150.0
+    ways = {"Left": np.cumsum(done[0] - away), "Right": np.cumsum(done[0] + away)}
+    said = {"Speed": (speed, "mm/s"), "TurnRate": (turn, unit_of_turns)}
+    signals = [
+        FoundSignal(f"WHEELS.{side}Pulses", "pulses", time_s, np.rint(0.1 * way), None, 50.0)
+        for side, way in ways.items()
+    ]
+    signals += [
+        FoundSignal(f"DRIVE.{name}", unit, time_s + late_s, values, None, 50.0)
+        for name, (values, unit) in said.items()
+    ]
+    return {one.path: one for one in signals}
+
+
+def test_a_speed_and_a_turn_rate_that_wheels_follow_are_the_commands() -> None:
+    guesses = propose(on_a_bus(late_s=0.0), is_table=False)
+    assert guesses["v_command"].signal.path == "DRIVE.Speed"
+    assert guesses["w_command"].signal.path == "DRIVE.TurnRate"
+    assert guesses["w_command"].reasons == ("unit deg/s", "wheels follow it")
+    assert not guesses["w_command"].is_certain
+
+
+@pytest.mark.parametrize("late_s", [0.06, 0.2])
+def test_what_comes_after_the_wheels_is_measured_and_no_command(late_s: float) -> None:
+    assert "v_command" not in propose(on_a_bus(late_s), is_table=False)
+
+
+def test_a_speed_without_a_turn_rate_beside_it_is_no_command() -> None:
+    assert "v_command" not in propose(on_a_bus(0.0, unit_of_turns="degC"), is_table=False)
 
 
 def test_a_way_with_a_side_is_a_wheels_and_one_without_is_none(tmp_path: Path) -> None:
