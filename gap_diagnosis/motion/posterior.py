@@ -250,20 +250,25 @@ def estimate(name: str, samples: Floats) -> Estimate:
     return Estimate(float(samples.mean()), float(samples.std()), samples)
 
 
-def of_moment_or_mean(parameters: Mapping[str, Estimate], row_s: float) -> dict[str, Estimate]:
+def of_moment_or_mean(
+    parameters: Mapping[str, Estimate], row_s: float, *, has_reference: bool
+) -> dict[str, Estimate]:
     """Return how late a gyro is whose rows do not say whether a rate is of the row's own moment or
     the mean since the row before.
 
-    Either is as likely, and a fit takes it for the mean, which shows half a row less.
+    Either is as likely, and a fit takes it for the mean, which shows half a row less; of wheels
+    that are late beside the gyro half a row more, where no reference says how late these are.
     """
     frame = parameters.get("frame_latency.frame")
-    is_late = frame is not None and frame.value == "IMU"
-    name = "frame_latency.delay" if is_late else "gyro_lag.time_constant"
+    late = None if frame is None else frame.value
+    name, later_s = "gyro_lag.time_constant", 0.5 * row_s
+    if late == "IMU":
+        name = "frame_latency.delay"
+    elif late == "ENCODER" and not has_reference:
+        name, later_s = "frame_latency.delay", -0.5 * row_s
     if name not in parameters:
         return {}
     samples = np.asarray(parameters[name].samples)
     of_the_moment = np.arange(len(samples)) % 2 == 1
-    either = estimate(name, samples + 0.5 * row_s * of_the_moment)
-    return {
-        name: replace(parameters[name], value=either.value, sd=either.sd, samples=either.samples)
-    }
+    either = estimate(name, np.maximum(samples + later_s * of_the_moment, 0.0))
+    return {name: replace(either, news=parameters[name].news, is_either=True)}
