@@ -19,7 +19,7 @@ from gap_diagnosis.motion.importance import MANY, Bends, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
-from gap_diagnosis.motion.windows import has_window, windows_of
+from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
 _AS_LIKELY: Final = 5.0
@@ -227,15 +227,30 @@ class Posterior:
             best[key] = max(best.get(key, (-math.inf, variant)), (value, variant), key=_first)
         own = scores.get(str(chosen), -math.inf)
         for key in [key for key, score in scores.items() if self.closely and score > own]:
-            terms = tuple(best[key][1] if one is term else one for one in found.terms)
-            fit = self.model.refit(terms, found.levels, known=(again.levels,))
-            scores[key] = own + fit.log_evidence - again.log_evidence
+            fitted = max(
+                self.model.refit(
+                    tuple(way if one is term else one for one in found.terms),
+                    found.levels,
+                    known=(again.levels,),
+                ).log_evidence
+                for way in self._ways_of(best[key][1], term)
+            )
+            scores[key] = own + fitted - again.log_evidence
         top = max(scores.values())
         weights = {key: float(np.exp(value - top)) for key, value in scores.items()}
         total = sum(weights.values())
         return Estimate(
             chosen, probabilities={key: weight / total for key, weight in weights.items()}
         )
+
+    @staticmethod
+    def _ways_of(rival: Term, term: Term) -> list[Term]:
+        """Return a rival of a term as it is on the grid, and in the term's own window, which was
+        sought off it: the rival must not lose for an edge."""
+        if not (has_window(rival) and has_window(term)):
+            return [rival]
+        window = (float(term.variant.fixed[name]) for name in ("start_s", "stop_s"))
+        return [rival, at_window(rival, *window)]
 
 
 def _first(scored: tuple[float, Term]) -> float:
