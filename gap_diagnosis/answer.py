@@ -16,6 +16,7 @@ from gap_diagnosis.gap.metrics import drifting_share
 from gap_diagnosis.hypothesis import FORM, Estimate, Fit
 from gap_diagnosis.modelled import LEAST_SHARE, known_variable
 from gap_diagnosis.ranking import Ranked, Ranking
+from gap_diagnosis.recording import Floats
 from gap_diagnosis.result import NO_GAP, UNKNOWN
 from gap_diagnosis.result_parts import (
     Candidate,
@@ -205,16 +206,11 @@ def _converted(
     choices = [one for one in estimates if one.samples is None]
     if choices:
         return _choice(choices)
-    best = min(estimates, key=lambda one: one.sd)
-    samples = np.asarray(best.samples, dtype=np.float64)
-    if len(estimates) > 1:
-        weights = np.array([max(one.sd, _EXACT) ** -2 for one in estimates])
-        values = np.array([float(one.value) for one in estimates])
-        mean = float(np.average(values, weights=weights))
-        sd = float(weights.sum() ** -0.5)
-        if is_split:
-            sd = float(np.hypot(sd, np.sqrt(np.mean((values - mean) ** 2))))
-        samples = mean + (samples - samples.mean()) * sd / max(best.sd, _EXACT)
+    if any(one.is_either for one in estimates):
+        ways = [[_read_one_way(one, way) for one in estimates] for way in (0, 1)]
+        samples = np.concatenate([_weighed(one, is_split=is_split) for one in ways])
+    else:
+        samples = _weighed(estimates, is_split=is_split)
     effect, _, name = key.partition(".")
     try:
         unit = known[effect].parameter(name).unit
@@ -231,6 +227,29 @@ def _converted(
         ci80=(float(low80), float(high80)),
         ci95=(float(low95), float(high95)),
     )
+
+
+def _read_one_way(one: Estimate, way: int) -> Estimate:
+    """Return what an estimate says of one of the two ways to read a log, 0 or 1."""
+    if not one.is_either:
+        return one
+    samples = np.asarray(one.samples)[way::2]
+    return replace(one, value=float(samples.mean()), sd=float(samples.std()), samples=samples)
+
+
+def _weighed(estimates: Sequence[Estimate], *, is_split: bool) -> Floats:
+    """Return draws, float64[s], of what estimates say together, each by its variance."""
+    best = min(estimates, key=lambda one: one.sd)
+    samples = np.asarray(best.samples, dtype=np.float64)
+    if len(estimates) > 1:
+        weights = np.array([max(one.sd, _EXACT) ** -2 for one in estimates])
+        values = np.array([float(one.value) for one in estimates])
+        mean = float(np.average(values, weights=weights))
+        sd = float(weights.sum() ** -0.5)
+        if is_split:
+            sd = float(np.hypot(sd, np.sqrt(np.mean((values - mean) ** 2))))
+        samples = mean + (samples - samples.mean()) * sd / max(best.sd, _EXACT)
+    return samples
 
 
 def _choice(estimates: Sequence[Estimate]) -> ChoiceEstimate:

@@ -42,6 +42,7 @@ from gap_diagnosis.priors import Prior, default_prior, with_library
 from gap_diagnosis.ranking import Ranking, rank
 from gap_diagnosis.reading import read_recordings
 from gap_diagnosis.reading.cycle_times import wire_of_log
+from gap_diagnosis.reading.log import own_names
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.restarts import with_restarts
 from gap_diagnosis.result import NO_GAP, UNKNOWN, Diagnosis, sort_candidates, sort_stages
@@ -164,8 +165,13 @@ def diagnose_recordings(
     started = time.monotonic() if started is None else started
     granted.bus.require_messages(wire.database)
     robot = granted.robot(robot)
-    recordings = [replace(one, granted=granted) for one in recordings]
-    held = None if held is None else replace(held, granted=granted)
+    # A table beside logs of a bus speaks of that bus's messages, or each would be told for itself.
+    names = own_names(wire)
+    recordings = [
+        replace(one, granted=granted, own_names=one.own_names or names) for one in recordings
+    ]
+    if held is not None:
+        held = replace(held, granted=granted, own_names=held.own_names or names)
     prior = with_library(prior or default_prior(), library)
     if held is not None:
         held = prepared(with_restarts(held, robot)[0], robot, without).recording

@@ -37,6 +37,8 @@ class Estimate:
         samples: float64[s] draws from the posterior, for intervals; None for a choice.
         probabilities: for a choice, the probability of each.
         news: the least and the largest value that does more in this log than is no news.
+        is_either: the draws take turns between two ways to read a log, which no log tells apart and
+            all have alike.
     """
 
     value: float | int | str
@@ -44,6 +46,7 @@ class Estimate:
     samples: NDArray[np.float64] | None = None
     probabilities: Mapping[str, float] | None = None
     news: tuple[float, float] = EVERYTHING
+    is_either: bool = False
 
 
 @dataclass(frozen=True)

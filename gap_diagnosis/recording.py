@@ -106,7 +106,8 @@ class Recording:
         odometry_x_m, odometry_y_m, odometry_heading_rad: float64[n] (heading unwrapped), or None.
         frames: per message name, the reception stamps of its frames; empty for tables.
         own_names: what the log's bus calls the messages with wheels and gyro that Chiplog calls
-            ENCODER and IMU; empty for tables, and where both are in one message.
+            ENCODER and IMU; empty where both are in one message, and for tables until they are
+            diagnosed.
         rejected: frames that failed a check, by reason.
         counter_bits: width at which the counts were unwrapped.
         counts_per_step: by how many counts the reading of each wheel steps, left and right: more

@@ -419,8 +419,11 @@ class MotionBlock:
                 parameters[f"{alias}.{name}"] = parameters.pop(known)
             samples = 1 / (1 + np.asarray(parameters[f"{alias}.scale"].samples)) - 1
             parameters[f"{alias}.scale"] = estimate("scale", samples)
-        if not self.model.nodes.motion.has_counters:
-            parameters |= of_moment_or_mean(parameters, self.model.nodes.motion.tick_s)
+        nodes = self.model.nodes
+        if not nodes.motion.has_counters:
+            parameters |= of_moment_or_mean(
+                parameters, nodes.motion.tick_s, has_reference=nodes.has_reference
+            )
         fit = self._fit(effects)
         return replace(
             fit,

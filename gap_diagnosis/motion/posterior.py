@@ -19,7 +19,7 @@ from gap_diagnosis.motion.importance import MANY, Bends, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.scan import Scan
 from gap_diagnosis.motion.thresholds import has_threshold, thresholds_of
-from gap_diagnosis.motion.windows import has_window, windows_of
+from gap_diagnosis.motion.windows import at_window, has_window, windows_of
 from gap_diagnosis.recording import Floats
 
 _AS_LIKELY: Final = 5.0
@@ -227,9 +227,15 @@ class Posterior:
             best[key] = max(best.get(key, (-math.inf, variant)), (value, variant), key=_first)
         own = scores.get(str(chosen), -math.inf)
         for key in [key for key, score in scores.items() if self.closely and score > own]:
-            terms = tuple(best[key][1] if one is term else one for one in found.terms)
-            fit = self.model.refit(terms, found.levels, known=(again.levels,))
-            scores[key] = own + fit.log_evidence - again.log_evidence
+            fitted = max(
+                self.model.refit(
+                    tuple(way if one is term else one for one in found.terms),
+                    found.levels,
+                    known=(again.levels,),
+                ).log_evidence
+                for way in self._ways_of(best[key][1], term)
+            )
+            scores[key] = own + fitted - again.log_evidence
         likeliest = max(scores, key=lambda key: scores[key])
         if _is_of_either(term) and name != FORM:
             chosen = best[likeliest][1].variant.report[name]
@@ -238,6 +244,15 @@ class Posterior:
         return Estimate(
             chosen, probabilities={key: weight / total for key, weight in weights.items()}
         )
+
+    @staticmethod
+    def _ways_of(rival: Term, term: Term) -> list[Term]:
+        """Return a rival of a term as it is on the grid, and in the term's own window, which was
+        sought off it: the rival must not lose for an edge."""
+        if not (has_window(rival) and has_window(term)):
+            return [rival]
+        window = (float(term.variant.fixed[name]) for name in ("start_s", "stop_s"))
+        return [rival, at_window(rival, *window)]
 
 
 def _is_of_either(term: Term) -> bool:
@@ -258,20 +273,25 @@ def estimate(name: str, samples: Floats) -> Estimate:
     return Estimate(float(samples.mean()), float(samples.std()), samples)
 
 
-def of_moment_or_mean(parameters: Mapping[str, Estimate], row_s: float) -> dict[str, Estimate]:
+def of_moment_or_mean(
+    parameters: Mapping[str, Estimate], row_s: float, *, has_reference: bool
+) -> dict[str, Estimate]:
     """Return how late a gyro is whose rows do not say whether a rate is of the row's own moment or
     the mean since the row before.
 
-    Either is as likely, and a fit takes it for the mean, which shows half a row less.
+    Either is as likely, and a fit takes it for the mean, which shows half a row less; of wheels
+    that are late beside the gyro half a row more, where no reference says how late these are.
     """
     frame = parameters.get("frame_latency.frame")
-    is_late = frame is not None and frame.value == "IMU"
-    name = "frame_latency.delay" if is_late else "gyro_lag.time_constant"
+    late = None if frame is None else frame.value
+    name, later_s = "gyro_lag.time_constant", 0.5 * row_s
+    if late == "IMU":
+        name = "frame_latency.delay"
+    elif late == "ENCODER" and not has_reference:
+        name, later_s = "frame_latency.delay", -0.5 * row_s
     if name not in parameters:
         return {}
     samples = np.asarray(parameters[name].samples)
     of_the_moment = np.arange(len(samples)) % 2 == 1
-    either = estimate(name, samples + 0.5 * row_s * of_the_moment)
-    return {
-        name: replace(parameters[name], value=either.value, sd=either.sd, samples=either.samples)
-    }
+    either = estimate(name, np.maximum(samples + later_s * of_the_moment, 0.0))
+    return {name: replace(either, news=parameters[name].news, is_either=True)}

@@ -64,6 +64,10 @@ SLIP_S: Final = 2.0
 """Correlation time of the share of its way by which a wheel slips more than on average, with or
 without an effect of the contact: a turn of a robot lasts for so long."""
 
+UNKNOWN: Final = 1e-2
+"""What a channel says is not known beforehand where its variance is beyond this [m² or rad²] and
+far beyond its noise."""
+
 
 def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tuple[Floats, Floats]:
     """Whiten residual columns float64[4, m, c]; return float64[rows, c] and the logarithm of each
@@ -417,13 +421,16 @@ def _whiten(
             if behind != 0.0:
                 late_gain += behind * late[wheels_at]
                 variance += behind * row[wheels_at]
+            own = noise
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
+                own -= late_gain
                 for j in range(wide):
                     row[j] -= late[j]
             if channel == 3:
                 variance += fresh_angle * (spread - 2.0 * together)
+                own += fresh_angle * (spread - together)
                 row[3] -= fresh_angle * together
             variances[rows] = variance
             scale = 1.0 / np.sqrt(variance)
@@ -434,23 +441,35 @@ def _whiten(
                 row[states + j] = (columns[channel, k, j] - row[states + j]) * scale
                 out[rows, j] = row[states + j]
             rows += 1
-            if k == 0:
+            if variance > UNKNOWN + 1e4 * noise:
                 # Square metres less what is seen of them to a tenth of a millimetre: few digits of
                 # what is left are right. In the channel it is what the channel's own noise leaves
-                # (the stabilised form of Bucy and Joseph 1968).
+                # (the stabilised form of Bucy and Joseph 1968), which hangs together with what a
+                # block's end has beyond its mean.
+                for i in range(states):
+                    for before in range(count):
+                        for j in range(wide):
+                            known[i, j] -= seen[before, i] * seen[before, j]
                 for i in range(states):
                     for j in range(wide):
                         known[i, j] -= row[i] * row[j]
-                    wrong = known[i, first] + known[i, second] + noise * scale * row[i]
+                    wrong = known[i, first] + known[i, second] + own * scale * row[i]
                     wrong += left_share * known[i, 5] + right_share * known[i, 6]
-                    wrong += astray * known[i, 0]
+                    wrong += goes_on * known[i, 12] + astray * known[i, 0]
+                    if behind != 0.0:
+                        wrong += behind * known[i, wheels_at]
+                    if channel >= 2:
+                        wrong -= late[i]
+                    if channel == 3 and i == 3:
+                        wrong -= fresh_angle * together
                     for j in range(states):
                         known[i, j] += wrong * scale * row[j]
-                continue
+                count = 0
+            else:
+                count += 1
             for j in range(wide):
                 late[j] += late_gain * row[j]
             late_variance -= late_gain * late_gain
-            count += 1
         if count == 4:
             for i in range(states):
                 x, y, angle, rate = seen[0, i], seen[1, i], seen[2, i], seen[3, i]

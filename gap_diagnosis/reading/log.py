@@ -81,7 +81,7 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
         odometry_y_m=_quantity(log.on_rows("odom_y")),
         odometry_heading_rad=None if heading is None else unwrapped(heading),
         frames={name: _frame_times(log, name) for name in log.frames},
-        own_names=_own_names(log.wire),
+        own_names=own_names(log.wire),
         rejected=log.rejected,
         counter_bits=_counter_bits(log.wire.signal_map["left_count"], robot),
         clock_skew=log.clock.skew,
@@ -98,9 +98,10 @@ def read_log_recording(path: Path, robot: Robot, wire: Wire) -> tuple[Recording,
     return recording, _reference(log)
 
 
-def _own_names(wire: Wire) -> dict[str, str]:
-    wheels, gyro = wire.signal_map["left_count"], wire.signal_map.get("gyro")
-    if gyro is None or gyro.message.name == wheels.message.name:
+def own_names(wire: Wire) -> dict[str, str]:
+    """Return what a bus calls ENCODER and IMU; nothing where one message carries both, or none."""
+    wheels, gyro = wire.signal_map.get("left_count"), wire.signal_map.get("gyro")
+    if wheels is None or gyro is None or gyro.message.name == wheels.message.name:
         return {}
     return {"ENCODER": wheels.message.name, "IMU": gyro.message.name}
 

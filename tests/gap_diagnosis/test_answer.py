@@ -87,6 +87,22 @@ def test_two_logs_know_a_value_better_than_one() -> None:
     assert value.sd == pytest.approx(0.002 / math.sqrt(2), rel=0.05)
 
 
+@pytest.mark.parametrize("logs", [1, 2, 8])
+def test_no_number_of_logs_tells_what_none_of_them_does(logs: int) -> None:
+    """Whether a gyro's rate in a table is of the moment or a mean: of two tables together the
+    interval lay between both, and held neither."""
+    as_means = np.random.default_rng(2).normal(0.055, 0.0002, 4000)
+    samples = as_means + 0.005 * (np.arange(4000) % 2)
+    either = Estimate(float(samples.mean()), float(samples.std()), samples, is_either=True)
+    block = FakeBlock({"gyro_lag": 50.0}, parameters={"gyro_lag.time_constant": either})
+    ranking = rank([[block]] * logs, PRIOR, {**STAGE, "gyro_lag": "gyro"}, {})
+    lag = entry(entries(ranking, block, logs=logs), "gyro_lag").parameters["gyro_lag.time_constant"]
+    assert isinstance(lag, NumberEstimate)
+    for low, high, sds in ((*lag.ci95, 1.64), (*lag.ci80, 0.84)):
+        assert low == pytest.approx(0.055 - sds * 0.0002 / math.sqrt(logs), abs=3e-5)
+        assert high == pytest.approx(0.06 + sds * 0.0002 / math.sqrt(logs), abs=3e-5)
+
+
 def test_the_surer_of_two_blocks_has_more_say() -> None:
     motion = FakeBlock({"radius_scale": 50.0}, parameters={"radius_scale.scale": normal(0.0, 0.03)})
     drive = FakeBlock(

@@ -26,6 +26,7 @@ from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.posterior import Posterior
 from gap_diagnosis.motion.whitening import whiten
+from gap_diagnosis.motion.windows import at_window
 from gap_diagnosis.pareto import TRUSTED, smoothed, tail_shape
 from gap_diagnosis.prediction import Prediction
 from gap_diagnosis.priors import default_prior
@@ -257,6 +258,34 @@ def test_a_side_for_which_straight_lines_alone_speak_is_not_the_likelier_one(
     assert side.value == "right"
     assert side.probabilities is not None
     assert side.probabilities["right"] > 0.999
+
+
+def test_the_other_side_is_fitted_in_the_window_that_was_sought_for_this_one_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On the grid alone it lost for an edge that was sought off it."""
+    terms, fit = fitted("extra_ticks")
+
+    def slip(side: str, start_s: float) -> Term:
+        variant = replace(terms[0].variant, report={"side": side}, coefficients=("rate",))
+        return at_window(replace(terms[0], variant=variant), start_s, 30.0)
+
+    mine, other = slip("right", 10.3), slip("left", 9.0)
+    scan = SimpleNamespace(
+        dispersion=1.0,
+        by_effect={"extra_ticks": [mine, other]},
+        evidence=lambda terms, levels: 220.0 if terms[-1] is other else 0.0,
+    )
+
+    def refit(_: MotionModel, terms: Sequence[Term], *__: object, **___: object) -> Refitted:
+        lacks = 40.0 if terms[-1].variant.fixed["start_s"] == 9.0 else 1.0
+        return replace(fit, log_evidence=fit.log_evidence - lacks)
+
+    monkeypatch.setattr(MotionModel, "refit", refit)
+    found = Found(frozenset({"extra_ticks"}), (mine,), 0.0, 0.0, fit.levels, fit)
+    side = Posterior(MODEL, scan)._choice(mine, "side", found, fit)
+    assert side.probabilities is not None
+    assert side.probabilities["left"] == pytest.approx(1.0 / (1.0 + np.e))
 
 
 def test_a_set_with_a_size_that_is_no_news_is_told_by_its_lines() -> None:

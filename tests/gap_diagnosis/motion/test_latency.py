@@ -1,5 +1,6 @@
 """A gyro stamped late in a table, whose rows have no counters to put them in place."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,14 @@ LATE_S = 0.03
 def table_with_a_late_gyro(ticks: int = LATE_TICKS, *, of_the_moment: bool = False) -> Recording:
     """Return a drive as a table has it, each gyro sample standing some rows too late; a mean since
     the row before, or the rate at the row's own moment."""
+    return table_with_late(("gyro_code", "gyro_rate_rad_s"), ticks, of_the_moment=of_the_moment)
+
+
+def table_with_late(
+    columns: Sequence[str], ticks: int = LATE_TICKS, *, of_the_moment: bool = False
+) -> Recording:
+    """Return a drive as a table has it, each value of these columns standing some rows too late,
+    and the gyro's rates means since the row before, or those at the rows' own moments."""
     whole = synthetic_recording(
         load_robot(),
         load_wire(),
@@ -38,15 +47,16 @@ def table_with_a_late_gyro(ticks: int = LATE_TICKS, *, of_the_moment: bool = Fal
         contact_noise_m_per_sqrt_m=3e-4,
         duration_s=60.0,
     )
-    late = {
-        name: np.concatenate([np.repeat(said[:1], ticks), said[:-ticks]])
-        for name in ("gyro_code", "gyro_rate_rad_s")
-        if (values := getattr(whole, name)) is not None
-        for said in [
-            0.5 * (values + np.append(values[1:], values[-1])) if of_the_moment else values
-        ]
-    }
-    return replace(whole, frames={}, **late)
+    said = {}
+    for name in {*columns, "gyro_code", "gyro_rate_rad_s"}:
+        if (values := getattr(whole, name)) is None:
+            continue
+        if of_the_moment and name.startswith("gyro"):
+            values = 0.5 * (values + np.append(values[1:], values[-1]))
+        if name in columns:
+            values = np.concatenate([np.repeat(values[:1], ticks), values[:-ticks]])
+        said[name] = values
+    return replace(whole, frames={}, **said)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +110,21 @@ def test_a_gyros_delay_is_in_its_interval_be_it_a_mean_or_of_the_moment(block, o
     low, high = np.quantile(delay.samples, [0.025, 0.975])
     assert low < LATE_S < high
     assert high - low < 1.5 * 0.5 * told_by.model.recording.tick_period_s
+
+
+@pytest.mark.parametrize("has_reference", [True, False])
+@pytest.mark.parametrize("of_the_moment", [False, True])
+def test_a_delay_of_wheels_beside_a_gyro_is_in_its_interval_too(has_reference, of_the_moment):
+    """Beside a gyro of the moment, and no reference, wheels 30 ms late were so by 31 to 39 ms."""
+    table = table_with_late(("left_ticks", "right_ticks"), of_the_moment=of_the_moment)
+    table = table if has_reference else replace(table, reference=None)
+    told_by = MotionBlock(model_of(table, "frame_latency", "gyro_lag"))
+    told = told_by.detail(frozenset({"frame_latency"})).parameters
+    delay = told["frame_latency.delay"]
+    low, high = np.quantile(delay.samples, [0.025, 0.975])
+    assert told["frame_latency.frame"].value == "ENCODER"
+    assert low < LATE_S < high
+    assert delay.is_either is not has_reference
 
 
 def test_sensors_late_beside_a_reference_as_late_are_one_delay_and_no_choice(block):

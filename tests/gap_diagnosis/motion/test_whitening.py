@@ -273,6 +273,24 @@ def test_a_start_that_is_unknown_by_metres_costs_no_digits_of_what_is_seen_of_it
     np.testing.assert_allclose(log_variances, smooth(steps), rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.parametrize("which", COURSES)
+@pytest.mark.parametrize(("late", "rough"), [("gyro", 1e-8), ("headings", 2e-7), ("poses", 3e-5)])
+def test_nor_does_a_start_that_is_seen_late(which: str, late: str, rough: float):
+    """Of a reference that begins behind the log a search's slopes were five times rougher, and a
+    thousand times of a gyro that does: what was seen first only kept its digits. Those that a gyro
+    by itself loses until then stay lost."""
+    channels = {"gyro": slice(3, 4), "headings": slice(2, 3), "poses": slice(0, 3)}[late]
+    sharp = LEVELS.copy()
+    sharp[[NAMES.index(one) for one in NAMES if one.startswith("reference")]] = 3e-5
+    values = laid_out(drawn(1, 1, which))
+    values[channels, :30] = np.nan
+    steps = np.linspace(0.0, 4e-3, 41)
+    levels = [sharp * (1.0 + step) for step in steps]
+    log_variances = [whiten(values, COURSES[which], one, NODES.ticks)[1].sum() for one in levels]
+    smooth = np.polynomial.Polynomial.fit(steps, log_variances, 4)
+    np.testing.assert_allclose(log_variances, smooth(steps), rtol=0.0, atol=rough)
+
+
 def test_slip_beside_an_effect_of_nothing_is_as_beside_none():
     """Of a healthy car on a straight road the sign of what a scrub would do goes to and fro with
     the noise of its wheels, and its slip was taken to turn round as often: nine nats for a scrub of

@@ -3,17 +3,20 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
 from drives import ROBOT
 
+from gap_diagnosis import diagnose as diagnosing
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.granted import Granted
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.reading import read_recording
 from gap_diagnosis.recording import Recording
 from hil_harness import HarnessError, Robot
+from hil_harness.assembly import load_wire
 from hil_harness.effects import EffectSetting
 
 HEAD = 'VERSION ""\nBU_: A B\n'
@@ -78,6 +81,27 @@ def test_a_late_gyro_of_a_foreign_bus_is_known_by_the_name_of_its_own_message(
     late = EffectSetting("frame_latency", (("frame", "YAW"), ("delay", 0.04)))
     motion = estimate_motion(replace(recording, granted=Granted((late,))), ROBOT)
     assert [one.report for one, _ in motion.granted] == [{"frame": "IMU"}]
+
+
+def test_a_table_beside_logs_of_a_foreign_bus_speaks_of_that_buss_messages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both logs knew for sure which frame was late, and together it was either: YAW or IMU."""
+    lines = [(1 + k * 0.02, wheels(40 * k, 30 * k)) for k in range(200)]
+    lines += [(1.005 + k * 0.02, yaw(1000 * k)) for k in range(200)]
+    log = read(tmp_path, COUNTS, (20, 20), lines)
+    table = replace(log, frames={}, own_names={})
+    seen: list[Recording] = []
+
+    def asked(recording: Recording, *_: object, **__: object) -> NoReturn:
+        seen.append(recording)
+        raise DiagnosisError("enough")
+
+    monkeypatch.setattr(diagnosing, "analyse", asked)
+    wire = load_wire(tmp_path / "mine.dbc", tmp_path / "map.toml")
+    with pytest.raises(DiagnosisError, match="enough"):
+        diagnosing.diagnose_recordings([table, log], ROBOT, wire)
+    assert seen[0].own_names == log.own_names
 
 
 @pytest.mark.parametrize("says_cycles", [True, False])
