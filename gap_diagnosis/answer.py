@@ -91,7 +91,7 @@ def _candidate(
     ambiguous += twins
     # a twin is named whatever it gains over its parts, and so counts like any other member
     group += [
-        each for each in ranking.sets if each not in group and tuple(sorted(each.effects)) in twins
+        each for each in ranking.sets if tuple(sorted(each.effects)) in twins and each not in group
     ]
     detailed = analyses if place < _DETAILED else []
     closely = place == 0 or one.probability >= _CLOSELY
