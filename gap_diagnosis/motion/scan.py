@@ -82,6 +82,7 @@ class Scan(Neighbours):
         super().__init__(model)
         self._begin = begin
         self._contradicted = 0
+        self._looked_behind = False
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
         self._search(progress)
@@ -196,7 +197,10 @@ class Scan(Neighbours):
                 continue
             is_settled = not unfitted and not self._doubted(head) and not self._sought_beside(head)
             if is_settled and not self._sought_stretched(head) and not self._sought_alike(head):
-                break
+                hidden = self._hidden()
+                if hidden is None:
+                    break
+                unfitted = [hidden]
             for one in unfitted:
                 self._refit(one)
 
@@ -206,6 +210,14 @@ class Scan(Neighbours):
         expected = self._expected(one, self._falls())
         best = max(self._belief(each) for each in self._fitted())
         return expected < min(self._belief(one), best - NEAR)
+
+    def _hidden(self) -> Found | None:
+        """Return, once, the set that would win if it alone did not fall as sets like it did."""
+        likeliest = max(self.found.values(), key=self._belief)
+        if likeliest.refitted is not None or not likeliest.effects or self._looked_behind:
+            return None
+        self._looked_behind = True
+        return likeliest
 
     def _moved_windows(self, head: Found) -> bool:
         """Seek the windows and thresholds of a fitted set again, once, about its fit and at its

@@ -108,6 +108,23 @@ def test_what_fell_by_itself_and_beside_others_is_expected_to_fall_beside_more()
     assert scan._will_fall(more)
 
 
+def test_the_likeliest_that_is_expected_to_fall_is_fitted_once_all_the_same() -> None:
+    """All others may have fallen, and it alone keep its promise."""
+    wheelbase, promising = "wheelbase_scale", found(1190.0, "wheelbase_scale", "gyro_scale")
+    scan = scan_of(
+        found(0.0),
+        found(30.0, "gyro_bias", fitted=True),
+        fallen(1261.0, -60.0, wheelbase),
+        fallen(1195.0, 5.0, wheelbase, "gyro_bias"),
+        fallen(1194.0, 4.0, wheelbase, "payload"),
+        promising,
+    )
+    scan._looked_behind = False
+    assert scan._likeliest_expected.effects == {"gyro_bias"}
+    assert scan._hidden() is promising
+    assert scan._hidden() is None
+
+
 @pytest.mark.parametrize("kept", ["the effect by itself", "a set of two"])
 def test_what_kept_its_promise_once_is_fitted_beside_others(kept: str) -> None:
     by = {"the effect by itself": (3.0, 900.0), "a set of two": (900.0, 3.0)}[kept]
