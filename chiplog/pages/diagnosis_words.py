@@ -81,7 +81,7 @@ def headline(diagnosis: Diagnosis) -> str:
     name = group_name(diagnosis.group)
     if diagnosis.verdict == UNKNOWN and _is_noises(diagnosis.gap):
         name += ", smaller than noise"
-    elif diagnosis.verdict == NO_GAP and _is_tolerated(diagnosis.gap):
+    elif diagnosis.verdict == NO_GAP and _is_above_noise(diagnosis.gap):
         name += " beyond tolerance"
     line = f"{name} ({probability(diagnosis.which[0].group_probability)})"
     if diagnosis.contradicting:
@@ -172,8 +172,8 @@ def _is_noises(gap: Metric | None) -> bool:
     return gap is not None and gap.floor is not None and gap.before <= gap.floor
 
 
-def _is_tolerated(gap: Metric | None) -> bool:
-    """Tell whether more is left than noise: where there is no gap, it is within tolerance."""
+def _is_above_noise(gap: Metric | None) -> bool:
+    """Tell whether a gap stands clear of its floor: if it is none, it lies within tolerance."""
     return gap is not None and gap.floor is not None and gap.before >= CLOSABLE * gap.floor
 
 
@@ -183,7 +183,7 @@ def _why_not_closed(diagnosis: Diagnosis, gap: Metric) -> str:
         return "what noise alone would leave is not known"
     if diagnosis.verdict == UNKNOWN and _is_noises(gap):
         return "whatever causes it does less to this than noise does"
-    if gap.before < CLOSABLE * gap.floor:
+    if not _is_above_noise(gap):
         return "too close to the floor to say how much closed"
     if diagnosis.verdict == NO_GAP:
         return "what stands above the floor lies within tolerance"

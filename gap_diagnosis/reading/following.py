@@ -27,7 +27,7 @@ def is_followed(signal: FoundSignal, grid_s: Floats, rate: Floats) -> bool:
     if len(grid_s) < 4 * len(lags):
         return False
     held = signal.value[np.maximum(np.searchsorted(signal.time_s, grid_s, "right") - 1, 0)]
-    alike = [abs(_correlation(*_shifted(held, rate, lag))) for lag in lags]
+    alike = [abs(correlation(*_shifted(held, rate, lag))) for lag in lags]
     best = int(np.argmax(alike))
     return alike[best] > _ALIKE and lags[best] > 0
 
@@ -37,7 +37,8 @@ def _shifted(said: Floats, done: Floats, lag: int) -> tuple[Floats, Floats]:
     return (said[:-lag], done[lag:]) if lag > 0 else (said[-lag:], done[: len(done) + lag])
 
 
-def _correlation(one: Floats, other: Floats) -> float:
+def correlation(one: Floats, other: Floats) -> float:
+    """Return the correlation of two series float64[n], -1 to 1; 0 where one never changes."""
     spread = float(np.std(one) * np.std(other))
     if spread == 0.0:
         return 0.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.clock_names import sounds_like_time
-from gap_diagnosis.reading.following import STEP_S, is_followed
+from gap_diagnosis.reading.following import STEP_S, correlation, is_followed
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
@@ -604,7 +604,4 @@ def _likeness(signal: FoundSignal, turn: tuple[Floats, Floats], *, is_rate: bool
     seen = np.interp(grid, signal.time_s, values)
     if not is_rate:
         seen, growth = np.diff(seen), growth[1:]
-    spread = float(np.std(seen) * np.std(growth))
-    if spread == 0:
-        return 0.0
-    return float(np.mean((seen - seen.mean()) * (growth - growth.mean())) / spread)
+    return correlation(seen, growth)

@@ -87,38 +87,33 @@ def fallen(by: float, evidence: float, *effects: str) -> Found:
     return replace(found(evidence, *effects, fitted=True), fell=by)
 
 
+FELL_TWICE = (
+    found(0.0),
+    found(30.0, "gyro_bias", fitted=True),
+    fallen(1261.0, -60.0, "wheelbase_scale"),
+    fallen(1195.0, 5.0, "wheelbase_scale", "gyro_bias"),
+)
+FELL_TOO = fallen(1194.0, 4.0, "wheelbase_scale", "payload")
+
+
 def test_what_fell_by_itself_and_beside_others_is_expected_to_fall_beside_more() -> None:
     """Seventeen sets with wheels farther apart fell by 1,200 nats in the lesson, one after another,
     at two seconds each."""
-    wheelbase, more = "wheelbase_scale", found(1190.0, "wheelbase_scale", "gyro_scale")
-    scan = scan_of(
-        found(0.0),
-        found(30.0, "gyro_bias", fitted=True),
-        fallen(1261.0, -60.0, wheelbase),
-        fallen(1195.0, 5.0, wheelbase, "gyro_bias"),
-        more,
-    )
+    more = found(1190.0, "wheelbase_scale", "gyro_scale")
+    scan = scan_of(*FELL_TWICE, more)
     assert scan._expected(more, scan._falls()) == scan._belief(more), (
         "two sets may have fallen by chance"
     )
     assert not scan._will_fall(more)
-    third = fallen(1194.0, 4.0, wheelbase, "payload")
-    scan.found[third.effects] = third
+    scan.found[FELL_TOO.effects] = FELL_TOO
     assert scan._expected(more, scan._falls()) == pytest.approx(scan._belief(more) - 1194.0)
     assert scan._will_fall(more)
 
 
 def test_the_likeliest_that_is_expected_to_fall_is_fitted_once_all_the_same() -> None:
     """All others may have fallen, and it alone keep its promise."""
-    wheelbase, promising = "wheelbase_scale", found(1190.0, "wheelbase_scale", "gyro_scale")
-    scan = scan_of(
-        found(0.0),
-        found(30.0, "gyro_bias", fitted=True),
-        fallen(1261.0, -60.0, wheelbase),
-        fallen(1195.0, 5.0, wheelbase, "gyro_bias"),
-        fallen(1194.0, 4.0, wheelbase, "payload"),
-        promising,
-    )
+    promising = found(1190.0, "wheelbase_scale", "gyro_scale")
+    scan = scan_of(*FELL_TWICE, FELL_TOO, promising)
     scan._looked_behind = False
     assert scan._likeliest_expected.effects == {"gyro_bias"}
     assert scan._hidden() is promising
