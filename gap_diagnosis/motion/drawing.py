@@ -14,7 +14,7 @@ from gap_diagnosis.recording import Floats
 
 DRAWS: Final = 4000
 _REDRAWN: Final = 30
-"""So often what is within tolerance is drawn again; what then remains there has no news in it."""
+"""So often what is no news is drawn again; what then remains there has none in it."""
 
 
 def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Floats:
@@ -49,14 +49,17 @@ def draw(scored: Scored, terms: Sequence[Term], rng: np.random.Generator) -> Flo
 
 
 def is_news(draws: Floats, terms: Sequence[Term]) -> NDArray[np.bool_]:
-    """Tell of draws float64[s, k] whether each term has a coefficient beyond its tolerance."""
+    """Tell of draws float64[s, k] whether each term has a coefficient beyond its tolerance, and no
+    size is negative that cannot be."""
     news = np.ones(len(draws), dtype=np.bool_)
     column = 0
     for term in terms:
         beyond = np.zeros(len(draws), dtype=np.bool_)
         for tolerance in term.tolerances:
-            size = draws[:, column] if term.variant.is_positive else np.abs(draws[:, column])
-            beyond |= size > tolerance
+            size = draws[:, column]
+            if term.variant.is_positive:
+                news &= size >= 0
+            beyond |= np.abs(size) > tolerance
             column += 1
         news &= beyond
     return news

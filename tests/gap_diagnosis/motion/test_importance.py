@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import kstest, norm, truncnorm
 
 from gap_diagnosis.explanations import predict
 from gap_diagnosis.motion.accounts import NEAR, Found
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.columns import Term
-from gap_diagnosis.motion.evidence import gram_of, log_sum, scales_of
+from gap_diagnosis.motion.drawing import draw, is_news
+from gap_diagnosis.motion.evidence import Scored, gram_of, log_sum, scales_of
 from gap_diagnosis.motion.importance import Bends, Corrected, Drawn
 from gap_diagnosis.motion.model import MotionModel, Refitted
 from gap_diagnosis.motion.nodes import residuals
@@ -211,6 +212,38 @@ def test_draws_are_weighed_as_the_effects_bend() -> None:
     assert again.mean(axis=0) == pytest.approx(mean, abs=0.1 * float(drawn.sizes.std()))
     plain = Drawn(drawn.sizes)
     assert np.array_equal(plain.resampled(10, np.random.default_rng(1)), drawn.sizes[:10])
+
+
+def pressed() -> tuple[Term, Scored]:
+    """Return a load over the left wheel, of which the right one's share lies a standard deviation
+    below 0."""
+    term = next(one for one in MODEL.columns.terms if one.variant.effect == "payload")
+    scored = Scored(
+        (term,),
+        log_evidence=0.0,
+        log_likelihood=0.0,
+        means=np.array([[0.01, -0.001]]),
+        covariances=1e-6 * np.eye(2)[np.newaxis],
+        weights=np.array([1.0]),
+    )
+    return term, scored
+
+
+def test_sizes_that_cannot_be_negative_are_drawn_from_what_lies_above_0() -> None:
+    term, scored = pressed()
+    sizes = draw(scored, [term], np.random.default_rng(1))
+    above = truncnorm(1.0, np.inf, loc=-0.001, scale=0.001)
+    assert (sizes >= 0).all()
+    assert kstest(sizes[:, 1], above.cdf).pvalue > 1e-3
+
+
+def test_a_draw_with_a_size_that_cannot_be_negative_has_no_weight() -> None:
+    term, _ = pressed()
+    assert is_news(np.array([[0.01, 0.0], [0.01, -0.001], [-0.01, 0.01]]), [term]).tolist() == [
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(("lacks", "weighed"), [(1.0, 2), (10.0, 1)])
