@@ -38,6 +38,8 @@ NEAR: Final = 12.0
 _FALLS: Final = 3
 """Once so many fits beside an effect, its own among them, fell short of what straight lines
 promised, no set with it is expected to keep its promise."""
+_SURELY: Final = 3.0
+"""So many standard deviations within its tolerance a size is sure to be no news."""
 _DELAYS: Final = frozenset({"frame_latency", "reference_time_offset"})
 
 
@@ -445,6 +447,26 @@ def says_twice(terms: Sequence[Term]) -> bool:
     """
     is_late = any(term.variant.report.get("frame") == SENSORS for term in terms)
     return is_late and {term.variant.effect for term in terms} >= _DELAYS
+
+
+def within_tolerance(one: Found) -> Effects:
+    """Return the effects of a fitted set whose sizes are sure to be no news."""
+    if one.refitted is None:
+        return frozenset()
+    scored = one.refitted.scored
+    shares = scored.weights / scored.weights.sum()
+    middle = shares @ scored.means
+    spread = np.einsum("s,sii->i", shares, scored.covariances)
+    reach = np.abs(middle) + _SURELY * np.sqrt(spread + shares @ (scored.means - middle) ** 2)
+    small: set[str] = set()
+    column = 0
+    for term in one.terms:
+        if not term.is_fixed:
+            told = reach[column : column + len(term.weights)]
+            if (told < np.asarray(term.tolerances)).all():
+                small.add(term.variant.effect)
+            column += len(term.weights)
+    return frozenset(small)
 
 
 def is_never(log_evidence: float) -> bool:

@@ -134,6 +134,56 @@ def test_what_kept_its_promise_once_is_fitted_beside_others(kept: str) -> None:
     assert scan._expected(more, scan._falls()) == scan._belief(more)
 
 
+def sized(evidence: float, *sizes: tuple[str, float, float, float]) -> Found:
+    """Return a fitted set of effects: names, sizes, standard deviations, tolerances."""
+    names, means, sds, tolerances = zip(*sizes, strict=True)
+    scored = SimpleNamespace(
+        means=np.array([means]), covariances=np.diag(np.square(sds))[None], weights=np.ones(1)
+    )
+    terms = tuple(
+        SimpleNamespace(
+            variant=SimpleNamespace(effect=name),
+            is_fixed=False,
+            weights=(((place, 1.0),),),
+            tolerances=(tolerance,),
+        )
+        for place, (name, tolerance) in enumerate(zip(names, tolerances, strict=True))
+    )
+    again = cast(Any, SimpleNamespace(scored=scored))
+    return replace(found(evidence, *names), terms=cast(Any, terms), refitted=again)
+
+
+SLIPS = ("longitudinal_slip", 0.043, 0.001, 0.003)
+
+
+@pytest.mark.parametrize(
+    ("late", "worth"), [(0.0004, 713.5), (-0.0004, 713.5), (0.0012, 724.5), (0.004, 724.5)]
+)
+def test_what_lies_within_its_tolerance_adds_nothing_to_a_set(late: float, worth: float) -> None:
+    """A gyro that was late by 0.4 ms of 2 that are tolerated gained 11 nats beside a slip, and was
+    named with it (0.49)."""
+    both = sized(724.5, SLIPS, ("gyro_lag", late, 0.00036, 0.002))
+    scan = scan_of(found(0.0), sized(713.5, SLIPS), both)
+    scan._take_what_is_tolerated()
+    assert scan.found[both.effects].log_evidence == pytest.approx(worth)
+    assert scan.found[frozenset({"longitudinal_slip"})].log_evidence == 713.5
+
+
+def test_what_is_tolerated_is_taken_from_larger_sets_too() -> None:
+    late, tilted = ("gyro_lag", 0.0004, 0.0003, 0.002), ("gyro_tilt", 0.0, 0.001, 0.02)
+    three = sized(728.0, SLIPS, late, tilted)
+    scan = scan_of(sized(713.5, SLIPS), sized(724.5, SLIPS, late), three)
+    scan._take_what_is_tolerated()
+    assert scan.found[three.effects].log_evidence == pytest.approx(713.5)
+
+
+def test_a_set_is_not_measured_by_a_part_that_stands_on_straight_lines() -> None:
+    both = sized(724.5, SLIPS, ("gyro_lag", 0.0004, 0.00036, 0.002))
+    scan = scan_of(found(700.0, "longitudinal_slip"), both)
+    scan._take_what_is_tolerated()
+    assert scan.found[both.effects].log_evidence == 724.5
+
+
 @pytest.mark.full_size
 def test_no_effect_is_judged_at_levels_that_were_found_beside_one() -> None:
     """Or every effect gains what a longer search for the noise gains."""
