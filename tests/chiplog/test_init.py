@@ -37,6 +37,7 @@ def test_the_test_passes_as_it_is(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_the_scenario_runs_on_the_robot_from_the_command_line(
     chiplog: Chiplog, tmp_path: Path
 ) -> None:
