@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import cache
 from typing import Annotated
 
 import typer
@@ -100,6 +101,9 @@ for name, function, summary in (
     app.command(name, short_help=summary)(function)
 app.add_typer(blind.app, name="blind", short_help="Trials on data whose effect is sealed.")
 
+_parser_of = cache(typer.main.get_command)
+"""Takes longer than most commands that fail: a process that runs several makes it once."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line on `arguments` (default: the process's own); return the exit status."""
@@ -135,7 +139,7 @@ def _run(arguments: list[str]) -> None:
     if "_CHIPLOG_COMPLETE" in os.environ:
         app(prog_name="chiplog")  # the shell asks for completions: answers, and exits
     _refuse_empty_words(arguments)
-    parser = typer.main.get_command(app)
+    parser = _parser_of(app)
     with parser.make_context("chiplog", arguments) as context:
         parser.invoke(context)
 

@@ -8,7 +8,7 @@
 #
 # Where this kernel has vcan, the bus lies in a network namespace of its own. Elsewhere a small virtual machine
 # (QEMU, no KVM needed) boots a distribution's kernel over this host's own files: what the command writes is gone
-# afterwards, except in the folder $VCAN_KEEP.
+# afterwards, except in the folder $VCAN_KEEP. It has $VCAN_PROCESSORS processors at most, two unless that says so.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 cache=${CHIPLOG_VCAN_CACHE:-${XDG_CACHE_HOME:-${HOME:-/tmp}/.cache}/chiplog/vcan}
@@ -94,9 +94,11 @@ in_machine() {
         printf %s "$VCAN_KEEP" >"$work/share/keep"
         set -- "$@" -fsdev "local,id=keep,path=$VCAN_KEEP,security_model=none" -device virtio-9p-pci,fsdev=keep,mount_tag=keep
     fi
-    # As many processors as here, two at most: a plant and a firmware.
+    # As many processors as here, two at most: a plant and a firmware. What runs alone is done on one in two thirds
+    # of this host's time.
     processors=$(getconf _NPROCESSORS_ONLN)
-    [ "$processors" -lt 2 ] || processors=2
+    most=${VCAN_PROCESSORS:-2}
+    [ "$processors" -lt "$most" ] || processors=$most
     qemu-system-x86_64 -accel tcg,thread=multi -cpu max -smp "$processors" -m 1536 \
         -nodefaults -no-user-config -no-reboot -display none -serial stdio -device virtio-rng-pci \
         -kernel "$cache/vmlinuz" -initrd "$work/initramfs.gz" \

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from forked import folder_of_chiplog
+from forked import folder_of_programs
 
 ROOT = Path(__file__).parent.parent
 LANGUAGES = ("console", "console hardware", "python", "toml", "c", "sh", "yaml", "text", "")
@@ -142,10 +142,10 @@ class Session:
     """The folder and shell in which one page runs."""
 
     def __init__(self, folder: Path, *, forks: bool = True) -> None:
-        """Start in *folder*, with a forked `chiplog` first on the path, or this Python's."""
+        """Start in *folder*, with forked programs first on the path, or this Python's."""
         programs = [Path(sys.executable).parent, os.environ["PATH"]]
         if forks:
-            programs.insert(0, folder_of_chiplog())
+            programs.insert(0, folder_of_programs())
         self.start = folder
         self.folder = folder
         self.status = 0

@@ -1,11 +1,11 @@
-"""`chiplog` for the shell of a page, without paying for its imports each time.
+"""`chiplog` and `pytest` for the shell of a page, without paying for their imports each time.
 
-Of a page's short command most is imports. A server does them once, and a program `chiplog` that a
-page's shell finds first asks it for a fork. What runs there is what the installed program runs: the
-same function, in a process of its own, with the caller's arguments, folder, environment and
-streams, to the same exit status. That the installed program itself starts is held by
-tests/test_packaging.py. What is said of processes begun anew is not for a fork to prove: it has the
-order of its sets from the server.
+Of a page's short command most is imports. A server does them once, and programs `chiplog` and
+`pytest` that a page's shell finds first ask it for a fork. What runs there is what the installed
+program runs: the same function, in a process of its own, with the caller's arguments, folder,
+environment and streams, to the same exit status. That the installed programs themselves start is
+held by tests/test_packaging.py. What is said of processes begun anew is not for a fork to prove: it
+has the order of its sets from the server.
 """
 
 from __future__ import annotations
@@ -36,30 +36,34 @@ _PRELOADED: Final = (
     "chiplog.run_folder",
     "chiplog.run_table",
     "gap_diagnosis.diagnose",
+    "hil_harness.rig",
     "hil_harness.running",
+    "pytest",
 )
+_PROGRAMS: Final = {"chiplog": ("chiplog.entry", "main"), "pytest": ("pytest", "console_main")}
 _CLIENT: Final = """\
 #!{python} -IS
 import json, os, socket, sys
-request = json.dumps([["chiplog", *sys.argv[1:]], os.getcwd(), dict(os.environ)]).encode()
+request = json.dumps([[{name!r}, *sys.argv[1:]], os.getcwd(), dict(os.environ)]).encode()
 with socket.socket(socket.AF_UNIX) as server:
     server.connect({address!r})
     socket.send_fds(server, [len(request).to_bytes(8, "big")], [0, 1, 2])
     server.sendall(request)
     status = server.recv(1)
-sys.exit(status[0] if status else "chiplog: its process was lost")
+sys.exit(status[0] if status else "{name}: its process was lost")
 """
 
 
 @cache
-def folder_of_chiplog() -> Path:
-    """Return where a `chiplog` lies that is forked; its server ends with this process."""
+def folder_of_programs() -> Path:
+    """Return where programs lie that are forked; their server ends with this process."""
     folder = Path(tempfile.mkdtemp(prefix="chiplog"))
     atexit.register(shutil.rmtree, folder)
     address = folder / "server"
-    program = folder / "chiplog"
-    program.write_text(_CLIENT.format(python=sys.executable, address=str(address)))
-    program.chmod(0o755)
+    for name in _PROGRAMS:
+        program = folder / name
+        program.write_text(_CLIENT.format(python=sys.executable, name=name, address=str(address)))
+        program.chmod(0o755)
     # Like the installed program's, its path of modules is without the folder that it starts in.
     code = "import sys, forked; sys.exit(forked.serve(sys.argv[1]))"
     server = subprocess.Popen(
@@ -74,7 +78,7 @@ def folder_of_chiplog() -> Path:
     )
     atexit.register(server.communicate)  # its input ends, and so does it
     assert server.stdout is not None
-    assert server.stdout.readline(), "the server of chiplog did not start"
+    assert server.stdout.readline(), "the server of programs did not start"
     return folder
 
 
@@ -125,5 +129,9 @@ def _one_command(asked: socket.socket) -> int:
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = words
-    main: Callable[[], int] = import_module("chiplog.entry").main
+    if words[0] == "pytest":  # what it imports as plugins it says of if it is there already
+        for name in [one for one in sys.modules if one.partition(".")[0] in ("chiplog", "lean")]:
+            del sys.modules[name]
+    module, function = _PROGRAMS[words[0]]
+    main: Callable[[], int] = getattr(import_module(module), function)
     return main()

@@ -109,10 +109,12 @@ class _Delegating:
         marked = [item for item in items if item.get_closest_marker("vcan")]
         wanted = [item.nodeid for item in marked]
         # Of these tests only those of the full size run nodes.
-        compiled = ["kernels"] if any(map(_is_for_full_size, marked)) else []
+        runs_nodes = any(map(_is_for_full_size, marked))
+        compiled = ["kernels"] if runs_nodes else []
         with tempfile.TemporaryDirectory() as folder:
             reports = Path(folder, "reports")
             env = {**os.environ, **_PLAIN_CODE, "NUMBA_CACHE_DIR": f"{folder}/numba"}
+            env["VCAN_PROCESSORS"] = "2" if runs_nodes else "1"
             subprocess.run(
                 [sys.executable, Path(__file__).parent / "vcan" / "compile_plain.py", *compiled],
                 env={**env, **_LEAN},

@@ -11,7 +11,7 @@ from chiplog.commands.options import DbcOption
 from chiplog.errors import CommandError
 
 if TYPE_CHECKING:
-    from gap_diagnosis.reading.propose import Guess
+    from gap_diagnosis.reading.evidence import Guess
     from gap_diagnosis.reading.signals_found import FoundSignal
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from can_bus import Database
-from gap_diagnosis.reading.propose import Guess, is_whole
+from gap_diagnosis.reading.evidence import Guess, is_whole
 from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal

@@ -11,8 +11,9 @@ import numpy as np
 
 from can_bus import Database
 from gap_diagnosis.reading.clock_names import by_name, is_controllers, time_unit
+from gap_diagnosis.reading.evidence import Guess
 from gap_diagnosis.reading.left_out import left_out
-from gap_diagnosis.reading.propose import Guess, propose
+from gap_diagnosis.reading.propose import propose
 from gap_diagnosis.reading.signals_found import FoundSignal, signals_of_log, signals_of_table
 from gap_diagnosis.reading.table_file import is_table
 from hil_harness.signal_roles import Role, unit_of, units_for

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.angles import unwrapped
 from gap_diagnosis.reading.clock_names import reference_time_unit
+from gap_diagnosis.reading.evidence import Guess
 from gap_diagnosis.reading.fixes import reference_of
-from gap_diagnosis.reading.propose import Guess, propose_reference
+from gap_diagnosis.reading.propose import propose_reference
 from gap_diagnosis.reading.quaternions import (
     heading_of,
     is_no_unit,

@@ -8,12 +8,15 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser import NAMES, Browser, find_browser, running
 from command_line import Chiplog, Outcome
+from markupsafe import Markup
 
 from chiplog.cli import main
+from chiplog.pages.drawing import Picture
 
 
 @pytest.fixture
@@ -30,6 +33,16 @@ def chiplog(
         return Outcome(int(status), out, err)
 
     return call
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures of a run's page out: they take most of a short run, and nobody looks."""
+
+    def said(name: str, title: str, caption: str, *_: Any, **__: Any) -> Picture:
+        return Picture(title, caption, Markup(""))
+
+    monkeypatch.setattr("chiplog.pages.pictures.picture", said)
 
 
 @pytest.fixture

@@ -19,6 +19,8 @@ from hil_harness.assembly import load_wire
 from hil_harness.nodes.firmware import firmware_config
 from hil_harness.robot import load_robot
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 STRICT = [
     "-std=c99",
     "-Wall",

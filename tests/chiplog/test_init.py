@@ -1,11 +1,12 @@
 """`chiplog init`: a folder to start from, whose files pass as they are."""
 
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from command_line import Chiplog
+from forked import folder_of_programs
 
 from can_bus import load_database
 from chiplog.commands.init import write_start
@@ -27,7 +28,7 @@ def test_the_files_are_written_and_commented(tmp_path: Path) -> None:
 def test_the_test_passes_as_it_is(tmp_path: Path) -> None:
     write_start(tmp_path)
     result = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
+        [folder_of_programs() / "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
         cwd=tmp_path.parent,
         capture_output=True,
         text=True,
@@ -36,12 +37,14 @@ def test_the_test_passes_as_it_is(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_the_scenario_runs_on_the_robot_from_the_command_line(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("no_pictures")
+def test_the_scenario_runs_on_the_robot_from_the_command_line(
+    chiplog: Chiplog, tmp_path: Path
+) -> None:
     write_start(tmp_path)
-    command = [sys.executable, "-m", "chiplog", "run", "--scenario", "two_arcs.toml"]
-    command += ["--robot", "robot.toml", "--signals", "map.toml", "--out", "out"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
+    words = ["run", "--scenario", "two_arcs.toml", "--robot", "robot.toml"]
+    said = chiplog(*words, "--signals", "map.toml", "--out", "out")
+    assert said.status == 0, said.err
     assert (tmp_path / "out" / "summary.json").is_file()
 
 
@@ -81,12 +84,12 @@ def test_a_file_in_the_folders_place_is_refused(tmp_path: Path) -> None:
         write_start(tmp_path / "taken")
 
 
-def test_the_command_says_what_to_type_next(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "chiplog", "init", "my_robot"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "chiplog run --scenario my_robot/two_arcs.toml" in result.stdout
-    assert "pytest my_robot" in result.stdout
-    again = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert again.returncode == 2
-    assert again.stderr.startswith("chiplog: my_robot/robot.toml: exists already")
-    assert again.stderr.count("\n") == 1
+def test_the_command_says_what_to_type_next(chiplog: Chiplog) -> None:
+    said = chiplog("init", "my_robot")
+    assert said.status == 0, said.err
+    assert "chiplog run --scenario my_robot/two_arcs.toml" in said.out
+    assert "pytest my_robot" in said.out
+    again = chiplog("init", "my_robot")
+    assert again.status == 2
+    assert again.err.startswith("chiplog: my_robot/robot.toml: exists already")
+    assert again.err.count("\n") == 1

@@ -11,6 +11,8 @@ from command_line import Chiplog
 
 from can_bus import load_database
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 
 @pytest.fixture
 def log(chiplog: Chiplog, tmp_path: Path) -> Path:

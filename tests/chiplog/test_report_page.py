@@ -60,6 +60,7 @@ def test_the_page_answers_before_it_shows(lesson: str) -> None:
     assert lesson.index("float twin. ") < lesson.index("<svg")
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_firmware_far_from_float_gets_its_own_distance() -> None:
     result = run_result()
     coarse = replace(result, firmware=result.float_twin + np.array([0.5, 0.0, 0.0]))
@@ -142,6 +143,7 @@ def test_a_strangers_text_stays_text() -> None:
     assert not [name for name, _ in seen.attributes if name.startswith("on")]
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_an_interrupted_run_says_so() -> None:
     page = page_of(run_result(ticks=1234, interrupted=True))
     assert "Interrupted after 12.34 s" in page
@@ -153,6 +155,7 @@ def test_a_run_without_a_tick_still_has_a_page() -> None:
     assert drawings(page) == []
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_firmware_that_kept_silent_is_said_to_have() -> None:
     result = run_result(estimators=False)
     silent = replace(result, firmware=np.full_like(result.firmware, np.nan), kernel_state={})
@@ -163,6 +166,7 @@ def without_poses(result: RunResult, odometry: dict[str, Reception]) -> RunResul
     return replace(result, firmware=np.full_like(result.firmware, np.nan), odometry=odometry)
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_firmware_whose_frames_were_refused_is_told_why() -> None:
     odometry = {
         "ODOMETRY_X": Reception(800, {"crc": 800}),
@@ -174,6 +178,7 @@ def test_a_firmware_whose_frames_were_refused_is_told_why() -> None:
     assert "800 ODOMETRY_Y, 750 refused: 700 crc, 50 counter; ODOMETRY_HEADING never came." in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_firmware_that_sends_half_a_pose_is_told_what_never_came() -> None:
     odometry = {
         "ODOMETRY_X": Reception(800),
@@ -184,12 +189,14 @@ def test_a_firmware_that_sends_half_a_pose_is_told_what_never_came() -> None:
     assert "sent 800 ODOMETRY_X only; ODOMETRY_Y and ODOMETRY_HEADING never came." in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_refused_frames_are_told_even_where_a_pose_came_through() -> None:
     odometry = {"ODOM": Reception(800, {"crc": 3})}
     page = page_of(replace(run_result(ticks=100), odometry=odometry))
     assert "The firmware under test sent 800 ODOM, 3 refused: crc." in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_picture_with_nothing_in_it_is_left_out() -> None:
     silent = without_poses(run_result(ticks=100, estimators=False), {})
     page = page_of(silent)
@@ -199,17 +206,20 @@ def test_a_picture_with_nothing_in_it_is_left_out() -> None:
     assert "What fixed point costs" not in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_users_firmware_is_not_called_ours() -> None:
     page = page_of(replace(run_result(ticks=100), configuration={"device": "lib:node.so"}))
     assert "the firmware under test is" in page
     assert "fixed-point firmware" not in page
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_quiet_status_bits_alone_make_no_timeline() -> None:
     result = replace(run_result(ticks=100), status=np.ones(100, dtype=np.int64))
     assert "No fault bit was set" in page_of(result)
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_real_time_runs_show_their_timing(lesson: str) -> None:
     assert "missed deadlines" in page_of(run_result(ticks=100, time="real"))
     assert "missed deadlines" not in lesson

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from command_line import Chiplog
 
 from gap_diagnosis.result import Diagnosis
@@ -16,6 +17,8 @@ from hil_harness.robot import load_robot
 
 WHEELBASE_M = 0.2985
 SCALE = 0.02
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
 def test_a_corrected_description_leaves_nothing_to_find(chiplog: Chiplog, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from command_line import Chiplog
 
 from chiplog.run_folder import OUR_FILES
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 SUM_ROUNDING = 1e-12  # the parts add up to this, component by component
 
 

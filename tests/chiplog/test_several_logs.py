@@ -9,6 +9,8 @@ from command_line import Chiplog
 
 from gap_diagnosis.result import Diagnosis
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
 BOUND_RAD = 0.02
 """Wheels 2 % apart turn the lesson's figure of eight, 0.4 m/s on an axle of 0.3 m, by 0.13 rad more
 in 5 s than the gyro says; the gyro's noise is 50 times less."""

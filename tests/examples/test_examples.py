@@ -2,20 +2,20 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from forked import folder_of_programs
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "lean", "-p", "no:hypothesispytest")
+OPTIONS = ("-q", "-p", "lean", "-p", "no:hypothesispytest", "-p", "no:cacheprovider")
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_an_example_passes_its_own_tests(folder: str) -> None:
     result = subprocess.run(
-        [*PYTEST, "-p", "no:cacheprovider", str(EXAMPLES / folder)],
+        [folder_of_programs() / "pytest", *OPTIONS, str(EXAMPLES / folder)],
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
         capture_output=True,
         text=True,
