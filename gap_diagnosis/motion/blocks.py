@@ -40,7 +40,8 @@ class Course:
     the first harmonic has the variance exp(-(2 pi sigma)^2) / (2 pi^2) (Widrow and Kollar 2008,
     chapter 4). What counts are off by turns a robot about *count_base_m*. By as much as *log_more*
     the log variance of each row is less than if counts turned the robot as described. A wheel's
-    path is its way, longer where its contact is rougher. Of each block's way *told_m2* is the
+    way is negative where it turns back: a share of it that is slip is then the other way round. Its
+    path is its length, longer where its contact is rougher. Of each block's way *told_m2* is the
     variance by noise of speeds as told, *scatter_m2* that by what else speeds leave unsure, or by
     counts that vary by chance. Where no counts are known the robot may be anywhere by *lost_m2*. A
     block's samples of a reference lie on average *sampled_x_m* and *sampled_y_m* beyond its ticks'
@@ -132,6 +133,13 @@ class Course:
         return replace(self, gyro_unsure_rad2=self.gyro_unsure_rad2 + more)
 
 
+def _as_if_counted(steps: Floats, dead: NDArray[np.bool_]) -> Floats:
+    """Return the steps of two wheels, float64[2, n], where a wheel that is not counted goes, and
+    slips, as far as the other one."""
+    longer = np.abs(steps).argmax(axis=0)
+    return np.where(dead, np.take_along_axis(steps, longer[np.newaxis], axis=0), steps)
+
+
 def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     """Return the motion between the blocks' middles; *noise_ticks* is the described jitter."""
     motion = nodes.motion
@@ -139,12 +147,10 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
     t_s = nodes.mean(motion.t_s)
     block_s = np.diff(t_s, prepend=t_s[0])
     radius = motion.radius_m
-    # A wheel that is not counted slips as much as the other one.
     signed = np.array([motion.left_step_rad, motion.right_step_rad])
-    steps = np.abs(signed)
-    dead = dead_ticks(motion)
-    steps[:, dead] = steps[:, dead].max(axis=0)
-    paths = [nodes.mean(np.cumsum(step) * radius) for step in steps]
+    steps = _as_if_counted(signed, dead_ticks(motion))
+    ways = [nodes.mean(np.cumsum(step) * radius) for step in steps]
+    paths = [nodes.mean(np.cumsum(np.abs(step)) * radius) for step in steps]
     samples = np.zeros(nodes.count)
     samples[nodes.sample_node] = nodes.samples
     sampled_x, sampled_y = (nodes.sampled_beyond(one) for one in (motion.x_m, motion.y_m))
@@ -172,8 +178,8 @@ def course_of(nodes: Nodes, noise_ticks: float) -> Course:
         step_x_m=np.diff(x_m, prepend=x_m[0]),
         step_y_m=np.diff(y_m, prepend=y_m[0]),
         turn_rad=np.diff(heading, prepend=heading[0]),
-        left_way_m=left_path,
-        right_way_m=right_path,
+        left_way_m=np.diff(ways[0], prepend=ways[0][0]),
+        right_way_m=np.diff(ways[1], prepend=ways[1][0]),
         left_path_m=left_path,
         right_path_m=right_path,
         left_moved=moved[0],

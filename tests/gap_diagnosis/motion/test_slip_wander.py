@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from motion_cases import ROBOT, WIRE, some_of
 
@@ -14,7 +15,7 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.effects import EffectSetting
-from hil_harness.scenarios import scenario
+from hil_harness.scenarios import Segment, SegmentProfile, scenario
 
 SHARE = 0.004
 WANDERS = EffectSetting("micro_slip", (("wander_left", SHARE), ("wander_right", SHARE)))
@@ -28,6 +29,27 @@ def drive(seed: int, *effects: EffectSetting) -> Recording:
 
 def level_of(log: Recording) -> float:
     return float(MotionModel(log, ROBOT, default_prior()).no_effect_levels[SLIP_WANDER])
+
+
+def test_what_slips_on_the_way_back_is_a_share_of_it_the_other_way_round() -> None:
+    """As of a share of its path, which has no sign, what a wheel slips before and after it turns
+    back seemed to jump: two healthy robots in 600 had a wheel that slips for some seconds (.93,
+    .95)."""
+    to_and_fro = [Segment(v_m_s, w_rad_s, 2.0) for v_m_s, w_rad_s in ((0.4, 0.0), (-0.4, 0.5))]
+    still = replace(
+        scenario("calibration"), effects=(), profile=SegmentProfile(to_and_fro), duration_s=4.0
+    )
+    log = synthetic_recording(ROBOT, WIRE, still, (), 1, reference=REFERENCE)
+    model = MotionModel(log, ROBOT, default_prior())
+    metres = model.nodes.motion.radius_m
+    for way_m, path_m, step_rad in (
+        (model.course.left_way_m, model.course.left_path_m, model.nodes.motion.left_step_rad),
+        (model.course.right_way_m, model.course.right_path_m, model.nodes.motion.right_step_rad),
+    ):
+        gone = model.nodes.mean(np.cumsum(step_rad) * metres)
+        assert way_m.sum() == pytest.approx(gone[-1] - gone[0])
+        assert way_m.min() < -0.01 < 0.01 < way_m.max()
+        assert (np.abs(way_m) <= path_m + 1e-12).all()
 
 
 def test_by_how_much_wheels_slip_now_more_and_now_less_is_told(size: str) -> None:

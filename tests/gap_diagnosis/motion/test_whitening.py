@@ -52,12 +52,13 @@ LESS = np.where(np.arange(NODES.count) < 70, 0.03, 0.01)
 TOLD_M2 = np.where(np.arange(NODES.count) < 120, 4e-7, 1e-7)
 COURSE = replace(
     AS_DESCRIBED.beside(0.04 * AS_DESCRIBED.left_path_m, -LESS * AS_DESCRIBED.right_path_m),
+    left_way_m=np.where(np.arange(NODES.count) < 100, 1.0, -1.0) * AS_DESCRIBED.left_way_m,
     left_told_m2=TOLD_M2,
     right_told_m2=0.5 * TOLD_M2,
 )
 """Beside effects that make the left wheel go 4 % farther, and the right one 3 % less far, then 1 %:
-by that they vary by less than a slip of its own does, and do not turn that round. With noise of
-speeds besides, of which the right wheel's has less."""
+by that they vary by less than a slip of its own does, and do not turn that round. The left wheel
+turns back on the way. With noise of speeds besides, of which the right wheel's has less."""
 LATE = replace(COURSE, are_rows_late=True)
 SPEEDS_LATE = replace(LATE, are_speeds_late=True)
 """The same in a table whose rows have no clock of their own, of counts and of speeds."""
@@ -122,13 +123,14 @@ def dense_covariance(which: str) -> Floats:
                 plus((1.0, y), (course.step_x_m[k], angle)),
                 plus((1.0, gyro), (dt, bias)),
             )
-            # An effect that varies and slip of its own last for as long, and are one motion: here
-            # with the sign of the effect, which is the larger one.
+            # An effect that varies and slip of its own last for as long, and are one motion, with
+            # the sign of the larger one.
             effects = inexact * course.left_astray_m[k], inexact * course.right_astray_m[k]
             own = wander * course.left_way_m[k], wander * course.right_way_m[k]
-            more_left = math.hypot(effects[0], own[0]), slips[0]
-            way = -1.0 if -effects[1] > own[1] else 1.0
-            more_right = way * math.hypot(effects[1], own[1]), slips[1]
+            more_left, more_right = (
+                (math.copysign(math.hypot(*both), max(both, key=abs)), slip)
+                for both, slip in zip(zip(effects, own, strict=True), slips, strict=True)
+            )
             angle = plus((1.0, angle), _scaled(1 / axle, more_right), _scaled(-1 / axle, more_left))
             x = plus((1.0, x), *(_scaled(0.5 * c, one) for one in (more_left, more_right)))
             y = plus((1.0, y), *(_scaled(0.5 * s, one) for one in (more_left, more_right)))
@@ -296,7 +298,7 @@ def test_slip_beside_an_effect_of_nothing_is_as_beside_none():
     the noise of its wheels, and its slip was taken to turn round as often: nine nats for a scrub of
     nothing, which was told (0.91)."""
     data = laid_out(drawn(1, seed=1))
-    to_and_fro = np.where(np.arange(NODES.count) % 2, 1e-9, -1e-9)
+    to_and_fro = np.where(np.arange(NODES.count) % 2, 1e-12, -1e-12)
     nothing = AS_DESCRIBED.beside(to_and_fro, -to_and_fro)
     white, log_variance = whiten(data, nothing, LEVELS, NODES.ticks)
     expected, as_none = whiten(data, AS_DESCRIBED, LEVELS, NODES.ticks)
