@@ -23,6 +23,7 @@ from gap_diagnosis.facts import (
     ASSUMPTIONS,
     beside_mistake,
     beside_unlisted,
+    counts_again,
     input_files,
     log_facts,
     makes_worse,
@@ -249,6 +250,7 @@ def diagnose_recordings(
             ),
             *untrusted(ordered[0]),
             *sizes_of_wheels(ordered[0]),
+            *counts_again(ordered[0], [one.recording for one in analyses]),
             *not_replayed(analyses, held, robot),
             *notes_on(
                 analyses,

@@ -198,6 +198,29 @@ def sizes_of_wheels(leading: Candidate) -> tuple[str, ...]:
 _SIZES: Final = ("radius_scale.scale", "radius_mismatch.mismatch")
 
 
+def counts_again(leading: Candidate, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Say until when an encoder is dead that the first candidate names, where it counts again: its
+    only moment is the one from which it does not."""
+    died = leading.parameters.get("encoder_dead.start_s")
+    side = leading.parameters.get("encoder_dead.side")
+    if not isinstance(died, NumberEstimate) or side is None:
+        return ()
+    for one in recordings:
+        from_s, until_s = (float(end) for end in one.t_s[[0, -1]])
+        for start_s, stop_s in leading.windows:
+            is_own = abs(start_s - died.estimate) < _ROWS_APART * one.tick_period_s
+            if is_own and from_s <= start_s and stop_s < until_s - one.tick_period_s:
+                return (
+                    f"{one.name}: the {side.estimate} encoder counts again from "
+                    f"{stop_s - from_s:.2f} s on, as of a plug that is loose.",
+                )
+    return ()
+
+
+_ROWS_APART: Final = 3.0
+"""So many rows may lie between when an encoder died and the first that it counts nothing in."""
+
+
 def untrusted(leading: Candidate) -> tuple[str, ...]:
     """Say that the weights behind the first candidate do not converge, where they do not."""
     shape = leading.pareto_k
