@@ -196,6 +196,9 @@ def _by_parameter(fits: Sequence[Fit]) -> dict[str, list[Estimate]]:
     return found
 
 
+_MOMENTS: Final = frozenset({"start_s", "stop_s"})
+
+
 def _converted(
     key: str, estimates: Sequence[Estimate], known: Mapping[str, Effect], *, is_split: bool
 ) -> ParameterEstimate:
@@ -216,11 +219,12 @@ def _converted(
         unit = known[effect].parameter(name).unit
     except KeyError:
         unit = "1"
-    low95, low80, low50, high50, high80, high95 = np.percentile(
-        samples, [2.5, 10, 25, 75, 90, 97.5]
+    low95, low80, low50, middle, high50, high80, high95 = np.percentile(
+        samples, [2.5, 10, 25, 50, 75, 90, 97.5]
     )
     return NumberEstimate(
-        estimate=float(samples.mean()),
+        # Between two moments at which something may begin nothing does.
+        estimate=float(middle if name in _MOMENTS else samples.mean()),
         unit=unit,
         sd=float(samples.std()),
         ci50=(float(low50), float(high50)),

@@ -59,7 +59,8 @@ class Part(BaseModel):
 
 
 class NumberEstimate(Part):
-    """What is known of one number: posterior mean, spread and equal-tailed intervals."""
+    """What is known of one number: posterior mean (of a moment the median), spread and equal-tailed
+    intervals."""
 
     estimate: float
     unit: str = Field(description='SI; "1" for a ratio or a count')
