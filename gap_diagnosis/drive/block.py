@@ -33,7 +33,7 @@ from gap_diagnosis.drive.mistakes import COMMANDS, COUNTS, SETUP, possible
 from gap_diagnosis.drive.noise import IDEAL, STARTS, Levels, exact, is_inexact
 from gap_diagnosis.drive.shapes import BENT, PARAMETERS, Shapes
 from gap_diagnosis.drive.spell import Ends, ends, sought
-from gap_diagnosis.drive.told import is_off_in_all, mends
+from gap_diagnosis.drive.told import mends
 from gap_diagnosis.drive.unlisted import Manner, Null, manner, own_manner, unlisted
 from gap_diagnosis.explanations.known import COUNTING
 from gap_diagnosis.hypothesis import Estimate, Fit
@@ -430,22 +430,16 @@ class DriveBlock:
 
         That is not exact, and has what a gain, a lag or a delay could say of a drive that does as
         it is described: within tolerance. One that the log alone describes may have any gain, which
-        is no part of its manner if the wheels' ways show it without one.
+        is no part of its manner.
         """
         if self._data.manner is None or gained <= 0.0:
             return gained
-        if not effects & _TOLERATED:
+        if self.answers is None:
+            return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
+        if "drive_gain" not in effects or self._data.acting is not None:
             return max(gained - self._left, 0.0)
-        if not self._has_own_gain:
-            return 0.0
         gain = frozenset({"drive_gain"})
         return gained if effects == gain else max(gained - self._left, self.fit(gain).log_evidence)
-
-    @property
-    def _has_own_gain(self) -> bool:
-        """Whether a drive that the log alone describes has a gain all along."""
-        is_own = self.answers is not None and self._data.acting is None
-        return is_own and is_off_in_all(self._data, self._robot)
 
     def only(self, kept: NDArray[np.bool_]) -> DriveBlock:
         """Return the block that sees no more of the same drive than some of its blocks, bool[m]."""

@@ -49,28 +49,13 @@ def is_as_described(data: DriveData, robot: Robot) -> bool:
     return bool(np.mean((gone - told)[seen] ** 2) < np.mean(may_be[seen]) + _rounded(data))
 
 
-def is_off_in_all(data: DriveData, robot: Robot) -> bool:
-    """Tell whether a wheel goes farther in all than it is told, or less far, by more than a gain
-    may be off.
-
-    Beside a speed that bends with its size a gain may be of any size, and undo what that does.
-    """
-    told, gone, seen = _ways(data, robot)
-    return bool(np.any(np.abs(_gain(told, gone, seen)) > prior.GAIN.tolerance))
-
-
 def _gain_within_tolerance(told: Floats, gone: Floats, seen: NDArray[np.bool_]) -> Floats:
     """Return each wheel's gain less one, float64[2, 1], as far as it is no news."""
-    gain = _gain(told, gone, seen)
-    no_news = np.clip(gain, -prior.GAIN.tolerance, prior.GAIN.tolerance)
-    return np.asarray(no_news[:, np.newaxis], dtype=np.float64)
-
-
-def _gain(told: Floats, gone: Floats, seen: NDArray[np.bool_]) -> Floats:
-    """Return each wheel's gain less one, float64[2]."""
     told, gone = np.where(seen, told, 0.0), np.where(seen, gone, 0.0)
     power = np.maximum(np.sum(told**2, axis=1), 1e-12)
-    return np.asarray(np.sum(told * (gone - told), axis=1) / power, dtype=np.float64)
+    gain = np.sum(told * (gone - told), axis=1) / power
+    no_news = np.clip(gain, -prior.GAIN.tolerance, prior.GAIN.tolerance)
+    return np.asarray(no_news[:, np.newaxis], dtype=np.float64)
 
 
 def _rounded(data: DriveData) -> float:

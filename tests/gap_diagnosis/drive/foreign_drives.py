@@ -35,16 +35,12 @@ def second_order(seed: int, duration_s: float = DURATION_S) -> Recording:
 
 
 def velocity_loop(
-    seed: int,
-    duration_s: float = DURATION_S,
-    gains: tuple[float, float] = (1.0, 1.0),
-    bend: float = 0.0,
+    seed: int, duration_s: float = DURATION_S, gains: tuple[float, float] = (1.0, 1.0)
 ) -> Recording:
     """A PI loop about a slow motor that overshoots a little; *gains*: of what it is told each wheel
-    takes so much for its own; *bend*: the faster, the more of it by so much in all."""
+    takes so much for its own."""
     commands, target = commanded_rates(seed, duration_s)
     target = target * gains
-    target = target * (1.0 + bend * (np.abs(target) / np.abs(target).max() - 0.6))
     rate = np.zeros(2)
     integral = np.zeros(2)
     rates = np.zeros_like(target)

@@ -62,14 +62,6 @@ def test_a_gain_is_told_beside_a_loop_that_nobody_described(seed, left, right, u
     assert evidence(block, "missed_ticks") < 2.0
 
 
-def test_a_speed_that_bends_with_its_size_is_no_gain(undescribed):
-    """A gain of -3 % that such a bend undid was told of a healthy robot, 0.90, and the gap with it
-    was three times as large."""
-    block = block_of(velocity_loop(2, bend=0.05), undescribed)
-    assert block.answers is not None
-    assert evidence(block, "drive_gain") < 2.0
-
-
 def test_what_a_listed_effect_says_of_it_is_told_all_the_same(undescribed):
     block = block_of(simulated({"drive_lag": {"time_constant": 0.07}}), undescribed)
     assert block.answers is None
