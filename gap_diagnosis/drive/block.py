@@ -428,18 +428,11 @@ class DriveBlock:
     def _beside_manner(self, gained: float, effects: frozenset[str]) -> float:
         """Return what speaks for effects beside the drive's manner.
 
-        That is not exact, and has what a gain, a lag or a delay could say of a drive that does as
-        it is described: within tolerance. One that the log alone describes may have any gain, which
-        is no part of its manner.
+        That is not exact, and has what a gain, a lag or a delay could say: within tolerance.
         """
         if self._data.manner is None or gained <= 0.0:
             return gained
-        if self.answers is None:
-            return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
-        if "drive_gain" not in effects or self._data.acting is not None:
-            return max(gained - self._left, 0.0)
-        gain = frozenset({"drive_gain"})
-        return gained if effects == gain else max(gained - self._left, self.fit(gain).log_evidence)
+        return 0.0 if effects & _TOLERATED else max(gained - self._left, 0.0)
 
     def only(self, kept: NDArray[np.bool_]) -> DriveBlock:
         """Return the block that sees no more of the same drive than some of its blocks, bool[m]."""

@@ -34,13 +34,9 @@ def second_order(seed: int, duration_s: float = DURATION_S) -> Recording:
     return _turned(commands, _lagged(_lagged(target, 0.025), 0.025), seed)
 
 
-def velocity_loop(
-    seed: int, duration_s: float = DURATION_S, gains: tuple[float, float] = (1.0, 1.0)
-) -> Recording:
-    """A PI loop about a slow motor that overshoots a little; *gains*: of what it is told each wheel
-    takes so much for its own."""
+def velocity_loop(seed: int, duration_s: float = DURATION_S) -> Recording:
+    """A PI loop about a slow motor that overshoots a little."""
     commands, target = commanded_rates(seed, duration_s)
-    target = target * gains
     rate = np.zeros(2)
     integral = np.zeros(2)
     rates = np.zeros_like(target)
