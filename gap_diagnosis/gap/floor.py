@@ -93,11 +93,11 @@ def noise_floor(
     """Return the metrics on noise alone.
 
     *path* is the explained path at the ticks; *wheel_way_m* the way that each wheel has rolled
-    until each tick (never falling), float64[n] each, and *wheel_unsure_m2*, float64[2, n], the
-    variance that its reading has gathered until then beside its counting (of speeds that were
-    added up, as loud as their noise is). *gyro_share* is how much of the odometry's
-    heading comes from the gyro, whose offset at each tick was averaged over *offset_time_s*,
-    float64[n] (∞: no offset was taken off). Without *has_heading* the start heading is estimated
+    until each tick, less what it rolled back, float64[n] each, and *wheel_unsure_m2*, float64[2,
+    n], the variance that its reading has gathered until then beside its counting (of speeds that
+    were added up, as loud as their noise is). *gyro_share* is how much of the odometry's heading
+    comes from the gyro, whose offset at each tick was averaged over *offset_time_s*, float64[n] (∞:
+    no offset was taken off). Without *has_heading* the start heading is estimated
     from positions as in `metrics.path_errors`. The same input gives the same draws.
     """
     generator = np.random.default_rng(_SEED)
@@ -137,7 +137,7 @@ def _window_floor(
         at = np.interp(at_s, path.t_s, sums)
         return np.maximum(np.diff(at, prepend=at[0]), 0.0)
 
-    ways = [gained(way) for way in wheel_way_m]
+    paths = [gained(np.cumsum(np.abs(np.diff(way, prepend=way[0])))) for way in wheel_way_m]
     unsure_m2 = [gained(sums) for sums in wheel_unsure_m2]
 
     def walk(sd: Floats) -> Floats:
@@ -145,17 +145,19 @@ def _window_floor(
 
     rolling_m = radius_m * levels.quantum_rad
     left, right = (
-        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * way + unsure))
+        walk(np.sqrt(levels.contact_m_per_sqrt_m**2 * length + unsure))
         + rolling_m * generator.standard_normal((draws, count))
-        for way, unsure in zip(ways, unsure_m2, strict=True)
+        for length, unsure in zip(paths, unsure_m2, strict=True)
     )
     if levels.slip_wander:
+        # A share of a way: it turns round with that.
+        ways = [np.interp(at_s, path.t_s, way) for way in wheel_way_m]
         slips = levels.slip_wander * _slow_walks(generator, 2, draws, count, node_s, levels.slip_s)
         left, right = (
-            way_m + np.cumsum(slip * way, axis=1)
-            for way_m, slip, way in zip((left, right), slips, ways, strict=True)
+            off_m + np.cumsum(slip * np.diff(way, prepend=way[0]), axis=1)
+            for off_m, slip, way in zip((left, right), slips, ways, strict=True)
         )
-    sideways = levels.lateral_m_per_sqrt_m * np.sqrt(0.5 * (ways[0] + ways[1]))
+    sideways = levels.lateral_m_per_sqrt_m * np.sqrt(0.5 * (paths[0] + paths[1]))
     after_start = np.full(count, math.sqrt(node_s))
     after_start[0] = 0.0
     bias = walk(levels.gyro_bias_walk_rad_s_per_sqrt_s * after_start)

@@ -232,7 +232,7 @@ def floor_on(
     prediction, reference = predict(motion, effects), recording.reference
     return noise_floor(
         odometry_path(prediction, robot),
-        (np.cumsum(np.abs(prediction.left_m)), np.cumsum(np.abs(prediction.right_m))),
+        (np.cumsum(prediction.left_m), np.cumsum(prediction.right_m)),
         motion.radius_m**2 * np.cumsum(_unsure_rad2(motion, levels.speed_noise), axis=1),
         motion.t_s if reference is None else reference.t_s,
         windows,

@@ -101,3 +101,27 @@ def test_wheels_that_are_read_late_leave_the_floor_of_what_they_miss(are_speeds:
     # Squares of a window have few large parts: the means of 200 and of 200 scatter by 15 %.
     for found, own in zip((floor.position, floor.heading), np.mean(squares, axis=0), strict=True):
         assert math.isclose(found.mean(), own, rel_tol=0.3)
+
+
+def test_what_wheels_slip_on_the_way_back_leaves_the_floor_that_it_takes_off_again() -> None:
+    """Of a path, which has no sign, slip there and slip back would add up: of wheels that turn back
+    every half second the floor was ten times as high."""
+    t_s = np.arange(0.0, 10.01, 0.01)
+    steps_m = 0.01 * np.where(t_s % 1.0 < 0.5, 1.0, -1.0)
+    way_m = np.cumsum(steps_m)
+    path = Path(t_s, way_m, np.zeros_like(t_s), np.zeros_like(t_s))
+    slips = replace(QUIET, reference_position_m=0.0, slip_wander=0.01, slip_s=2.0)
+    still = np.zeros((2, len(t_s)))
+    floor = noise_floor(
+        path, (way_m, way_m), still, t_s[5::5], [WINDOW], slips, radius_m=0.05, wheelbase_m=0.3,
+        gyro_share=1.0, offset_time_s=np.full(len(t_s), np.inf),
+    )  # fmt: skip
+    generator, stays = np.random.default_rng(1), math.exp(-0.005)
+    squares = []
+    for _ in range(400):
+        noise = generator.normal(size=(2, 2001))
+        shares = 0.01 * lfilter([math.sqrt(1 - stays**2)], [1, -stays], noise)[:, 1000:]
+        x_m = np.cumsum(steps_m * (1 + shares.mean(axis=0)))[5::5]
+        seen = Path(t_s[5::5], x_m, np.zeros_like(x_m), np.zeros_like(x_m))
+        squares.append(path_errors(path, seen, [WINDOW]).position.mean_square[0])
+    assert math.isclose(floor.position.mean(), np.mean(squares), rel_tol=0.3)
