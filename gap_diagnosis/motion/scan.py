@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
-from gap_diagnosis.motion.accounts import NEAR, Effects, Found, within_tolerance
+from gap_diagnosis.motion.accounts import NEAR, Effects, Found
 from gap_diagnosis.motion.columns import GROSS, Term
 from gap_diagnosis.motion.dispersion import dispersion
 from gap_diagnosis.motion.evidence import Gram, score
@@ -378,27 +378,6 @@ class Scan(Neighbours):
             self._weighed[one] = explained, least
             if one != effects:
                 self._lower(one, least - taken)
-
-    def _take_what_is_tolerated(self) -> None:
-        """Let no fitted set be worth more than its part without an effect that lies within its
-        tolerance: so much of it is no gap.
-
-        The part may lack what goes with the effect's tolerance, not its size: a gyro that was late
-        by 0.4 ms +- 0.4, of which 2 are tolerated, gained 11 nats beside a slip.
-        """
-        for one in sorted(self._fitted(), key=lambda each: len(each.effects)):
-            for effect in within_tolerance(one):
-                less = self.found.get(one.effects - {effect})
-                if less is not None and (less.refitted or not less.effects):
-                    own = self.found[one.effects].log_evidence
-                    self._lower(one.effects, max(own - less.log_evidence, 0.0))
-
-    def _lower(self, effects: Effects, by: float) -> None:
-        """Let a set be worth so much less [nat]."""
-        one = self.found[effects]
-        self.found[effects] = replace(
-            one, log_evidence=one.log_evidence - by, log_likelihood=one.log_likelihood - by
-        )
 
     def _parts_of(self, head: Found) -> list[Found]:
         """Return what is left of the best set without one or more of its effects, unless fitted.

@@ -177,6 +177,21 @@ def test_what_is_tolerated_is_taken_from_larger_sets_too() -> None:
     assert scan.found[three.effects].log_evidence == pytest.approx(713.5)
 
 
+def test_what_is_tolerated_adds_nothing_as_it_bends_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A set that was brought down to its part rose above it again where its bends were worth more
+    than the part's."""
+    both = sized(724.5, SLIPS, ("gyro_lag", 0.0004, 0.00036, 0.002))
+    scan = scan_of(found(0.0), sized(713.5, SLIPS), both)
+
+    def as_it_bends(one: Found) -> Found:
+        return replace(one, log_evidence=one.log_evidence + 2.0 * len(one.effects))
+
+    monkeypatch.setattr(scan, "_as_it_bends", as_it_bends)
+    scan._take_what_is_tolerated()
+    scan._take_in_bends()
+    assert scan.found[both.effects].log_evidence == pytest.approx(715.5)
+
+
 def test_a_set_is_not_measured_by_a_part_that_stands_on_straight_lines() -> None:
     both = sized(724.5, SLIPS, ("gyro_lag", 0.0004, 0.00036, 0.002))
     scan = scan_of(found(700.0, "longitudinal_slip"), both)
