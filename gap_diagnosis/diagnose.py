@@ -250,7 +250,7 @@ def diagnose_recordings(
             ),
             *untrusted(ordered[0]),
             *sizes_of_wheels(ordered[0]),
-            *counts_again(ordered[0], [one.recording for one in analyses]),
+            *counts_again(ordered[0], analyses),
             *not_replayed(analyses, held, robot),
             *notes_on(
                 analyses,

@@ -13,6 +13,7 @@ import numpy as np
 from gap_diagnosis.analysis import Analysis
 from gap_diagnosis.block_sums import Effects
 from gap_diagnosis.company import OWN_BLOCK
+from gap_diagnosis.explanations.standstill import DEAD
 from gap_diagnosis.firmware import lacks_the_gyro
 from gap_diagnosis.hypothesis import Block
 from gap_diagnosis.motion.whitening import STAMP, WHEELS_LATE
@@ -198,27 +199,23 @@ def sizes_of_wheels(leading: Candidate) -> tuple[str, ...]:
 _SIZES: Final = ("radius_scale.scale", "radius_mismatch.mismatch")
 
 
-def counts_again(leading: Candidate, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Say until when an encoder is dead that the first candidate names, where it counts again: its
-    only moment is the one from which it does not."""
-    died = leading.parameters.get("encoder_dead.start_s")
-    side = leading.parameters.get("encoder_dead.side")
-    if not isinstance(died, NumberEstimate) or side is None:
+def counts_again(leading: Candidate, analyses: Sequence[Analysis]) -> tuple[str, ...]:
+    """Say until when an encoder is dead that the first candidate names, of each log in which it
+    counts again: its only moment is the one from which it does not."""
+    if DEAD not in leading.effects:
         return ()
-    for one in recordings:
-        from_s, until_s = (float(end) for end in one.t_s[[0, -1]])
-        for start_s, stop_s in leading.windows:
-            is_own = abs(start_s - died.estimate) < _ROWS_APART * one.tick_period_s
-            if is_own and from_s <= start_s and stop_s < until_s - one.tick_period_s:
-                return (
-                    f"{one.name}: the {side.estimate} encoder counts again from "
-                    f"{stop_s - from_s:.2f} s on, as of a plug that is loose.",
+    notes = []
+    for one in analyses:
+        log, effects = one.recording, frozenset(leading.effects)
+        from_s, until_s = (float(end) for end in log.t_s[[0, -1]])
+        for variant, _ in () if one.motion is None else one.motion.settings(effects):
+            stop_s = float(variant.fixed.get("stop_s", until_s))
+            if variant.effect == DEAD and stop_s < until_s - log.tick_period_s:
+                notes.append(
+                    f"{log.name}: the {variant.report['side']} encoder counts again from "
+                    f"{stop_s - from_s:.2f} s on, as of a plug that is loose."
                 )
-    return ()
-
-
-_ROWS_APART: Final = 3.0
-"""So many rows may lie between when an encoder died and the first that it counts nothing in."""
+    return tuple(notes)
 
 
 def untrusted(leading: Candidate) -> tuple[str, ...]:

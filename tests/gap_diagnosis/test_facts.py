@@ -1,22 +1,22 @@
 """What a diagnosis says of its logs beside the verdict."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from fake_blocks import FakeBlock, analysis
 
+from gap_diagnosis.analysis import Analysis
+from gap_diagnosis.explanations.encoder import encoder_dead_left
+from gap_diagnosis.explanations.variant import Variant
 from gap_diagnosis.facts import beside_unlisted, counts_again, makes_worse, notes_on, untrusted
 from gap_diagnosis.lost_tracking import Leap, Lost
+from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.recording import Recording
 from gap_diagnosis.reference_mistakes import Mistake
-from gap_diagnosis.result_parts import (
-    Candidate,
-    ChoiceEstimate,
-    Gap,
-    Metric,
-    NumberEstimate,
-)
+from gap_diagnosis.result_parts import Candidate, Gap, Metric
 
 _ROWS = np.arange(4)
 LOG = Recording("drive.csv", 0.01, _ROWS * 0.01, _ROWS * 0.01, _ROWS, _ROWS * 1.0, _ROWS * 1.0)
@@ -119,29 +119,31 @@ def test_weights_that_do_not_converge_are_told(pareto_k: float | None, said: int
     assert all("do not converge" in note for note in notes)
 
 
-@pytest.mark.parametrize(("stop_s", "said"), [(35.26, 1), (60.0, 0)])
-def test_an_encoder_that_counts_again_is_not_said_to_be_dead_for_good(
-    stop_s: float, said: int
-) -> None:
-    """A plug that was loose for five seconds read as a count frozen from then on."""
+def with_dead(name: str, start_s: float, stop_s: float) -> Analysis:
+    """Return a log of a minute in whose motion the left encoder is dead for a while."""
     rows = np.arange(6001)
-    log = replace(LOG, t_s=0.3 + 0.01 * rows, stamp_s=0.3 + 0.01 * rows, tick=rows)
-    start = NumberEstimate(
-        estimate=30.299, unit="s", sd=0.001, ci50=(30.298, 30.3), ci80=(30.297, 30.301),
-        ci95=(30.297, 30.301),
-    )  # fmt: skip
-    leading = Candidate(
-        effects=("encoder_dead",),
-        probability=0.9,
-        group_probability=0.9,
-        parameters={
-            "encoder_dead.side": ChoiceEstimate(estimate="left", probabilities={"left": 1.0}),
-            "encoder_dead.start_s": start,
-        },
-        windows=((30.3, 0.3 + stop_s),),
+    t_s = 0.3 + 0.01 * rows
+    dead = Variant(
+        "encoder_dead",
+        encoder_dead_left,
+        (),
+        {"start_s": 0.3 + start_s, "stop_s": 0.3 + stop_s},
+        {"side": "left", "start_s": 0.3 + start_s},
     )
-    notes = counts_again(leading, [log])
-    assert len(notes) == said
-    assert all("left" in note and "35.26 s" in note for note in notes)
-    nothing_dead = leading.model_copy(update={"effects": ("gyro_bias",), "parameters": {}})
-    assert counts_again(nothing_dead, [log]) == ()
+    motion = cast(MotionBlock, SimpleNamespace(settings=lambda effects: [(dead, ())]))
+    log = replace(LOG, name=name, t_s=t_s, stamp_s=t_s, tick=rows)
+    return replace(analysis(log), motion=motion)
+
+
+def test_an_encoder_that_counts_again_is_not_said_to_be_dead_for_good() -> None:
+    """A plug that was loose for five seconds read as a count frozen from then on. Of two logs the
+    first was named, whichever it was; and none where the wheel stood before, so that the moment is
+    told long after its counts do."""
+    leading = Candidate(effects=("encoder_dead",), probability=0.9, group_probability=0.9)
+    for_good = with_dead("first.csv", 30.0, 60.0)
+    for_a_while = with_dead("second.csv", 30.0, 35.26)
+    (note,) = counts_again(leading, [for_good, for_a_while])
+    assert note.startswith("second.csv: the left encoder counts again from 35.26 s on")
+    assert counts_again(leading, [for_good]) == ()
+    nothing_dead = leading.model_copy(update={"effects": ("gyro_bias",)})
+    assert counts_again(nothing_dead, [for_a_while]) == ()
