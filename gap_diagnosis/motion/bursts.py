@@ -36,6 +36,8 @@ _REACH: Final = 4
 _MOST: Final = 0.4
 """What happens in more than this share of the log is how it is, and no burst."""
 _FACTORS: Final = (10.0, 30.0, 100.0, 300.0)
+_WORSE: Final = (2.0, 4.0, 8.0, 16.0)
+"""So many times as far a reference may be off that a camera or a satellite fewer sees."""
 _ROUNDS: Final = 3
 _LEAST_M: Final = 0.01
 """Contact of less than this [m per root metre] is no slip: three times what floors have."""
@@ -120,7 +122,7 @@ def _windows_beside(
         return None
     assert found is not None  # the first round has set it
     side, factor = found
-    if factor * levels[0] < _LEAST_M:
+    if factor * levels[0] < _LEAST_M or log.measures_worse(inside, found, levels):
         return None
     windows = log.windows(inside)
     cost = log.cost_of_window * len(windows) + math.log(len(SIDES) * len(_FACTORS))
@@ -249,6 +251,20 @@ class _Log:
 
     def _weighing(self, course: Course) -> Weighing:
         return Weighing(self._values, self._nuisances, course, self._model.nodes.ticks)
+
+    def measures_worse(self, inside: Mask, found: tuple[str, float], levels: Floats) -> bool:
+        """Tell whether a reference that measures worse in the cells *inside* explains them as well
+        as wheels do: what these slip stays when they hold again, what it errs does not."""
+        course, there = self._model.course, inside[self._cell]
+        rough = self.evidence(self.rough(inside, *found), levels)
+        return any(
+            self.evidence(
+                replace(course, samples=np.where(there, course.samples / times**2, course.samples)),
+                levels,
+            )
+            > rough
+            for times in _WORSE
+        )
 
     def best(self, inside: Mask, levels: Floats) -> tuple[str, float]:
         """Return the side and the factor that suit these cells best."""

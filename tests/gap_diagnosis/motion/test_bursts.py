@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from motion_cases import ROBOT, WIRE, nothing_of
 
 from gap_diagnosis.motion.accounts import Found
@@ -55,3 +56,18 @@ def test_a_slip_that_comes_back_is_told_with_its_side_and_windows() -> None:
 
 def test_wheels_that_hold_have_no_such_windows() -> None:
     assert burst_of(QUIET)[0] is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reference_that_measures_worse_for_a_while_takes_no_wheels_hold(seed: int) -> None:
+    """A camera fewer saw a healthy robot for half a second: its wheel lost its hold, 0.96."""
+    reference = QUIET.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    draw = np.random.default_rng(seed)
+    noise = np.where((reference.t_s > 31.2) & (reference.t_s < 31.9), 4e-3, 0.0)
+    x_m, y_m = (
+        one + noise * draw.standard_normal(len(noise)) for one in (reference.x_m, reference.y_m)
+    )
+    seen = replace(reference, x_m=x_m, y_m=y_m)
+    assert burst_of(replace(QUIET, reference=seen))[0] is None
