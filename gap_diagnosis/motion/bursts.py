@@ -253,8 +253,8 @@ class _Log:
         return Weighing(self._values, self._nuisances, course, self._model.nodes.ticks)
 
     def measures_worse(self, inside: Mask, found: tuple[str, float], levels: Floats) -> bool:
-        """Tell whether a reference that measures worse in the cells *inside* explains them as well
-        as wheels do: what these slip stays when they hold again, what it errs does not."""
+        """Tell whether a reference that measures worse in the cells *inside* explains them
+        better than wheels do: what these slip stays when they hold again, what it errs does not."""
         course, there = self._model.course, inside[self._cell]
         rough = self.evidence(self.rough(inside, *found), levels)
         return any(

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.clock_names import sounds_like_time
 from gap_diagnosis.reading.following import correlation
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
+from gap_diagnosis.recording import Floats
 from hil_harness.signal_roles import COUNT_UNITS, QUANTITIES, RAW_KIND, Role, unit_of
-
-Floats = NDArray[np.float64]
 
 _GRID_S: Final = 0.1
 ENOUGH: Final = 3.0

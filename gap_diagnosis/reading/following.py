@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.reading.signals_found import FoundSignal
-
-Floats = NDArray[np.float64]
+from gap_diagnosis.recording import Floats
 
 STEP_S: Final = 0.02
 _LONGEST_S: Final = 0.5

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.reading.evidence import (
@@ -35,12 +34,11 @@ from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, wo
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
 from gap_diagnosis.reading.wheel_choice import choose_wheels
+from gap_diagnosis.recording import Floats
 from hil_harness.nearest import did_you_mean
 from hil_harness.signal_map import SHIPPED
 from hil_harness.signal_roles import QUANTITIES, ROLES, Role, unit_of
 from hil_harness.table_map import NAMED_COLUMNS
-
-Floats = NDArray[np.float64]
 
 _HEARD: Final = 0.4
 """A wheel follows its command late, and may slip: less likeness than between two sensors tells."""

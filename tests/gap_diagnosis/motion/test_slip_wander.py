@@ -33,7 +33,7 @@ def level_of(log: Recording) -> float:
 
 def test_what_slips_on_the_way_back_is_a_share_of_it_the_other_way_round() -> None:
     """As of a share of its path, which has no sign, what a wheel slips before and after it turns
-    back seemed to jump: two healthy robots in 600 had a wheel that slips for some seconds (.93,
+    back seemed to jump: two healthy robots of 683 had a wheel that slips for some seconds (.93,
     .95)."""
     to_and_fro = [Segment(v_m_s, w_rad_s, 2.0) for v_m_s, w_rad_s in ((0.4, 0.0), (-0.4, 0.5))]
     still = replace(
