@@ -114,8 +114,10 @@ def of_side(side: str, variance: Floats) -> tuple[Floats, Floats]:
 
 SLIP_WINDOWS: Final = 12
 """One-sided slip is sought in windows whose ends lie on this many equal parts of the log."""
-LASTING: Final = frozenset({"radius_scale", "radius_mismatch", "wheelbase_scale"})
-"""Sizes of wheels and of the track may change on the way, and do not change back."""
+CHANGING: Final = frozenset({"radius_scale", "radius_mismatch", "wheelbase_scale"})
+"""Sizes of wheels and of the track, which may change on the way."""
+LASTING: Final = frozenset({"radius_mismatch"})
+"""Which of them does not change back: one wheel that is smaller for a while has slipped."""
 LEFT_OUT: Final = 0.25
 """Of a wheel's way, what a window of its slip leaves out: one that goes less for nearly all of a
 drive is a smaller wheel."""

@@ -12,16 +12,17 @@ import numpy as np
 from gap_diagnosis.motion.accounts import Accounts, Found
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.edges import Edged, best_edges, edged_by, edges_of, has_edges
+from gap_diagnosis.motion.model import Refitted
 from gap_diagnosis.motion.onset import LOG_SHARE, LOG_WEIGHT, best_window, can_begin
 from gap_diagnosis.motion.slips import SLIP, windows_beside
-from gap_diagnosis.motion.windows import at_window, windows_of
+from gap_diagnosis.motion.windows import Windows, at_window, windows_of
 from gap_diagnosis.recording import Floats
 
 _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
 _LITTLE: Final = 0.35
-_WINDOWED: Final = 8
 _WORTH_WINDOW: Final = 20.0
+_MOVES: Final = 3
 
 
 class OffTheGrid(Accounts):
@@ -78,9 +79,9 @@ class OffTheGrid(Accounts):
         best_so_far = self._ranked()[0].log_evidence
         if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
             return None
-        leading = [terms[0] for terms in kept.values() if can_begin(terms[0])][:_WINDOWED]
-        found = [(whole, best_window(self.model, whole, gram.levels)) for whole in leading]
-        sought = [(window[1], window[0], whole) for whole, window in found if window is not None]
+        begins = [terms[0] for terms in kept.values() if can_begin(terms[0])]
+        found = [(one, best_window(self.model, one, gram.levels)) for one in begins]
+        sought = [(window[1], window[0], one) for one, window in found if window is not None]
         sought.sort(key=lambda one: -one[0])
         if not sought or sought[0][0] < gram.log_nothing + _WORTH_WINDOW:
             return None
@@ -92,8 +93,7 @@ class OffTheGrid(Accounts):
         # Of a large effect on the whole log a straight line may explain no more than a part.
         all_along = self.model.refit((whole,), gram.levels, known=known)
         best_so_far = max(best_so_far, all_along.log_evidence)
-        about = at_ends.coefficients, at_ends.levels
-        windows = windows_of(self.model, (term,), 0, *about)
+        windows = self._windows(term, at_ends)
         edged = edged_by(term, windows)
         between = self.model.refit(
             (edged.term,), at_ends.levels, start=at_ends.coefficients, steps=2
@@ -106,9 +106,24 @@ class OffTheGrid(Accounts):
                 # What acts in this window may be another that shows as much of itself in it.
                 there = at_window(rival, *windows.best_s)
                 fit = self.model.refit((there,), at_ends.levels, steps=2)
-                own = windows_of(self.model, (there,), 0, fit.coefficients, fit.levels)
-                self._add_at_its_edges(edged_by(there, own), rival)
+                self._add_at_its_edges(edged_by(there, self._windows(there, fit)), rival)
         return between.levels
+
+    def _windows(self, term: Term, fit: Refitted) -> Windows:
+        """Return what the log says of the window of a fitted term.
+
+        About a fit in one that is a second off all windows are seen askew: it is sought again about
+        a fit in the best, until that is where it was.
+        """
+        windows = windows_of(self.model, (term,), 0, fit.coefficients, fit.levels)
+        for _ in range(_MOVES):
+            sought = windows.best_s
+            there = at_window(term, *sought)
+            fit = self.model.refit((there,), fit.levels, start=fit.coefficients, steps=2)
+            windows = windows_of(self.model, (there,), 0, fit.coefficients, fit.levels)
+            if windows.best_s == sought:
+                break
+        return windows
 
     def _add_at_its_edges(self, edged: Edged, grid_term: Term) -> None:
         """Add a variant whose edges lie where they fit best."""

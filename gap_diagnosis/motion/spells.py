@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.choices import LASTING, LEFT_OUT
+from gap_diagnosis.explanations.choices import CHANGING, LASTING, LEFT_OUT
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
@@ -124,10 +124,11 @@ def _admitted(way: Way, ends_s: Floats, model: MotionModel) -> NDArray[np.bool_]
     inside = np.subtract.outer(by_end, by_end).T
     found = (inside > 0.0) & (passed[-1] - inside > LEFT_OUT * passed[-1])
     listed = way.for_a_while
-    if listed in LASTING - model.without:
+    if listed in CHANGING - model.without:
         found[ends_s <= smooth.t_s[0]] = False
         found[:, ends_s >= smooth.t_s[-1]] = False
-    elif any(t.variant.effect == listed and has_window(t) for t in model.columns.terms):
+    has_windows = any(t.variant.effect == listed and has_window(t) for t in model.columns.terms)
+    if has_windows and listed not in LASTING:
         return np.zeros_like(found)
     return np.asarray(np.triu(found, 1))
 
