@@ -174,7 +174,7 @@ def wheels_turn_rate(p: Prediction) -> Floats:
 
     The estimated heading is bent onto the reference: of a turn at another time, by another clock,
     an error of a thousandth is as much as a lag is told to. What the description has wrong of the
-    wheels is told beside (`ACTS_OTHERWISE`). A table's rows, and speeds, are no such counts.
+    wheels is told beside (`constants_beside`). A table's rows, and speeds, are no such counts.
     """
     motion = p.motion
     if not motion.has_counters or motion.sharp_s == np.inf:

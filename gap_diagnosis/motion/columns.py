@@ -398,42 +398,6 @@ _DELAYS: Final = frozenset({_OFFSET, _LATENCY})
 MOVES_IN_TIME: Final = _DELAYS | {_SKEW}
 """Late counts are an early reference: along chords to either side, or of other lengths, the two
 would leave the way's bends between them, and in these stands the rows' own noise."""
-_OF_WHEELS: Final = frozenset({"radius_scale", "radius_mismatch", "wheelbase_scale"})
-_OF_GYRO: Final = frozenset(
-    {
-        "gyro_asymmetry",
-        "gyro_nonlinearity",
-        "gyro_scale",
-        "gyro_temperature_scale",
-        "supply_ratio",
-    }
-)
-_OF_CODES: Final = _OF_GYRO | {
-    "gyro_bias",
-    "gyro_g_sensitivity",
-    "gyro_temperature_bias",
-    "gyro_vibration",
-}
-ACTS_OTHERWISE: Final[Mapping[str, Set[str]]] = {
-    **dict.fromkeys(MOVES_IN_TIME, MOVES_IN_TIME),
-    "reference_lever_arm": MOVES_IN_TIME | {"reference_scale"},
-    "lateral_slip": MOVES_IN_TIME | _OF_WHEELS,
-    "longitudinal_slip": frozenset({"gyro_lag"}),
-    **dict.fromkeys(
-        ("backlash", "encoder_eccentricity", "wheel_eccentricity"),
-        _OF_WHEELS | {"gyro_lag", "gyro_scale"},
-    ),
-    **dict.fromkeys(("gyro_asymmetry", "gyro_lag"), _OF_WHEELS | _OF_GYRO),
-    **dict.fromkeys(("adc_stuck_bit", "gyro_saturation"), _OF_CODES),
-    **dict.fromkeys(("grade_slip", "one_sided_slip", "turn_scrub"), _OF_WHEELS | {_LATENCY}),
-}
-"""Beside a large effect these constants do something else within their tolerances than about none:
-of half a slipping wheel's way a radius is half as much, a scrub of -0.5 makes a wheelbase four
-times as much, a late reference sees a long arm swung on, a late gyro none of the turns that an
-encoder makes up or that wheels count too far as they speed up, late counts show the edges of a slip
-late as well, and the scale of a gyro that lags is that of what it shows. A gyro that clips shows
-nothing of its scale; where its converter holds a high bit, a bias of one code at the bit's edge
-moves the mean reading by twenty."""
 _DELAY_S: Final = 0.02
 _LEAST: Final = 1e-9
 """A change below this [m, rad] is arithmetic, not an effect."""

@@ -19,13 +19,12 @@ from gap_diagnosis.motion.astray import astray, roughly, seen_astray_m, varies
 from gap_diagnosis.motion.blocks import Course, course_of
 from gap_diagnosis.motion.coefficients import bounded, split
 from gap_diagnosis.motion.columns import (
-    ACTS_OTHERWISE,
-    MOVES_IN_TIME,
     Columns,
     Term,
     build_columns,
     with_variant,
 )
+from gap_diagnosis.motion.constants_beside import free_about
 from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion, unsure_where_silent, without_gyro
 from gap_diagnosis.motion.evidence import Gram, Scored, gram_of, make_gram, score
@@ -441,7 +440,7 @@ class MotionModel:
         change = self._details.change(terms, coefficients, levels, is_sharp=is_sharp)
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
-        values = self._free_about(change, free, terms, coefficients)
+        values = free_about(self.nodes, self.columns, change, free, terms, coefficients)
         nuisances = [(place, sd) for place, (_, sd) in enumerate(free)]
         return self._weighing(values, nuisances, (), course)(levels).log_evidence
 
@@ -473,45 +472,6 @@ class MotionModel:
     def _seen_astray_m(self) -> float:
         return seen_astray_m(self.nodes, self.columns.values[..., 0])
 
-    def _free_about(
-        self,
-        change: Floats | float,
-        free: Sequence[tuple[int, float]],
-        terms: Sequence[Term],
-        coefficients: Sequence[tuple[float, ...]],
-        more: int = 0,
-    ) -> Floats:
-        """Return the data with a *change*, float64[4, m] or 0, and what units of constants within
-        their tolerances change beside these effects: float64[4, m, 1 + c + more].
-
-        What acts otherwise beside one of them is told about them. Behind them stand *more* columns
-        which are still to be written.
-        """
-        place_of = {index: 1 + place for place, (index, _) in enumerate(self.columns.nuisances)}
-        taken = [0, *(place_of[index] for index, _ in free), *[0] * more]
-        values = np.take(self.columns.within_tolerance, taken, axis=-1)
-        values[..., 0] += change
-        told = frozenset().union(*(ACTS_OTHERWISE.get(t.variant.effect, ()) for t in terms))
-        if not told:
-            return values
-        smooth = self.nodes.smooth
-        settings = [(t.variant, c) for t, c in zip(terms, coefficients, strict=True)]
-        there = residuals(self.nodes, predict(smooth, settings))
-        for place, (index, sd) in enumerate(free):
-            variant, own = self.columns.little.get(index, (None, 0))
-            if variant is not None and variant.effect in told:
-                sizes = [0.0] * len(variant.coefficients)
-                sizes[own] = sd
-                beside = residuals(self.nodes, predict(smooth, [*settings, (variant, sizes)]))
-                values[..., 1 + place] = (there - beside) / sd
-                if variant.effect in MOVES_IN_TIME:
-                    # As beside no effect: a chord to one side has the way's bends in it, and where
-                    # a delay does, any effect would win by them.
-                    back = (variant, [-size for size in sizes])
-                    behind = residuals(self.nodes, predict(smooth, [*settings, back]))
-                    values[..., 1 + place] = (behind - beside) / (2.0 * sd)
-        return values
-
     def _better_levels(
         self,
         values: Floats,
@@ -542,7 +502,7 @@ class MotionModel:
         own = {index for term in terms for weight in term.weights for index, _ in weight}
         free = [(i, sd) for i, sd in self.columns.nuisances if i not in own]
         sizes = sum(len(term.variant.coefficients) for term in terms)
-        values = self._free_about(change, free, terms, coefficients, more=sizes)
+        values = free_about(self.nodes, self.columns, change, free, terms, coefficients, more=sizes)
         behind = len(free)
         tangent: list[Term] = []
         for place, term in enumerate(terms):
