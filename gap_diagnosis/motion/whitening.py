@@ -125,7 +125,12 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
     return white, log_variance + course.log_more
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+@numba.njit(
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+    fastmath={"contract", "reassoc", "arcp", "nsz"},
+)
 def _whiten(
     columns: NDArray[np.float64],
     dt_s: Floats,
@@ -373,6 +378,8 @@ def _whiten(
             # Every channel is the sum of two states, a share of each wheel's quantum, what the
             # robot goes on by in the time that a stamp is off, and what a heading leads astray
             # from a block's middle to where its samples lie.
+            # As a place, not as a view of that row: each view would count its references.
+            place = count
             goes_on = astray = 0.0
             if channel == 0:
                 goes_on, astray = rate_x, -sampled_y[k]
@@ -395,51 +402,62 @@ def _whiten(
             if are_rows_late and not are_speeds_late:
                 # Counts that were read late make up for it as soon as they are not.
                 behind = wheels_late * (turn_rate if channel == 3 else goes_on)
-            row = seen[count]
             for j in range(wide):
-                row[j] = known[first, j] + known[second, j]
-                row[j] += left_share * known[5, j] + right_share * known[6, j]
-                row[j] += goes_on * known[12, j] + astray * known[0, j]
+                seen[place, j] = (
+                    known[first, j]
+                    + known[second, j]
+                    + left_share * known[5, j]
+                    + right_share * known[6, j]
+                    + goes_on * known[12, j]
+                    + astray * known[0, j]
+                )
             if behind != 0.0:
                 for j in range(wide):
-                    row[j] += behind * known[wheels_at, j]
+                    seen[place, j] += behind * known[wheels_at, j]
             for before in range(count):
-                other = seen[before]
-                gain = other[first] + other[second]
-                gain += left_share * other[5] + right_share * other[6] + goes_on * other[12]
-                gain += astray * other[0]
+                gain = seen[before, first] + seen[before, second]
+                gain += (
+                    left_share * seen[before, 5]
+                    + right_share * seen[before, 6]
+                    + goes_on * seen[before, 12]
+                )
+                gain += astray * seen[before, 0]
                 if behind != 0.0:
-                    gain += behind * other[wheels_at]
+                    gain += behind * seen[before, wheels_at]
                 for j in range(wide):
-                    row[j] -= gain * other[j]
+                    seen[place, j] -= gain * seen[before, j]
             late_gain = late[first] + late[second]
             late_gain += left_share * late[5] + right_share * late[6] + goes_on * late[12]
             late_gain += astray * late[0]
-            variance = noise + row[first] + row[second]
-            variance += left_share * row[5] + right_share * row[6] + goes_on * row[12]
-            variance += astray * row[0]
+            variance = noise + seen[place, first] + seen[place, second]
+            variance += (
+                left_share * seen[place, 5]
+                + right_share * seen[place, 6]
+                + goes_on * seen[place, 12]
+            )
+            variance += astray * seen[place, 0]
             if behind != 0.0:
                 late_gain += behind * late[wheels_at]
-                variance += behind * row[wheels_at]
+                variance += behind * seen[place, wheels_at]
             own = noise
             if channel >= 2:
                 variance += late_variance - 2.0 * late_gain
                 late_gain -= late_variance
                 own -= late_gain
                 for j in range(wide):
-                    row[j] -= late[j]
+                    seen[place, j] -= late[j]
             if channel == 3:
                 variance += fresh_angle * (spread - 2.0 * together)
                 own += fresh_angle * (spread - together)
-                row[3] -= fresh_angle * together
+                seen[place, 3] -= fresh_angle * together
             variances[rows] = variance
             scale = 1.0 / np.sqrt(variance)
             late_gain *= scale
             for j in range(states):
-                row[j] *= -scale
+                seen[place, j] *= -scale
             for j in range(width):
-                row[states + j] = (columns[channel, k, j] - row[states + j]) * scale
-                out[rows, j] = row[states + j]
+                seen[place, states + j] = (columns[channel, k, j] - seen[place, states + j]) * scale
+                out[rows, j] = seen[place, states + j]
             rows += 1
             if variance > UNKNOWN + 1e4 * noise:
                 # Square metres less what is seen of them to a tenth of a millimetre: few digits of
@@ -452,8 +470,8 @@ def _whiten(
                             known[i, j] -= seen[before, i] * seen[before, j]
                 for i in range(states):
                     for j in range(wide):
-                        known[i, j] -= row[i] * row[j]
-                    wrong = known[i, first] + known[i, second] + own * scale * row[i]
+                        known[i, j] -= seen[place, i] * seen[place, j]
+                    wrong = known[i, first] + known[i, second] + own * scale * seen[place, i]
                     wrong += left_share * known[i, 5] + right_share * known[i, 6]
                     wrong += goes_on * known[i, 12] + astray * known[i, 0]
                     if behind != 0.0:
@@ -463,12 +481,12 @@ def _whiten(
                     if channel == 3 and i == 3:
                         wrong -= fresh_angle * together
                     for j in range(states):
-                        known[i, j] += wrong * scale * row[j]
+                        known[i, j] += wrong * scale * seen[place, j]
                 count = 0
             else:
                 count += 1
             for j in range(wide):
-                late[j] += late_gain * row[j]
+                late[j] += late_gain * seen[place, j]
             late_variance -= late_gain * late_gain
         if count == 4:
             for i in range(states):
