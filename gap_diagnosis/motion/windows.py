@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gap_diagnosis.explanations import predict
-from gap_diagnosis.explanations.choices import LASTING, LEFT_OUT
+from gap_diagnosis.explanations.choices import CHANGING, LASTING, LEFT_OUT
 from gap_diagnosis.motion.columns import Term
 from gap_diagnosis.motion.evidence import scales_of
 from gap_diagnosis.motion.model import MotionModel
@@ -49,8 +49,8 @@ class Windows:
     Attributes:
         ends_s: float64[e], ascending, the ends that were compared.
         log_evidence: float64[e, e], of a window from the first end to the second one, and
-        areas: float64[e, e], for how many such windows it stands [s², or s where one end is known
-            beforehand]: before, all ends are alike.
+        areas: float64[e, e], for how many such windows it stands beside the others: before, all
+            ends are alike.
         means, variances, log_weights: float64[s, e, e], of the effect's size in each window, by
             component of its prior.
     """
@@ -314,25 +314,39 @@ class _Grid:
         log_evidence = top + np.log(np.exp(log_parts - top).mean(axis=0)) - 0.5 * misfit
         admitted = self._admitted()
         log_evidence = np.where(admitted, log_evidence, -np.inf)
-        areas = np.where(admitted, self._areas(), 0.0)
+        areas = self._areas(admitted)
         return Windows(self.ends_s, log_evidence, areas, means, variances, log_parts - top)
 
-    def _areas(self) -> Floats:
-        """Return for how many windows each one stands, float64[e, e]."""
+    def _areas(self, admitted: NDArray[np.bool_]) -> Floats:
+        """Return for how many windows each one stands, float64[e, e]: none of those that are not
+        *admitted*, bool[e, e].
+
+        What may change on the way does so for good or for a while, either as likely.
+        """
         low, high = cells_of(self.ends_s)
         width = high - low
-        if self._variant.effect not in LASTING:
-            return np.asarray(np.outer(width, width))
+        of_both = np.where(admitted, np.outer(width, width), 0.0)
+        if self._variant.effect not in CHANGING:
+            return of_both
         begins = self.ends_s == self.ends_s[0]
-        return np.where(begins[:, None], width, width[:, None])
+        for_good = admitted & self._at_an_end
+        of_one = np.where(for_good, np.where(begins[:, None], width, width[:, None]), 0.0)
+        if self._variant.effect in LASTING:
+            return of_one
+        return np.asarray(of_one / of_one.sum() + of_both / of_both.sum())
+
+    @property
+    def _at_an_end(self) -> NDArray[np.bool_]:
+        """Of which windows an end is that of the log, bool[e, e]."""
+        is_end = (self.ends_s == self.ends_s[0]) | (self.ends_s == self.ends_s[-1])
+        return np.asarray(np.logical_or.outer(is_end, is_end))
 
     def _admitted(self) -> NDArray[np.bool_]:
         """Tell which windows there may be, bool[e, e]."""
         motion = self._model.nodes.smooth
         long = np.subtract.outer(self.ends_s, self.ends_s).T >= SHORTEST_S
         if self._variant.effect in LASTING:
-            is_end = (self.ends_s == self.ends_s[0]) | (self.ends_s == self.ends_s[-1])
-            return np.asarray(long & np.logical_or.outer(is_end, is_end))
+            return np.asarray(long & self._at_an_end)
         if self._variant.effect != "one_sided_slip":
             return np.asarray(long)
         is_left = self._variant.report["side"] == "left"
