@@ -259,7 +259,7 @@ def lay_out(model: MotionModel, only: tuple[str, str] | None = None) -> Laid:
     smooth = nodes.smooth
     columns, nuisances = free_columns(model)
     nominal = residuals(nodes, predict(smooth))
-    lead_s = 0.5 * model.robot.tolerance.time_offset_s  # half of a tolerance is no gap
+    lead_s = 0.5 * model.tolerances["gyro_lag.time_constant"]  # half of a tolerance is no gap
     plans: list[Plan] = []
     for stage, ways in WAYS.items():
         for variable in _VARIABLES[stage]:

@@ -9,12 +9,14 @@ from motion_cases import model_of
 from scipy.signal import lfilter
 
 from gap_diagnosis.explanations.registry import EXPLAINED
+from gap_diagnosis.motion.bases import basis
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import coarse_gyro_delay_s
 from gap_diagnosis.motion.scan import Scan
+from gap_diagnosis.motion.unknown import lay_out
 from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
@@ -299,3 +301,12 @@ def test_what_looks_like_an_effect_of_the_best_set_is_fitted_in_its_place():
     alike = scan.found[best.effects - {"gyro_lag"} | {"frame_latency"}]
     assert alike.refitted is not None
     assert alike.log_evidence < best.log_evidence
+
+
+def test_within_its_row_a_late_gyro_is_no_cause_without_a_name(block):
+    """Of a small robot at 20 rows a second, whose gyro was late by 0.6 of a row, it was (0.96): what
+    goes with the turn's change was no gap up to 1 ms, and not up to half a row."""
+    (plan,) = lay_out(block.model, only=("gyro", "acceleration")).plans
+    within_rad_s = max(float(sizes[-1].max()) for _, sizes in plan.shapes)
+    per_s = max(basis(block.model.nodes.smooth, "gyro", "acceleration").within_per_s)
+    assert within_rad_s == pytest.approx(0.5 * block.model.recording.tick_period_s * per_s)
