@@ -304,7 +304,7 @@ def test_what_looks_like_an_effect_of_the_best_set_is_fitted_in_its_place():
 
 
 def test_within_its_row_a_late_gyro_is_no_cause_without_a_name(block):
-    """Of a small robot at 20 rows a second, whose gyro was late by 0.6 of a row, it was (0.96): what
+    """Of a small robot at 20 rows a second, a gyro late by 0.6 of a row was one (0.96): what
     goes with the turn's change was no gap up to 1 ms, and not up to half a row."""
     (plan,) = lay_out(block.model, only=("gyro", "acceleration")).plans
     within_rad_s = max(float(sizes[-1].max()) for _, sizes in plan.shapes)
