@@ -134,6 +134,17 @@ def one_sided_slip(motion: Motion) -> Iterable[Variant]:
                 yield Variant("one_sided_slip", act, ("ratio",), fixed, report)
 
 
+def longitudinal_slip(motion: Motion) -> Iterable[Variant]:
+    """Return a creep that goes with each wheel's acceleration, and one with that of both."""
+    for act, exact in (
+        (wheel.longitudinal_slip, wheel.exact_longitudinal_slip),
+        (wheel.creep_of_the_body, wheel.exact_creep_of_the_body),
+    ):
+        yield Variant(
+            "longitudinal_slip", act, ("compliance",), is_positive=True, exact=exact, varies=True
+        )
+
+
 def lateral_slip(motion: Motion) -> Iterable[Variant]:
     """Return a slide that goes with speed and turn rate, and one that goes with the square of the
     speed."""

@@ -112,15 +112,7 @@ _ALL: Final = (
         varies=True,
         unbent=wheel.scrub_of_line,
     ),
-    _plain(
-        "longitudinal_slip",
-        "wheel",
-        wheel.longitudinal_slip,
-        "compliance",
-        positive=True,
-        exact=wheel.exact_longitudinal_slip,
-        varies=True,
-    ),
+    Explanation("longitudinal_slip", _RANK["wheel"], choices.longitudinal_slip),
     Explanation("one_sided_slip", 1, choices.one_sided_slip),
     Explanation("lateral_slip", _RANK["wheel"], choices.lateral_slip),
     Explanation(

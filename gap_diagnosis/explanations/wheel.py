@@ -158,16 +158,48 @@ def _lag_behind(
     p.right_m = p.right_m * (1 - compliance * right)
 
 
+def creep_of_the_body(p: Prediction, *, compliance: float) -> None:
+    """Let both wheels over-read alike when the body speeds up: steered wheels turn a car, so that
+    the turn asks its axle for no force along the way."""
+    m = p.motion
+    mean = 0.5 * (m.left_acceleration_rad_s2 + m.right_acceleration_rad_s2)
+    _lag_behind(p, compliance, mean, mean)
+
+
 def exact_longitudinal_slip(p: Prediction, *, compliance: float) -> None:
     """Let the wheels over-read when speeding up as sharply as they do.
 
     By speeds, which are told better than accelerations: over a while c * a * |v| dt adds up to
-    c * v * |v| / 2.
+    c * v * |v| / 2. Not by those that wheels say: their noise is none of the way.
     """
+    m = p.motion
+    if _say_speeds(m):
+        longitudinal_slip(p, compliance=compliance)
+        return
+    _lag_behind_exactly(p, compliance, m.left_step_rad, m.right_step_rad)
+
+
+def exact_creep_of_the_body(p: Prediction, *, compliance: float) -> None:
+    """Let both wheels over-read alike when the body speeds up as sharply as it does."""
+    m = p.motion
+    if _say_speeds(m):
+        creep_of_the_body(p, compliance=compliance)
+        return
+    mean = 0.5 * (m.left_step_rad + m.right_step_rad)
+    _lag_behind_exactly(p, compliance, mean, mean)
+
+
+def _say_speeds(motion: Motion) -> bool:
+    return bool(np.any(motion.wheel_unsure_rad2))
+
+
+def _lag_behind_exactly(
+    p: Prediction, compliance: float, left_step_rad: Floats, right_step_rad: Floats
+) -> None:
     m = p.motion
     left, right = (
         compliance * _growth_of_half_square(m.radius_m * step / m.tick_s)
-        for step in (m.left_step_rad, m.right_step_rad)
+        for step in (left_step_rad, right_step_rad)
     )
     p.left_m = p.left_m - left
     p.right_m = p.right_m - right
@@ -180,6 +212,25 @@ def _growth_of_half_square(mean: Floats) -> Floats:
     at_end = (7.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 12.0
     half = 0.5 * at_end * np.abs(at_end)
     return np.diff(half, prepend=half[:1])  # a log may begin in motion
+
+
+def creep_under_load(p: Prediction, *, compliance: float) -> None:
+    """Let the wheel that a turn relieves creep the more, and the one it presses the less: a tyre is
+    the stiffer along its way, the more it bears."""
+    m = p.motion
+    wheel = 0.5 * m.radius_m * (m.left_acceleration_rad_s2 + m.right_acceleration_rad_s2)
+    share = compliance * wheel * np.sign(m.speed_m_s) * m.speed_m_s * m.turn_rate_rad_s
+    p.left_m = p.left_m * (1 - share)
+    p.right_m = p.right_m * (1 + share)
+
+
+def creep_of_driven_wheels(p: Prediction, *, compliance: float) -> None:
+    """Let wheels creep more when speeding up, and less when slowing down: few of a car's are
+    driven, and all have brakes."""
+    m = p.motion
+    wheel = 0.5 * m.radius_m * np.abs(m.left_acceleration_rad_s2 + m.right_acceleration_rad_s2)
+    p.left_m = p.left_m * (1 - compliance * wheel)
+    p.right_m = p.right_m * (1 - compliance * wheel)
 
 
 def slip_left(p: Prediction, *, ratio: float, start_s: float, stop_s: float) -> None:

@@ -21,7 +21,15 @@ from gap_diagnosis.explanations.reference import (
 )
 from gap_diagnosis.explanations.registry import explanation_of
 from gap_diagnosis.explanations.variant import Variant
-from gap_diagnosis.explanations.wheel import creep_in_turns, lateral_slip, pressed_outside
+from gap_diagnosis.explanations.wheel import (
+    creep_in_turns,
+    creep_of_driven_wheels,
+    creep_of_the_body,
+    creep_under_load,
+    lateral_slip,
+    longitudinal_slip,
+    pressed_outside,
+)
 from gap_diagnosis.hypothesis import FORM
 from gap_diagnosis.motion.nodes import Nodes, residuals, without_jumps
 from gap_diagnosis.prediction import Motion
@@ -37,7 +45,7 @@ NEVER_NUISANCE: Final = frozenset(
 _ON_EACH_SIDE: Final = frozenset({"encoder_eccentricity"})
 """Effects that either side may have a little of. Of a wheel off centre an encoder's as little is
 hardly another."""
-_IN_ONE_FORM: Final = frozenset({"lateral_slip"})
+_IN_ONE_FORM: Final = frozenset({"lateral_slip", "longitudinal_slip"})
 """Effects of which so little as is no news acts alike in every form."""
 _OF_A_ROW: Final = frozenset({"IMU", "ENCODER"})
 """What stands in one row of a table: a rate may be of the moment or a mean since the row before,
@@ -222,6 +230,8 @@ def build_columns(
     healthy.append((_CREEP_IN_TURNS, creep, 0.5 * creep))
     if not gross and _speed_in_turns_m_s(motion) > _FAST_M_S:
         healthy.append((_PRESSED, _PRESSED_S2_PER_M, _PRESSED_S2_PER_M))
+        healthy.append((_CREEP_UNDER_LOAD, _UNDER_LOAD_S4_PER_M2, _UNDER_LOAD_S4_PER_M2))
+        healthy.append((_CREEP_OF_DRIVEN, creep, creep))
         if nodes.has_reference:
             healthy.append((_SLIP_ANGLE, _SLIP_ANGLE_S2_PER_M, _SLIP_ANGLE_S2_PER_M))
     if nodes.has_reference:
@@ -241,7 +251,8 @@ def build_columns(
     values = np.ascontiguousarray(np.stack(base, axis=-1))
     held = {_LATENCY: delays | late, _OFFSET: late}
     slides = {index for index, (variant, _) in little.items() if variant.effect == _LATERAL}
-    alone = _slides_alone(_late_alone(terms, held, lags), slides)
+    creeps = {i for i, (variant, _) in little.items() if variant.act is longitudinal_slip}
+    alone = _creeps_alone(_slides_alone(_late_alone(terms, held, lags), slides), creeps)
     return Columns(values, tuple(alone), tuple(nuisances), little)
 
 
@@ -287,6 +298,15 @@ def _slides_alone(terms: Iterable[Term], slides: Set[int]) -> Iterable[Term]:
         yield (
             replace(term, weights=tuple((*w, *little) for w in term.weights)) if is_angle else term
         )
+
+
+def _creeps_alone(terms: Iterable[Term], creeps: Set[int]) -> Iterable[Term]:
+    """Return the terms; beside a creep of the body no little one of each wheel is free."""
+    little = tuple((index, 0.0) for index in sorted(creeps))
+    for term in terms:
+        is_of_body = term.variant.act is creep_of_the_body
+        weights = tuple((*w, *little) for w in term.weights)
+        yield replace(term, weights=weights) if is_of_body else term
 
 
 def _near(
@@ -392,6 +412,11 @@ _FAST_M_S: Final = 1.0
 """In slower turns both are no more than what is no news of a lateral slip and of a wheelbase."""
 _CREEP: Final = "longitudinal_slip"
 _CREEP_IN_TURNS: Final = Variant(_CREEP, creep_in_turns, ("compliance",))
+_CREEP_UNDER_LOAD: Final = Variant(_CREEP, creep_under_load, ("compliance",))
+_UNDER_LOAD_S4_PER_M2: Final = 5e-4
+"""A car's turn moves 5 to 10 % of a rear wheel's load for each m/s², and one driven axle creeps by
+0.005 to 0.01 s²/m."""
+_CREEP_OF_DRIVEN: Final = Variant(_CREEP, creep_of_driven_wheels, ("compliance",))
 _OF_A_CYCLE: Final = 0.5
 """A mean since the speed before is late by so much of a cycle, and nothing says which it is."""
 _DELAYS: Final = frozenset({_OFFSET, _LATENCY})

@@ -11,7 +11,7 @@ from typing import Final
 
 from can_bus import Database
 from gap_diagnosis.reading.evidence import Guess, is_whole
-from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
+from gap_diagnosis.reading.signal_names import COMMAND_WORDS, axes_of, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
 from hil_harness.signal_roles import COUNT_UNITS, Role, unit_of, units_for
@@ -61,8 +61,7 @@ def _is_angle_of_gyro(signal: FoundSignal, is_table: bool) -> bool:
     """Tell how far a gyro or an IMU has turned about the vertical: a rate already added up."""
     unit = unit_of(unit_of_signal(signal, is_table))
     words = set(words_of(signal))
-    axes = {AXES[word] for word in words & AXES.keys()}
-    is_other = bool(axes - {"z"}) or bool(words & {"roll", "pitch"})
+    is_other = bool(axes_of(signal) - {"z"}) or bool(words & {"roll", "pitch"})
     is_turn = "gyro" in words or bool(words & _ANGLE_WORDS)
     return (
         unit is not None
@@ -83,8 +82,7 @@ def _role_by_name(signal: FoundSignal) -> Role | None:
     is_turn = is_named(signal, _YAW_RATE) or bool(words & {"wz", "gz"})
     if is_named(signal, COMMAND_WORDS):
         return "w_command" if is_turn else "v_command" if words & _SPEED else None
-    axes = {AXES[word] for word in words & AXES.keys()}
-    is_other = is_named(signal, ("accel", "acc")) or bool(axes - {"z"})
+    is_other = is_named(signal, ("accel", "acc")) or bool(axes_of(signal) - {"z"})
     return "gyro" if is_turn and not is_other else None
 
 

@@ -30,7 +30,7 @@ from gap_diagnosis.reading.evidence import (
     unit_score,
 )
 from gap_diagnosis.reading.following import STEP_S, is_followed
-from gap_diagnosis.reading.signal_names import AXES, COMMAND_WORDS, is_named, words_of
+from gap_diagnosis.reading.signal_names import COMMAND_WORDS, axes_of, is_named, words_of
 from gap_diagnosis.reading.signals_found import FoundSignal
 from gap_diagnosis.reading.unit_names import unit_of_signal
 from gap_diagnosis.reading.wheel_choice import choose_wheels
@@ -265,7 +265,7 @@ def _choose(
             score += 1.0
         if role in ("accel_x", "accel_y", "gyro"):
             axis = role[-1] if role != "gyro" else "z"
-            axes = {AXES[word] for word in words if word in AXES}
+            axes = axes_of(signal)
             if axes and axis not in axes:
                 continue
             score += 1.0 if axes else 0.0

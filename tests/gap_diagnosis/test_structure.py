@@ -129,8 +129,14 @@ def test_at_the_limit_the_separation_is_29(effect):
     model = model_of("square")
     levels = model.no_effect_levels
     limit = seen("square")[effect].limit
-    (term,) = (one for one in model.columns.terms if one.variant.effect == effect)
-    moved = residuals(model.nodes, predict(model.nodes.motion, [(term.variant, (limit,))]))
+    terms = [one for one in model.columns.terms if one.variant.effect == effect]
+    # Of two forms the one that shows more sets the limit.
+    most = max(_separation(model, levels, term, limit) for term in terms)
+    assert most == pytest.approx(THRESHOLD, rel=0.15)
+
+
+def _separation(model, levels, term, size):
+    moved = residuals(model.nodes, predict(model.nodes.motion, [(term.variant, (size,))]))
     nominal = model.columns.values[..., 0]
     own = {index for weight in term.weights for index, _ in weight}
     free = [(index, sd) for index, sd in model.columns.nuisances if index not in own]
@@ -141,7 +147,7 @@ def test_at_the_limit_the_separation_is_29(effect):
     others = np.vstack([white[:, 1:], np.diag([1 / sd for _, sd in free])])
     target = np.concatenate([white[:, 0], np.zeros(len(free))])
     left = target - others @ np.linalg.lstsq(others, target, rcond=None)[0]
-    assert float(left @ left) == pytest.approx(THRESHOLD, rel=0.15)
+    return float(left @ left)
 
 
 def test_no_limit_lies_below_its_tolerance_or_beyond_what_is_believed():

@@ -76,6 +76,9 @@ def driven(
     left_larger: float = 0.0,
     wander: float = 0.0,
     pressed_s2_per_m: float = 0.0,
+    creep_s2_per_m: float = CREEP_S2_PER_M,
+    driven_s2_per_m: float = 0.0,
+    under_load_s4_per_m2: float = 0.0,
 ) -> MotionModel:
     """Return what a car's bus and its GPS say of four minutes in town: the rear wheels' speeds and
     the yaw rate, and where it was, not which way it pointed.
@@ -83,7 +86,9 @@ def driven(
     Its tyres yield by *slip_angle_s2_per_m*, its left wheel is by *left_larger* larger than it is
     described, and the wheels come apart to and fro by *wander*, parts of their way. In a turn the
     outer wheel rolls on a radius smaller by *pressed_s2_per_m* times the sideways acceleration, the
-    inner one on one as much larger.
+    inner one on one as much larger. Both creep by *creep_s2_per_m*, and by *driven_s2_per_m* more
+    while it speeds up and less while it slows down; the inner one creeps more than the outer by
+    2 *under_load_s4_per_m2* times both accelerations.
     """
     rng = np.random.default_rng(seed)
     t_s = np.arange(0.0, 240.0, STEP_S)
@@ -101,14 +106,19 @@ def driven(
     heading = np.cumsum(turn_rate) * STEP_S
     middle = heading - 0.5 * turn_rate * STEP_S - slip_angle_s2_per_m * speed * turn_rate
     x_m, y_m = np.cumsum([speed * np.cos(middle), speed * np.sin(middle)], axis=1) * STEP_S
-    creeps = 1.0 + CREEP_S2_PER_M * np.gradient(speed, STEP_S)
+    ahead = np.gradient(speed, STEP_S)
+    creeps = 1.0 + creep_s2_per_m * ahead + driven_s2_per_m * np.abs(ahead)
+    relieved = under_load_s4_per_m2 * ahead * speed * turn_rate
     apart = 0.5 * TRACK_M * turn_rate
     apart_more = 0.5 * wander * np.sin(math.tau * t_s / WANDER_S)
     pressed = pressed_s2_per_m * speed * turn_rate
     rows = [
         t_s,
-        (speed - apart) * creeps * (1.0 - apart_more) / ((1.0 + left_larger) * (1.0 + pressed)),
-        (speed + apart) * creeps * (1.0 + apart_more) / (1.0 - pressed),
+        (speed - apart)
+        * (creeps + relieved)
+        * (1.0 - apart_more)
+        / ((1.0 + left_larger) * (1.0 + pressed)),
+        (speed + apart) * (creeps - relieved) * (1.0 + apart_more) / (1.0 - pressed),
         turn_rate,
     ]
     noise = np.array([[0.0], [0.003], [0.003], [5e-4]]) * rng.standard_normal((4, len(t_s)))

@@ -365,7 +365,7 @@ def test_a_lag_within_tolerance_is_no_slip_of_wheels_that_speed_up() -> None:
     squares = drives.drive("squares", np.random.default_rng(2), 0.5)
     log = synthetic_recording(trembling, WIRE, squares, settings, 3, reference=EXACT)
     model = MotionModel(log, ROBOT, default_prior())
-    (term,) = (one for one in model.columns.terms if one.variant.effect == "longitudinal_slip")
+    term, _ = (one for one in model.columns.terms if one.variant.effect == "longitudinal_slip")
     levels = LEVELS.copy()
     levels[:2] = 3e-4
     fit = model.refit([term], levels, free_levels=False, start=[(size,)])

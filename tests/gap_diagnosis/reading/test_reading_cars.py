@@ -186,6 +186,21 @@ def test_nothing_is_said_of_what_is_read_or_is_no_rate_by_its_name(
     assert left_out(found, propose(found, is_table=False)) == {}
 
 
+@pytest.mark.parametrize("name", ["YAW_LAT.YawRateSens", "LAT_DYN.yaw_rate", "Lateral.YAWRATE"])
+def test_a_yaw_rate_is_found_in_a_message_that_is_named_after_what_is_lateral(
+    name: str, tmp_path: Path
+) -> None:
+    found = bus_of(car(tmp_path), name, "deg/s")
+    assert propose(found, is_table=False)["gyro"].signal.path == name
+    unread = bus_of(car(tmp_path), name, "furlong/s")
+    assert name in left_out(unread, propose(unread, is_table=False))
+
+
+def test_an_axis_that_only_the_message_says_is_the_signals(tmp_path: Path) -> None:
+    found = bus_of(car(tmp_path), "GYRO_X.rate", "deg/s")
+    assert "gyro" not in propose(found, is_table=False)
+
+
 def test_wheels_in_a_unit_that_is_not_understood_are_told_which_would_be(tmp_path: Path) -> None:
     found = bus_of(car(tmp_path), "ESP.YawRate", "deg/s", wheel_unit="furlong/s")
     with pytest.raises(DiagnosisError) as caught:
