@@ -115,12 +115,14 @@ class OffTheGrid(Accounts):
         About a fit in one that is a second off all windows are seen askew: it is sought again about
         a fit in the best, until that is where it was.
         """
-        windows = windows_of(self.model, (term,), 0, fit.coefficients, fit.levels)
+        about = fit.coefficients, fit.levels
+        windows = windows_of(self.model, (term,), 0, *about, worth=_WORTH_WINDOW)
         for _ in range(_MOVES):
             sought = windows.best_s
             there = at_window(term, *sought)
             fit = self.model.refit((there,), fit.levels, start=fit.coefficients, steps=2)
-            windows = windows_of(self.model, (there,), 0, fit.coefficients, fit.levels)
+            about = fit.coefficients, fit.levels
+            windows = windows_of(self.model, (there,), 0, *about, worth=_WORTH_WINDOW)
             if windows.best_s == sought:
                 break
         return windows

@@ -37,6 +37,8 @@ _IN_REACH: Final = 8.0
 """Ends that lack more [nat] are not sought more closely, nor those between two that are as likely
 to within"""
 _ALIKE: Final = 0.5
+_MOST_ENDS: Final = 600
+"""Where more ends are about as likely as the best one, finer ones tell nothing."""
 _PROMISES: Final = (0.1, 0.25, 0.5)
 """Of what the best window gains, the ends compared so far show this share at least, round by round:
 of a window a fifth as long as they are apart a column between two of them holds a fifth."""
@@ -145,7 +147,7 @@ def windows_of(
             break
         peaks = _PEAKS if done < _COARSE else 0
         between = _between(windows, model.nodes.motion.t_s, peaks)
-        if len(between) == 0:
+        if len(between) == 0 or len(grid.ends_s) + len(between) > _MOST_ENDS:
             break
         grid.add(between)
         windows = grid.compared()
