@@ -22,6 +22,8 @@ _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
 _LITTLE: Final = 0.35
 _WORTH_WINDOW: Final = 20.0
+_AS_MUCH: Final = 0.1
+"""What explains less of a window of the grid by this share may explain more of one beside it."""
 _MOVES: Final = 3
 
 
@@ -101,8 +103,9 @@ class OffTheGrid(Accounts):
         if between.log_evidence + LOG_SHARE + windows.log_width < best_so_far - _WORTH_EDGES:
             return None
         self._add_at_its_edges(edged, term)
+        reach = max(_WORTH_WINDOW, _AS_MUCH * (best - gram.log_nothing))
         for evidence, rival, _ in sought[1:]:
-            if evidence > best - _WORTH_WINDOW:
+            if evidence > best - reach:
                 # What acts in this window may be another that shows as much of itself in it.
                 there = at_window(rival, *windows.best_s)
                 fit = self.model.refit((there,), at_ends.levels, steps=2)
