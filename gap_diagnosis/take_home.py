@@ -156,10 +156,11 @@ def _effect_table(
 
 
 def _is_an_end(estimate: ParameterEstimate, end_s: float | None) -> bool:
-    """Tell whether a time is that at which the logs begin or end."""
+    """Tell whether a time may well be that at which the logs begin or end."""
     if end_s is None or isinstance(estimate, ChoiceEstimate):
         return False
-    return abs(estimate.estimate - end_s) < _AT_THE_END_S
+    low, high = estimate.ci95
+    return low - _AT_THE_END_S < end_s < high + _AT_THE_END_S
 
 
 def _known_table(one: KnownEffect) -> Iterator[str]:

@@ -33,8 +33,8 @@ class Edged:
         term: there.
         spans: how far each edge can move: half a nat of evidence, or the standard deviation of a
             window's end.
-        log_width: logarithm of what some edges are worth beside the best ones, at most 0; None
-            where they are known beforehand, and count as one variant.
+        log_width: logarithm of what some edges are worth beside the best ones; None where they are
+            known beforehand, and count as one variant.
     """
 
     term: Term

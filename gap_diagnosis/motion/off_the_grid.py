@@ -22,6 +22,8 @@ _EDGED: Final = 4
 _WORTH_EDGES: Final = 5.0
 _LITTLE: Final = 0.35
 _WORTH_WINDOW: Final = 20.0
+_AS_MUCH: Final = 0.1
+"""What explains less of a window of the grid by this share may explain more of one beside it."""
 _MOVES: Final = 3
 
 
@@ -72,7 +74,8 @@ class OffTheGrid(Accounts):
     def _part_of_the_log(self) -> Floats | None:
         """Give an effect a window where that makes it the best account of all; return its levels.
 
-        It is sought at the described noise levels: where nothing explains a change, levels grow.
+        It is sought at the described noise levels, where the log is quieter at its own: where
+        nothing explains a change, levels grow.
         """
         gram, kept = self._grams[0], self._kept[0]
         density = self.model.level_prior.log_density(np.log(gram.levels))
@@ -80,10 +83,12 @@ class OffTheGrid(Accounts):
         if best_so_far < gram.log_nothing + density + _WORTH_EDGES:
             return None
         begins = [terms[0] for terms in kept.values() if can_begin(terms[0])]
-        found = [(one, best_window(self.model, one, gram.levels)) for one in begins]
+        quiet = np.minimum(gram.levels, self._ranked()[0].levels)
+        nothing = self.model.evidence_at((), quiet)
+        found = [(one, best_window(self.model, one, quiet)) for one in begins]
         sought = [(window[1], window[0], one) for one, window in found if window is not None]
         sought.sort(key=lambda one: -one[0])
-        if not sought or sought[0][0] < gram.log_nothing + _WORTH_WINDOW:
+        if not sought or sought[0][0] < nothing + _WORTH_WINDOW:
             return None
         best, term, whole = sought[0]
         known = self._ranked()[0].levels, self.found[frozenset()].levels
@@ -101,8 +106,9 @@ class OffTheGrid(Accounts):
         if between.log_evidence + LOG_SHARE + windows.log_width < best_so_far - _WORTH_EDGES:
             return None
         self._add_at_its_edges(edged, term)
+        reach = max(_WORTH_WINDOW, _AS_MUCH * (best - nothing))
         for evidence, rival, _ in sought[1:]:
-            if evidence > best - _WORTH_WINDOW:
+            if evidence > best - reach:
                 # What acts in this window may be another that shows as much of itself in it.
                 there = at_window(rival, *windows.best_s)
                 fit = self.model.refit((there,), at_ends.levels, steps=2)

@@ -28,6 +28,7 @@ from gap_diagnosis.explanations.choices import CHANGING, LASTING, LEFT_OUT
 from gap_diagnosis.motion.evidence import Gram, gram_of
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
+from gap_diagnosis.motion.onset import is_a_moment
 from gap_diagnosis.motion.unknown import (
     SCALES,
     Alternative,
@@ -127,8 +128,9 @@ def _admitted(way: Way, ends_s: Floats, model: MotionModel) -> NDArray[np.bool_]
     if listed in CHANGING - model.without:
         found[ends_s <= smooth.t_s[0]] = False
         found[:, ends_s >= smooth.t_s[-1]] = False
-    has_windows = any(t.variant.effect == listed and has_window(t) for t in model.columns.terms)
-    if has_windows and listed not in LASTING:
+    windows = [t for t in model.columns.terms if t.variant.effect == listed and has_window(t)]
+    is_weighed = any(not is_a_moment(one, smooth) for one in windows)
+    if is_weighed and listed not in LASTING:
         return np.zeros_like(found)
     return np.asarray(np.triu(found, 1))
 

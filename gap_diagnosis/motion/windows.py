@@ -37,6 +37,8 @@ _IN_REACH: Final = 8.0
 """Ends that lack more [nat] are not sought more closely, nor those between two that are as likely
 to within"""
 _ALIKE: Final = 0.5
+_AS_WELL: Final = 2.0
+"""An end that lacks less [nat] lies within an interval of 95 %."""
 _MOST_ENDS: Final = 600
 """Where more ends are about as likely as the best one, finer ones tell nothing."""
 _PROMISES: Final = (0.1, 0.25, 0.5)
@@ -53,6 +55,7 @@ class Windows:
         log_evidence: float64[e, e], of a window from the first end to the second one, and
         areas: float64[e, e], for how many such windows it stands beside the others: before, all
             ends are alike.
+        for_good: float64[e, e], how many of those begin or end with the log itself.
         means, variances, log_weights: float64[s, e, e], of the effect's size in each window, by
             component of its prior.
     """
@@ -60,22 +63,31 @@ class Windows:
     ends_s: Floats
     log_evidence: Floats
     areas: Floats
+    for_good: Floats
     means: Floats
     variances: Floats
     log_weights: Floats
 
     @property
     def best_s(self) -> tuple[float, float]:
-        """The likeliest window."""
-        first, last = np.unravel_index(np.argmax(self.log_evidence), self.log_evidence.shape)
+        """The likeliest window. What may as well go on to the log's own end has no other."""
+        first, last = self._best
         return float(self.ends_s[first]), float(self.ends_s[last])
 
     @property
     def log_width(self) -> float:
-        """Logarithm of what some window is worth beside the best one, at most 0: the mean over all
-        there may be."""
-        share = self.areas * np.exp(self.log_evidence - self.log_evidence.max())
+        """Logarithm of what some window is worth beside the best one: the mean over all there may
+        be."""
+        share = self.areas * np.exp(self.log_evidence - self.log_evidence[self._best])
         return math.log(float(share.sum() / self.areas.sum()))
+
+    @property
+    def _best(self) -> tuple[int, int]:
+        goes_on = np.where(self.for_good > 0.0, self.log_evidence, -np.inf)
+        may_as_well = goes_on.max() > self.log_evidence.max() - _AS_WELL
+        likely = goes_on if may_as_well else self.log_evidence
+        first, last = np.unravel_index(np.argmax(likely), likely.shape)
+        return int(first), int(last)
 
     @property
     def spans_s(self) -> dict[str, float]:
@@ -109,7 +121,12 @@ class Windows:
         below = np.cumsum(weights, axis=0) / weights.sum(axis=0)
         part = (rng.uniform(size=count) > below).sum(axis=0)
         sd = np.sqrt(dispersion * self.variances[part, first, last])
-        return start, stop, self.means[part, first, last] + sd * rng.standard_normal(count)
+        size = self.means[part, first, last] + sd * rng.standard_normal(count)
+        # Those that begin or end with the log do so at its end, not in the step beside it.
+        for_good = rng.uniform(size=count) * self.areas[first, last] < self.for_good[first, last]
+        start = np.where(for_good & (first == 0), self.ends_s[0], start)
+        stop = np.where(for_good & (last == len(low) - 1), self.ends_s[-1], stop)
+        return start, stop, size
 
 
 def has_window(term: Term) -> bool:
@@ -316,12 +333,14 @@ class _Grid:
         log_evidence = top + np.log(np.exp(log_parts - top).mean(axis=0)) - 0.5 * misfit
         admitted = self._admitted()
         log_evidence = np.where(admitted, log_evidence, -np.inf)
-        areas = self._areas(admitted)
-        return Windows(self.ends_s, log_evidence, areas, means, variances, log_parts - top)
+        areas, for_good = self._areas(admitted)
+        return Windows(
+            self.ends_s, log_evidence, areas, for_good, means, variances, log_parts - top
+        )
 
-    def _areas(self, admitted: NDArray[np.bool_]) -> Floats:
-        """Return for how many windows each one stands, float64[e, e]: none of those that are not
-        *admitted*, bool[e, e].
+    def _areas(self, admitted: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+        """Return for how many windows each one stands, and how many of those begin or end with the
+        log itself, float64[e, e] each: none of those that are not *admitted*, bool[e, e].
 
         What may change on the way does so for good or for a while, either as likely.
         """
@@ -329,13 +348,14 @@ class _Grid:
         width = high - low
         of_both = np.where(admitted, np.outer(width, width), 0.0)
         if self._variant.effect not in CHANGING:
-            return of_both
+            return of_both, np.zeros_like(of_both)
         begins = self.ends_s == self.ends_s[0]
-        for_good = admitted & self._at_an_end
-        of_one = np.where(for_good, np.where(begins[:, None], width, width[:, None]), 0.0)
+        lasts = admitted & self._at_an_end
+        of_one = np.where(lasts, np.where(begins[:, None], width, width[:, None]), 0.0)
         if self._variant.effect in LASTING:
-            return of_one
-        return np.asarray(of_one / of_one.sum() + of_both / of_both.sum())
+            return of_one, of_one
+        for_good = of_one / of_one.sum()
+        return for_good + of_both / of_both.sum(), for_good
 
     @property
     def _at_an_end(self) -> NDArray[np.bool_]:

@@ -137,6 +137,19 @@ def test_an_effect_that_began_on_the_way_begins_in_the_simulator_as_well(tmp_pat
     assert dict(wider.values) == {"scale": 0.04, "start_s": 30.0}
 
 
+def test_what_may_as_well_act_up_to_the_end_of_a_log_has_no_end_in_the_simulator(
+    tmp_path: Path,
+) -> None:
+    """A robot that rests at the end tells of no moment of its rest whether its track is wider: in
+    another drive it was wider for half of the time."""
+    file = tmp_path / "explained.toml"
+    anywhere = number(55.0, 3.0, "s").model_copy(update={"ci95": (50.7, 59.99)})
+    begins = number(30.0, 0.1, "s")
+    file.write_text(effects_text(of_a_while(start_s=begins, stop_s=anywhere)), encoding="utf-8")
+    (wider,) = load_effects(file)
+    assert dict(wider.values) == {"scale": 0.04, "start_s": 30.0}
+
+
 def test_what_acts_for_a_while_corrects_no_constant() -> None:
     """A calibration of all times had a track that was wider for half a minute."""
     window = {"start_s": number(10.0, 0.1, "s"), "stop_s": number(40.0, 0.1, "s")}

@@ -22,6 +22,7 @@ from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.components import gains
 from gap_diagnosis.motion.evidence import gram_of
 from gap_diagnosis.motion.model import MotionModel, is_far
+from gap_diagnosis.motion.onset import windowed
 from gap_diagnosis.motion.spells import Spell, lay_out_ways, levels_of_spell, spells
 from gap_diagnosis.motion.weighing import Weighing
 from gap_diagnosis.motion.whitening import whiten
@@ -152,6 +153,19 @@ def test_what_a_listed_effect_does_for_a_while_is_not_weighed_again() -> None:
         lasting = admitted[0].any() or admitted[:, -1].any()
         assert lasting == (way.for_a_while not in {*LISTED, "one_sided_slip"})
         assert admitted.any() == (way.for_a_while != "one_sided_slip")
+
+
+@pytest.mark.parametrize(("lasts_s", "is_weighed"), [(10.0, False), (1.0, True)])
+def test_a_listed_effect_of_a_moment_stands_for_no_window(lasts_s: float, is_weighed: bool) -> None:
+    """Tyres that scrubbed for 16 s, without their name, turned the robot in 2.4 s of it: a track of
+    that moment is believed of none, no cause without a name was asked, and a wheel slipped (.995).
+    """
+    model = model_of(drive(lasts_s=40.0), *LISTED)
+    term = next(one for one in model.columns.terms if one.variant.effect == "wheelbase_scale")
+    model.add(windowed(term.variant, 20.0, 20.0 + lasts_s), term)
+    laid = lay_out_ways(model)
+    admitted = dict(zip((way.for_a_while for way in laid.ways), laid.admitted, strict=True))
+    assert admitted["wheelbase_scale"].any() == is_weighed
 
 
 @pytest.mark.parametrize("reference", [None, ReferenceNoise()])

@@ -180,6 +180,27 @@ def test_what_began_on_the_way_is_worth_one_in_ten_of_all_its_windows(effect: st
     assert share == pytest.approx(expected_share)
 
 
+def test_what_may_as_well_go_on_to_the_end_of_a_log_is_told_to() -> None:
+    """A track of another size from 25 s on ended at 50.7 s, where the robot came to rest."""
+    onset = EffectSetting("wheelbase_scale", (("scale", -0.03), ("start_s", 25.0)))
+    recording = synthetic_recording(
+        ROBOT, WIRE, scenario("figure8"), [onset], 21, reference=ReferenceNoise(), duration_s=65.0
+    )
+    scan = Scan(model_of(recording, *FEW))
+    found = scan.account(frozenset({"wheelbase_scale"}))
+    assert found.refitted is not None
+    end_s = float(recording.t_s[-1])
+    assert found.terms[0].variant.fixed["stop_s"] == end_s
+    about = found.refitted.coefficients, found.refitted.levels
+    windows = windows_of(scan.model, found.terms, 0, *about)
+    start_s, stop_s, _ = windows.draw(4000, 1.0, np.random.default_rng(1))
+    assert start_s == pytest.approx(25.0, abs=0.2)
+    # Sixty-five seconds for good are one in 130; of those it may have ended in the last 15.
+    rest_s = end_s - 50.0
+    odds = end_s / (4.0 * rest_s)
+    assert np.mean(stop_s == end_s) == pytest.approx(odds / (1.0 + odds), abs=0.1)
+
+
 def test_no_edges_are_sought_of_an_effect_that_gains_nothing_beside_a_better_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
