@@ -50,6 +50,10 @@ late as well, and the scale of a gyro that lags is that of what it shows. A gyro
 nothing of its scale; where its converter holds a high bit, a bias of one code at the bit's edge
 moves the mean reading by twenty."""
 
+_SMOOTHLY: Final = frozenset({"longitudinal_slip"})
+"""Effects of what is sharpest in turns: beside them a lag is told along smooth ones, or it takes up
+a part (half a standard deviation of a creep, on average)."""
+
 
 def free_about(
     nodes: Nodes,
@@ -77,9 +81,10 @@ def free_about(
         for place, (index, sd) in enumerate(free)
         if index in columns.little and columns.little[index][0].effect in told
     ]
+    is_detailed = _SMOOTHLY.isdisjoint(term.variant.effect for term in terms)
     for is_sharp in (False, True):
         # As sharp as it is beside no effect: else none were likelier by what details show.
-        alike = [one for one in beside if (one[2].little is not None) == is_sharp]
+        alike = [one for one in beside if (is_detailed and one[2].little is not None) == is_sharp]
         if alike:
             _tell(values, alike, nodes, terms, coefficients, is_sharp=is_sharp)
     return values

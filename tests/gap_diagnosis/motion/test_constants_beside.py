@@ -20,7 +20,6 @@ BESIDE = (
     "gyro_asymmetry",
     "gyro_lag",
     "lateral_slip",
-    "longitudinal_slip",
     "one_sided_slip",
     "reference_lever_arm",
     "reference_time_offset",
