@@ -16,7 +16,7 @@ from gap_diagnosis.explanations.choices import LASTING, SLIP_WINDOWS
 from gap_diagnosis.explanations.registry import rank_of
 from gap_diagnosis.explanations.variant import Action, Scatter, Variant
 from gap_diagnosis.motion.columns import GROSS, Term
-from gap_diagnosis.motion.evidence import gram_of, score
+from gap_diagnosis.motion.evidence import Gram, gram_of, score
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import residuals
 from gap_diagnosis.motion.whitening import whiten
@@ -105,44 +105,58 @@ def best_window(model: MotionModel, term: Term, levels: Floats) -> tuple[Term, f
     """
     t_s = model.nodes.motion.t_s
     edges = np.linspace(t_s[0] - 1e-6, t_s[-1] + 1e-6, SLIP_WINDOWS + 1)
-    scores = _scores(model, term, levels, edges)
-    whole = scores.pop((0, SLIP_WINDOWS))
+    gram, until = _up_to(model, term, levels, edges)
+
+    def evidence_in(first: int, last: int) -> float:
+        weight: Sequence[tuple[int, float]] = ((until + last, 1.0), (until + first, -1.0))
+        own = replace(term, weights=(tuple(weight[: 2 if first else 1]),))
+        return gram.log_nothing + score(gram, [own], model.prior).log_evidence
+
+    whole = 0, SLIP_WINDOWS
+    windows = [one for one in combinations(range(len(edges)), 2) if one != whole]
     if term.variant.effect in LASTING:
-        ends = {0, SLIP_WINDOWS}
-        scores = {window: score for window, score in scores.items() if ends & set(window)}
-    first, last = max(scores, key=lambda window: scores[window])
-    evidence = scores[first, last] + LOG_WEIGHT
-    if evidence <= whole:
+        windows = [window for window in windows if set(window) & set(whole)]
+    best, found = -math.inf, windows[0]
+    most = _most_in(gram, until, windows)
+    for place in np.argsort(-most):
+        if gram.log_nothing + most[place] <= best:
+            break
+        evidence = evidence_in(*windows[place])
+        if evidence > best:
+            best, found = evidence, windows[place]
+    best += LOG_WEIGHT
+    if best <= evidence_in(*whole):
         return None
-    variant = windowed(term.variant, float(edges[first]), float(edges[last]))
-    return replace(term, variant=variant), evidence
+    variant = windowed(term.variant, *(float(edges[one]) for one in found))
+    return replace(term, variant=variant), best
 
 
-def _scores(
-    model: MotionModel, term: Term, levels: Floats, edges: Floats
-) -> dict[tuple[int, int], float]:
-    """Return the log evidence in every window whose ends lie on *edges*: one column per end."""
+def _up_to(model: MotionModel, term: Term, levels: Floats, edges: Floats) -> tuple[Gram, int]:
+    """Return the products of an effect's columns up to each of the *edges* but the first, and
+    before which column they begin."""
     nodes = model.nodes
     nominal = residuals(nodes, predict(nodes.smooth))
     step = math.sqrt(
         term.tolerances[0] * model.prior.of(term.variant.effect, term.variant.coefficients[0]).high
     )
-    free = [index for index, _ in model.columns.nuisances]
-    columns: list[Floats] = [
-        model.columns.values[..., index] for index in [0, *(i + 1 for i in free)]
-    ]
+    columns: list[Floats] = []
     for edge in edges[1:]:
         variant = windowed(term.variant, float(edges[0]), float(edge))
         moved = residuals(nodes, predict(nodes.smooth, [(variant, (step,))]))
         columns.append((nominal - moved) / step)
-    values = np.ascontiguousarray(np.stack(columns, axis=-1))
+    free = model.columns.within_tolerance
+    values = np.concatenate([free, np.stack(columns, axis=-1)], axis=-1)
     white = whiten(values, model.course, levels, nodes.ticks)
     nuisances = [(place, sd) for place, (_, sd) in enumerate(model.columns.nuisances)]
-    gram = gram_of(*white, nuisances, levels)
-    until = len(free) - 1
-    found = {}
-    for first, last in combinations(range(len(edges)), 2):
-        weight: Sequence[tuple[int, float]] = ((until + last, 1.0), (until + first, -1.0))
-        own = replace(term, weights=(tuple(weight[: 2 if first else 1]),))
-        found[first, last] = gram.log_nothing + score(gram, [own], model.prior).log_evidence
-    return found
+    return gram_of(*white, nuisances, levels), len(nuisances) - 1
+
+
+def _most_in(gram: Gram, until: int, windows: Sequence[tuple[int, int]]) -> Floats:
+    """Return the log likelihood that the best size gains in each window: no evidence is larger."""
+    own = slice(until + 1, None)
+    data = np.append(0.0, gram.data[own])
+    inner = np.pad(gram.inner[own, own], (1, 0))
+    first, last = np.array(windows).T
+    power = inner[first, first] + inner[last, last] - 2.0 * inner[first, last]
+    pull = data[last] - data[first]
+    return np.asarray(0.5 * pull**2 / np.maximum(power, np.finfo(np.float64).tiny))
