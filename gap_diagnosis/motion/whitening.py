@@ -128,7 +128,7 @@ def whiten(columns: Floats, course: Course, levels: Floats, ticks: Floats) -> tu
 @numba.njit(
     cache=True,
     nogil=True,
-    error_model="numpy",
+    error_model="numpy",  # else each division asks for nought, and branches
     fastmath={"contract", "reassoc", "arcp", "nsz"},
 )
 def _whiten(

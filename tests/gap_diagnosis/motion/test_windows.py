@@ -149,14 +149,15 @@ def test_a_slip_is_worth_what_all_its_windows_are_on_average() -> None:
     assert abs(found.log_evidence - expected) < 0.1
 
 
-@pytest.mark.parametrize("effect", ["radius_mismatch", "radius_scale"])
-def test_what_began_on_the_way_is_worth_one_in_ten_of_all_its_windows(effect: str) -> None:
+@pytest.mark.parametrize(
+    ("effect", "parameter"), [("radius_mismatch", "mismatch"), ("radius_scale", "scale")]
+)
+def test_what_began_on_the_way_is_worth_one_in_ten_of_all_its_windows(
+    effect: str, parameter: str
+) -> None:
     """One wheel may change for good: then one end of its window is that of the drive. What may also
     do so for a while does either as likely."""
-    parameter, size = {"radius_mismatch": ("mismatch", 0.01), "radius_scale": ("scale", 0.01)}[
-        effect
-    ]
-    at_half = EffectSetting(effect, ((parameter, size), ("start_s", 20.3)))
+    at_half = EffectSetting(effect, ((parameter, 0.01), ("start_s", 20.3)))
     scan = Scan(driven(at_half))
     found = scan.account(frozenset({effect}))
     assert found.refitted is not None
