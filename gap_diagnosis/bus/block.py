@@ -103,6 +103,7 @@ class BusBlock:
             for one in sent
         ]
         self._counted = [one for one in self._messages if one.has_counter]
+        self._telling = [one for one in self._messages if one.tells_losses]
         self._options: dict[tuple[str, Windows], list[_Option]] = {}
 
     @cached_property
@@ -113,11 +114,10 @@ class BusBlock:
             found.add("clock_skew")
         if self._messages:
             found |= {"frame_duplication", "stale_producer"}
+        if self._telling:
+            found |= {"bus_gap", "frame_loss"}
         if self._counted:
-            found |= {
-                "bus_gap", "frame_jitter", "frame_latency", "frame_loss",
-                "frame_reordering", "reception_stamp",
-            }  # fmt: skip
+            found |= {"frame_jitter", "frame_latency", "frame_reordering", "reception_stamp"}
         return frozenset(found)
 
     def fit(self, effects: frozenset[str]) -> Fit:
@@ -172,7 +172,8 @@ class BusBlock:
         frame = None if where is None else str(where.value)
         if fit.windows:
             return frame, fit.windows, 0.0
-        own = [messages for name, messages in self._groups(self._counted) if name == frame]
+        telling = self._telling if effect == "frame_loss" else self._counted
+        own = [messages for name, messages in self._groups(telling) if name == frame]
         return frame, *happened(effect, own[0] if own else ())
 
     def _known(self, message: Message, key: str) -> tuple[float, float]:
@@ -222,7 +223,7 @@ class BusBlock:
 
     def _losses(self, excluded: Windows, random: Random) -> list[_Option]:
         made = []
-        for frame, messages in self._groups(self._counted):
+        for frame, messages in self._groups(self._telling):
             runs = [one.runs(excluded) for one in messages]
             news = loss_of(runs, prior.present("frame_loss"), prior.BURST)
             usual = [
@@ -412,7 +413,7 @@ class BusBlock:
         total, ratio = -price, 0.0
         chosen: Windows = ()
         base = self._usual_losses(())
-        candidates = silent_windows(self._messages, period)[:_MOST_GAPS]
+        candidates = silent_windows(self._messages)[:_MOST_GAPS]
         for count in range(1, len(candidates) + 1):
             windows = tuple(candidates[:count])
             saved = self._usual_losses(windows) - base
@@ -423,7 +424,7 @@ class BusBlock:
     def _usual_losses(self, excluded: Windows) -> float:
         return sum(
             loss_of([one.runs(excluded)], self._usual("frame_loss", one), prior.BURST).log_evidence
-            for one in self._counted
+            for one in self._telling
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import fisher_exact
 
+from gap_diagnosis.bus.beats import beats_of
 from gap_diagnosis.bus.counting import Runs
 from gap_diagnosis.lateness import blocks_of, lasting_changes
 from gap_diagnosis.lattice import lattice_step
@@ -59,7 +60,9 @@ class Message:
         t_s: float64[f], stamps in the log's order.
         tick: int64[f], in ticks of the ECU (or cycles where there is no counter).
         cycle: ticks from frame to frame.
+        cycle_s: the same in seconds.
         has_counter: the ticks come from counters.
+        tells_losses: which frames are missing is known, by counters or by the beat of the stamps.
         doubled, swapped: bool[f].
         late_s: float64[f], stamp less the clock's line; NaN where there is no line.
         changes: bool[f], the payload differs from that of the frame before it.
@@ -75,7 +78,9 @@ class Message:
     t_s: Floats
     tick: Ints
     cycle: int
+    cycle_s: float
     has_counter: bool
+    tells_losses: bool
     doubled: Bools
     swapped: Bools
     late_s: Floats
@@ -185,19 +190,21 @@ def classify(
     if len(frames.t_s) < 20:
         return None
     period = recording.tick_period_s
-    has_counter = frames.modulo > 0
+    has_counter = tells_losses = frames.modulo > 0
+    changes = np.concatenate(([True], frames.payload[1:] != frames.payload[:-1]))
     if has_counter:
         tick = frames.counter
+        doubled = _told_twice(tick)
+        steps = np.diff(np.unique(tick))
+        cycle = max(1, round(frames.cycle_s / period) if frames.cycle_s else int(np.median(steps)))
     else:
-        cycle_s = frames.cycle_s or float(np.median(np.diff(frames.t_s)))
-        if cycle_s <= 0:
+        doubled = _said_twice(frames.t_s, changes, frames.cycle_s)
+        beats = beats_of(frames.t_s, doubled, frames.cycle_s)
+        if beats is None:
             return None
-        tick = np.rint((frames.t_s - frames.t_s[0]) / cycle_s).astype(np.int64)
-        period = cycle_s
-    steps = np.diff(np.unique(tick))
-    cycle = max(1, round(frames.cycle_s / period) if frames.cycle_s else int(np.median(steps)))
-    changes = np.concatenate(([True], frames.payload[1:] != frames.payload[:-1]))
-    doubled = _doubled(frames, tick, changes, has_counter, cycle * period)
+        # A command may be sent when there is something to say.
+        tick, period, tells_losses = beats.tick, beats.cycle_s, beats.is_kept and is_sensor
+        cycle = 1
     highest = np.maximum.accumulate(np.concatenate(([tick[0]], tick[:-1])))
     swapped = (tick < highest) & ~doubled
     late = np.full(len(tick), np.nan)
@@ -218,7 +225,9 @@ def classify(
         frames.t_s,
         tick,
         cycle,
+        cycle * period,
         has_counter,
+        tells_losses,
         doubled,
         swapped,
         late,
@@ -265,16 +274,18 @@ def _late_by_the_bus(late_s: Floats, tick_period_s: float) -> Floats:
     return np.asarray(late_s - (ticks - np.nanmin(ticks)) * tick_period_s)
 
 
-def _doubled(
-    frames: FrameTimes, tick: Ints, changes: Bools, has_counter: bool, cycle_s: float
-) -> Bools:
-    doubled = np.zeros(len(tick), dtype=np.bool_)
-    if has_counter:
-        _, first = np.unique(tick, return_index=True)
-        doubled[:] = True
-        doubled[first] = False
-        return doubled
-    soon, fresh = np.diff(frames.t_s) < _TOGETHER * cycle_s, changes[1:]
+def _told_twice(tick: Ints) -> Bools:
+    """Mark frames whose tick another one before them had."""
+    doubled = np.ones(len(tick), dtype=np.bool_)
+    doubled[np.unique(tick, return_index=True)[1]] = False
+    return doubled
+
+
+def _said_twice(stamp_s: Floats, changes: Bools, cycle_s: float) -> Bools:
+    """Mark frames that say what the last one said too soon after it, where no counter tells."""
+    doubled = np.zeros(len(stamp_s), dtype=np.bool_)
+    apart_s = np.diff(stamp_s)
+    soon, fresh = apart_s < _TOGETHER * (cycle_s or float(np.median(apart_s))), changes[1:]
     # Stamps that jitter bring frames together whatever they say: of a steering angle that rests all
     # of these looked doubled.
     again = [np.count_nonzero(soon & ~fresh), np.count_nonzero(~soon & ~fresh)]
@@ -381,9 +392,10 @@ def staleness(
     wheels = counts if has_speeds else [_in_steps(one) for one in counts]
     moved = [_speed_steps(one) for one in counts] if has_speeds else wheels
     good = ~message.doubled & ~message.swapped
-    tick, changes, stamp = message.tick[good], message.changes[good], message.t_s[good]
+    changes, stamp = message.changes[good], message.t_s[good]
     speed = _speed(wheels)
-    row = np.clip(np.searchsorted(recording.tick, tick), 0, len(recording.tick) - 1)
+    row = _rows(message, recording)[good]
+    tick = message.tick[good] if message.has_counter else recording.tick[row]
     moving = speed[row] > 0.0
     near = _around(changes & moving) / _around(np.ones(len(changes)))
     rolling = moving & (near > _CHANGING / 2)
@@ -392,7 +404,7 @@ def staleness(
     repeats = (
         _repeats_itself(recording) if has_gyro else np.zeros(len(recording.tick), dtype=np.bool_)
     )
-    longest = LONGEST_STALE_S / (message.cycle * recording.tick_period_s)
+    longest = LONGEST_STALE_S / message.cycle_s
     # Of another stale run close by, that it does not change says nothing.
     stale = np.zeros(len(changes), dtype=np.bool_)
     for start, stop in edges.reshape(-1, 2):
@@ -415,21 +427,33 @@ def staleness(
             and _leaps(moved, row[start - 1], row[stop], length)
         ):
             found.append((length, int(start), int(stop)))
-        elif has_gyro and min(np.mean(changes[before]), np.mean(changes[after])) >= _CHANGING:
+        elif (
+            has_gyro
+            and not rolling[start]
+            and min(np.mean(changes[before]), np.mean(changes[after])) >= _CHANGING
+        ):
             at_rest.append((length, int(start), int(stop)))
+    kept: list[tuple[int, int, int]] = []
     # A gyro at rest says the same twice more often than one that turns.
-    kept = [
-        one
-        for runs, chances in ((found, rolling), (at_rest, trembling))
-        for one in runs
-        if one[0] >= _beyond_chance([length for length, _, _ in runs], int(chances.sum()))
-    ]
+    for runs, chances in ((found, rolling), (at_rest, trembling)):
+        least = _beyond_chance([length for length, _, _ in runs], int(chances.sum()))
+        kept += [one for one in runs if one[0] >= least]
     return Staleness(
         np.array([length for length, _, _ in kept], dtype=np.int64),
         max(int(np.count_nonzero(rolling | trembling)), 1),
         tuple((float(stamp[start]), float(stamp[stop])) for _, start, stop in kept),
         tuple((int(tick[start]), int(tick[stop])) for _, start, stop in kept),
     )
+
+
+def _rows(message: Message, recording: Recording) -> NDArray[np.int64]:
+    """Return the row of the recording that each frame is of, int64[f]: the nearest by its stamp
+    where no counter says it."""
+    last = len(recording.tick) - 1
+    if message.has_counter:
+        return np.clip(np.searchsorted(recording.tick, message.tick), 0, last)
+    between = 0.5 * (recording.t_s[1:] + recording.t_s[:-1])
+    return np.searchsorted(between, message.t_s)
 
 
 def _rows_but(without: Bools, start: int, stop: int) -> NDArray[np.int64]:
@@ -482,8 +506,10 @@ def _speed(wheels: Sequence[Floats]) -> Floats:
 def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool:
     """Tell whether the wheels went on during rows last to fresh, standing still or not.
 
-    About as fast as midway between before and after: they may just have begun to turn.
+    About as fast as midway between before and after: they may just have begun to turn. Of a message
+    that comes oftener than the rows, whose repeats may lie within one, from there to the next.
     """
+    fresh = max(fresh, min(last + 1, len(wheels[0]) - 1))
     moved = 0.0
     usual = 0.0
     for wheel in wheels:
@@ -497,7 +523,7 @@ def _leaps(wheels: Sequence[Floats], last: int, fresh: int, length: int) -> bool
     # A slow wheel shows the same count twice by itself, a steady one the same speed; neither leaps.
     sure = length >= SURE_LENGTH
     is_fast = usual >= (2.0 if sure else 8.0) or (sure and moved >= _A_LEAP)
-    return bool(is_fast and moved > 0.6 * usual * (length + 1))
+    return bool(is_fast and moved > 0.6 * usual * (fresh - last))
 
 
 def _speed_steps(counts: Floats) -> Floats:

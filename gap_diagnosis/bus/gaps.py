@@ -15,7 +15,7 @@ _BUSY_MESSAGES: Final = 2
 _MOST_WINDOWS: Final = 20
 
 
-def silent_windows(messages: Sequence[Message], period_s: float) -> list[tuple[float, float]]:
+def silent_windows(messages: Sequence[Message]) -> list[tuple[float, float]]:
     """Return the (start, stop) in which all sensors were silent that should have spoken.
 
     What the ECU itself sends may still be in its own log.
@@ -23,19 +23,19 @@ def silent_windows(messages: Sequence[Message], period_s: float) -> list[tuple[f
     Between the last frame before and the first one after, the longest windows first.
     """
     sensors = [one for one in messages if one.is_sensor]
-    counted = [one for one in sensors if one.has_counter]
+    counted = [one for one in sensors if one.tells_losses]
     if not counted:
         return []
     stamps = np.sort(np.concatenate([one.t_s for one in sensors]))
     gaps = np.diff(stamps)
-    shortest = min(one.cycle for one in counted) * period_s
+    shortest = min(one.cycle_s for one in counted)
     least = max(_LEAST_S, _LEAST_CYCLES * shortest)
     found = []
     for place in np.argsort(-gaps)[:_MOST_WINDOWS]:
         if gaps[place] < least:
             break
         start, stop = float(stamps[place]), float(stamps[place + 1])
-        speaks = [one for one in counted if one.cycle * period_s < gaps[place] / 2]
+        speaks = [one for one in counted if one.cycle_s < gaps[place] / 2]
         silent = [one for one in speaks if _lost_within(one, start, stop) > 0]
         if len(silent) == len(speaks) and len(silent) >= min(_BUSY_MESSAGES, len(counted)):
             found.append((start, stop))

@@ -1,0 +1,72 @@
+"""Of which cycle a frame without a counter is, and whether stamps tell which of them are lost.
+
+A frame that is lost leaves an interval of two cycles, and all after it lie on the beat of those
+before. One that was held up leaves a long interval and a short one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from gap_diagnosis.reading.ticks import unwrap_ticks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_NEIGHBOURS: Final = 33
+"""Frames over which a beat may wander off, as of two clocks and of a sender that was restarted."""
+_ON_BEAT: Final = 0.25
+"""Of a cycle: who is no farther from its beat than this is nearer to it than to any other,"""
+_NEARLY_ALL: Final = 0.99
+"""and so are all frames of a message that keeps its beat, but for some that were held up."""
+_OTHER_CYCLE: Final = 0.1
+"""A description that is farther off than this is another message's."""
+
+
+@dataclass(frozen=True)
+class Beats:
+    """The cycles of a message's frames.
+
+    Attributes:
+        tick: int64[f], in cycles since its first frame.
+        cycle_s: from one to the next, on the log's clock.
+        is_kept: no stamp leaves open which of them it is of.
+    """
+
+    tick: Ints
+    cycle_s: float
+    is_kept: bool
+
+
+def beats_of(stamp_s: Floats, doubled: Bools, cycle_s: float) -> Beats | None:
+    """Return the cycles of frames without a counter; None for frames that come all at once.
+
+    Args:
+        stamp_s: float64[f], reception stamps in the log's order.
+        doubled: bool[f], the frame came twice.
+        cycle_s: as described; 0 for a message that says none.
+    """
+    order = np.argsort(stamp_s, kind="stable")
+    stamps = stamp_s[order] - stamp_s[order[0]]
+    seen_s = float(np.median(np.diff(stamps)))
+    if not seen_s > 0 and not cycle_s > 0:
+        return None
+    is_described = cycle_s > 0 and abs(seen_s / cycle_s - 1) < _OTHER_CYCLE
+    period_s = cycle_s if is_described or not seen_s > 0 else seen_s
+    in_order = unwrap_ticks(
+        stamps, None, modulo=0, cycle_ticks=1, period_s=period_s, repeats=doubled[order]
+    )
+    tick = np.empty(len(order), dtype=np.int64)
+    tick[order] = in_order.tick
+    # A line that is steep by a whole clock's error would lie aslant in a median.
+    rate_s = float(stamps[-1]) / max(int(in_order.tick[-1]), 1)
+    late_s = stamps - rate_s * in_order.tick
+    away_s = np.abs(late_s - median_filter(late_s, _NEIGHBOURS, mode="nearest"))
+    is_kept = float(np.quantile(away_s, _NEARLY_ALL)) < _ON_BEAT * rate_s
+    return Beats(tick, rate_s, is_kept)
