@@ -49,6 +49,8 @@ class Motion:
             means over each tick, smoothed.
         x_m, y_m, heading_rad: estimate of the true pose (in the reference's frame if there is one).
         speed_m_s, turn_rate_rad_s, acceleration_m_s2: of the body, means over each tick, smoothed.
+        even_turn_rate_rad_s: the turn rate smoothed by Gaussians alone, as what these round off is
+            told of; None where the turn rate is no smoother on straights.
         gyro_turn_rad: sum of the gyro's rate as the description reads it; None without a gyro.
         wheel_unsure_rad2: float64[2, n], variance of each wheel's turn where it was added up from
             speeds.
@@ -131,6 +133,7 @@ class Motion:
     are_rows_late: bool = False
     own_names: Mapping[str, str] = field(default_factory=dict)
     granted: tuple[Setting, ...] = ()
+    even_turn_rate_rad_s: Floats | None = None
 
     @cached_property
     def tick_s(self) -> float:

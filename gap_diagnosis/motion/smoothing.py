@@ -143,6 +143,9 @@ def smoothed(motion: Motion) -> Motion:
         x_m=x_m,
         y_m=y_m,
         turn_rate_rad_s=turn * geometry / tick_s,
+        even_turn_rate_rad_s=gaussian_filter1d(
+            motion.turn_rate_rad_s, max(USUAL_S / tick_s, 0.5), mode="nearest"
+        ),
         # Smoother than the wheels by so much.
         turning_s=USUAL_S if is_speed else motion.turning_s,
         left_step_rad=left,

@@ -154,7 +154,9 @@ def test_an_edge_that_smoothing_itself_has_made_is_no_detail_of_a_turn() -> None
     motion = nodes_of(log, ROBOT).smooth
     rate = 0.3 * np.sin(motion.t_s)
     rate[1000:] += 0.01
-    wide = replace(motion, turn_rate_rad_s=rate, turning_s=0.08, sharp_s=0.039)
+    wide = replace(
+        motion, turn_rate_rad_s=rate, even_turn_rate_rad_s=rate, turning_s=0.08, sharp_s=0.039
+    )
     assert np.abs(turn_rate_with_details(wide) - rate).max() < 0.01
 
 
@@ -165,7 +167,9 @@ def test_a_turn_that_changes_sides_has_no_detail_larger_than_the_turn() -> None:
     motion = nodes_of(log, ROBOT).smooth
     rate = -0.25 * np.tanh((motion.t_s - 10.0) / 0.1)
     rate[1000:1002] += 0.05
-    swung = replace(motion, turn_rate_rad_s=rate, turning_s=0.05, sharp_s=0.015)
+    swung = replace(
+        motion, turn_rate_rad_s=rate, even_turn_rate_rad_s=rate, turning_s=0.05, sharp_s=0.015
+    )
     assert np.abs(turn_rate_with_details(swung) - rate).max() < 0.5
 
 
