@@ -436,7 +436,11 @@ def staleness(
     kept: list[tuple[int, int, int]] = []
     # A gyro at rest says the same twice more often than one that turns.
     for runs, chances in ((found, rolling), (at_rest, trembling)):
-        least = _beyond_chance([length for length, _, _ in runs], int(chances.sum()))
+        lengths = [length for length, _, _ in runs]
+        if has_gyro:
+            # It repeats itself by chance whether or not the wheels are fast enough to leap.
+            lengths = [int(stop - start) for start, stop in edges.reshape(-1, 2) if chances[start]]
+        least = _beyond_chance(lengths, int(chances.sum()))
         kept += [one for one in runs if one[0] >= least]
     return Staleness(
         np.array([length for length, _, _ in kept], dtype=np.int64),

@@ -383,6 +383,27 @@ def test_a_gyro_that_trembles_at_rest_says_the_same_again_only_if_it_is_stale(
     assert np.array_equal(np.isnan(told), held)
 
 
+@pytest.mark.parametrize(("cycles", "is_stale"), [(3, False), (12, True)])
+def test_a_quiet_gyro_on_slow_wheels_says_the_same_four_times_by_chance(
+    cycles: int, is_stale: bool
+) -> None:
+    """One in twenty readings repeats the last. Of a healthy robot in another engine two that did so
+    thrice were stale (0.95): wheels were too slow for most of the others to be counted."""
+    made = recording()
+    random = np.random.default_rng(0)
+    rows = len(made.tick)
+    code = np.rint(ROBOT.plant.gyro.zero_rate_code + random.normal(0.0, 6.0, rows))
+    for start in (2000, 4000):
+        code[start : start + cycles] = code[start - 1]
+    left, right = np.floor(2.3 * np.arange(rows)), np.floor(2.6 * np.arange(rows))
+    frames = dict(made.frames)
+    for name, said in (("IMU", code), ("ENCODER", left)):
+        sent = frames[name]
+        frames[name] = replace(sent, payload=said[sent.counter].astype(np.uint64))
+    slow = replace(made, left_ticks=left, right_ticks=right, gyro_code=code, frames=frames)
+    assert (evidence(block_of(slow), "stale_producer") > 4.0) is is_stale
+
+
 def test_counts_that_stood_and_leapt_once_are_not_believed_however_seldom_that_happens() -> None:
     """Once in a log is as often as a healthy bus may do it (1.9 nats): the rows were believed, and
     the motion saw a leap of 108 nats that no listed effect makes (unlisted, 1.00)."""
