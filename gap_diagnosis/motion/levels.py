@@ -22,6 +22,8 @@ _HIGHEST: Final = np.array([_MOST.get(name, 100.0) for name in LEVELS])
 for longer is what a step rounds off, and is told. Rows that are late by much the same for longer
 than a second are a delay: with a wander of three, healthy robots had one of 26 ms."""
 _LOUDER: Final = 1.3
+_BANDWIDTH_HZ: Final = 100.0
+"""Of a gyro's own filter, as usual: 40 to 250 Hz."""
 FLOORS: Final = (
     *(1e-4, 2e-5, 1e-6, 1e-7, 1e-3, 1e-4, 1.0, 5e-3),
     *(1e-6, 1e-6, 0.02),
@@ -33,18 +35,28 @@ small misfit a certainty. Nor have speeds less noise than is told: what a step r
 same for as long as a wheel turns as fast, which no level and no correlation time describe."""
 
 
-def level_prior(robot: Robot, granted: Granted = NOTHING) -> LevelPrior:
+def level_prior(robot: Robot, granted: Granted = NOTHING, *, row_s: float = 0.0) -> LevelPrior:
     """Return the prior: contact 0.1 to 3 mm per square root of a metre and slip that wanders by
     0.03 % of the way, gyro as described, noise of speeds as told or up to some times louder, rows
-    read a millisecond or some more early or late, reference as in a lab or as it is known."""
+    read a millisecond or some more early or late, reference as in a lab or as it is known.
+
+    *row_s*: how long a row lasts of which nothing tells whether its rate is a mean over it or of a
+    moment. That has all the noise that the gyro's own filter lets through.
+    """
     gyro = robot.plant.gyro
+    # What a first-order filter lets through, folded into the rows' band; between it and a mean over
+    # the row anything is as likely, in the logarithm.
+    louder = 0.5 * math.log1p(math.pi * _BANDWIDTH_HZ * row_s)
     contact = max(robot.plant.contact.noise_m_per_sqrt_m, USUAL_CONTACT_M_PER_SQRT_M)
     noise = max(gyro.noise_density_rad_per_sqrt_s, 1e-5)
     walk = max(gyro.bias_walk_density_rad_s_per_sqrt_s, 3e-6)
     table = {
         "contact_m_per_sqrt_m": (contact, 0.9),
         "lateral_m_per_sqrt_m": (1e-4, 1.5),
-        "gyro_noise_rad_per_sqrt_s": (noise, 0.35),
+        "gyro_noise_rad_per_sqrt_s": (
+            noise * math.exp(0.5 * louder),
+            math.hypot(0.35, louder / math.sqrt(12.0)),
+        ),
         "gyro_bias_walk_rad_s_per_sqrt_s": (walk, 0.5),
         "inexact": (0.01, 1.0),
         "slip_wander": (3e-4, 1.0),

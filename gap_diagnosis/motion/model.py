@@ -118,9 +118,10 @@ class MotionModel:
         self.course: Course = course_of(self.nodes, robot.plant.encoder.noise_ticks)
         if unsure is not None:
             self.course = self.course.scattered(self.nodes, *unsure(motion))
+        row_s = 0.0 if motion.has_counters else motion.tick_s
         known = known_effects(recording.granted, motion)
         if known:
-            described = level_prior(robot, recording.granted).median
+            described = level_prior(robot, recording.granted, row_s=row_s).median
             self.nodes = as_this_log_has_it(self.nodes, self.course, described, known)
             self.course = beside_known(self.nodes, self.course)
         self.tolerances = _tolerances(robot)
@@ -138,7 +139,7 @@ class MotionModel:
             usual_s = prior.of("frame_latency", "delay").tolerance
             self.tolerances["frame_latency.delay"] = max(recording.speed_cycle_s, usual_s)
         self.level_prior: LevelPrior = replace(
-            level_prior(robot, recording.granted), silent=silent_levels(self.nodes)
+            level_prior(robot, recording.granted, row_s=row_s), silent=silent_levels(self.nodes)
         )
         later_s = coarse_gyro_delay_s(motion) - gyro_delay_s(self.nodes.motion.granted)
         self._build(gross, known, later_s)

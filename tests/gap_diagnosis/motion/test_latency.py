@@ -1,6 +1,6 @@
 """A gyro stamped late in a table, whose rows have no counters to put them in place."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from gap_diagnosis.motion.bases import basis
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import score
+from gap_diagnosis.motion.missing import filled
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import coarse_gyro_delay_s
 from gap_diagnosis.motion.scan import Scan
@@ -22,6 +23,7 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
+from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
@@ -62,24 +64,34 @@ def table_with_late(
     return replace(whole, frames={}, **said)
 
 
-def eights_in_a_table(late_rows: int = 0) -> Recording:
-    """Return figures of eight in a table of 50 rows a second, its gyro standing rows too late."""
+def coarse_table(
+    drive: str,
+    ticks_a_row: int,
+    *,
+    late_rows: int = 0,
+    of_the_moment: bool = False,
+    **effects: Mapping[str, float],
+) -> Recording:
+    """Return a drive as a table has it whose rows last some ticks, its gyro standing rows too late:
+    means since the row before, or of the row's own last tick alone."""
     whole = synthetic_recording(
         load_robot(),
         load_wire(),
-        scenario("figure8"),
-        (),
+        scenario(drive),
+        [EffectSetting(name, tuple(values.items())) for name, values in effects.items()],
         seed=3,
         reference=ReferenceNoise(),
         contact_noise_m_per_sqrt_m=3e-4,
         duration_s=60.0,
     )
-    rows = len(whole.t_s) // 2
+    rows = len(whole.t_s) // ticks_a_row
+    ticks = rows * ticks_a_row
     assert whole.gyro_rate_rad_s is not None
-    rate = whole.gyro_rate_rad_s[: 2 * rows].reshape(rows, 2).mean(axis=1)
+    rates = filled(whole.gyro_rate_rad_s, whole.t_s)[:ticks].reshape(rows, ticks_a_row)
+    rate = rates[:, -1] if of_the_moment else rates.mean(axis=1)
     rate = np.concatenate([np.repeat(rate[:1], late_rows), rate[: rows - late_rows]])
     told = ("t_s", "stamp_s", "left_ticks", "right_ticks")
-    said = {name: getattr(whole, name)[1 : 2 * rows : 2] for name in told}
+    said = {name: getattr(whole, name)[ticks_a_row - 1 : ticks : ticks_a_row] for name in told}
     untold = (
         "gyro_code", "temperature_k", "supply_v", "v_command_m_s", "w_command_rad_s",
         "odometry_x_m", "odometry_y_m", "odometry_heading_rad",
@@ -89,7 +101,7 @@ def eights_in_a_table(late_rows: int = 0) -> Recording:
         **said,
         **dict.fromkeys(untold),
         tick=np.arange(rows),
-        tick_period_s=0.02,
+        tick_period_s=0.01 * ticks_a_row,
         gyro_rate_rad_s=rate,
         frames={},
     )
@@ -98,7 +110,7 @@ def eights_in_a_table(late_rows: int = 0) -> Recording:
 def test_a_slow_turn_that_changes_sides_has_no_details_of_a_straight_between() -> None:
     """As slow as counting errors are it was smoothed as a straight is, and the edges of that had
     details of 0.27 rad/s in a turn of 0.03: neither a late gyro fitted any more nor a slow one."""
-    table = eights_in_a_table()
+    table = coarse_table("figure8", 2)
     motion = nodes_of(table).sharp
     assert table.gyro_rate_rad_s is not None
     turns = (motion.t_s > 4.0) & (motion.t_s < 48.0)
@@ -108,7 +120,9 @@ def test_a_slow_turn_that_changes_sides_has_no_details_of_a_straight_between() -
 
 def test_in_figures_of_eight_the_late_message_is_named() -> None:
     """A gyro 0.1 s late was an unlisted cause (0.96): no gap was likelier by 1,900 nats."""
-    told_by = MotionBlock(model_of(eights_in_a_table(5), "frame_latency", "gyro_lag"))
+    told_by = MotionBlock(
+        model_of(coarse_table("figure8", 2, late_rows=5), "frame_latency", "gyro_lag")
+    )
     likeliest = max(told_by.scan.found.values(), key=lambda one: one.log_evidence)
     assert likeliest.effects == {"frame_latency"}
     (term,) = likeliest.terms
@@ -116,6 +130,24 @@ def test_in_figures_of_eight_the_late_message_is_named() -> None:
     delay = told_by.detail(likeliest.effects).parameters["frame_latency.delay"]
     low, high = np.quantile(delay.samples, [0.025, 0.975])
     assert low < 0.1 < high
+
+
+@pytest.mark.parametrize("ticks_a_row", [5, 10])
+def test_a_sample_of_the_moment_has_all_noise_that_its_gyro_lets_through(ticks_a_row: int) -> None:
+    """Rows of 50 and 100 ms that each hold the last sample of 10 ms had a noisy gyro (0.92, 0.96),
+    beside whatever else was wrong as well."""
+    table = coarse_table("random", ticks_a_row, of_the_moment=True)
+    block = MotionBlock(model_of(table, "gyro_noise"))
+    assert block.fit(frozenset({"gyro_noise"})).log_evidence < 0.0
+
+
+def test_a_gyro_that_is_noisier_than_any_sample_of_the_moment_is_told() -> None:
+    density = 20.0 * load_robot().plant.gyro.noise_density_rad_per_sqrt_s
+    noisy = coarse_table("random", 5, gyro_noise={"density": density})
+    block = MotionBlock(model_of(noisy, "gyro_noise"))
+    fit = block.fit(frozenset({"gyro_noise"}))
+    assert fit.log_evidence > 6.0
+    assert fit.parameters["gyro_noise.density"].value == pytest.approx(density, rel=0.15)
 
 
 @pytest.fixture(scope="module")
