@@ -85,7 +85,6 @@ class Scan(Neighbours):
         self._looked_behind = False
         self._windowed: set[Effects] = set()
         self._steady: dict[Effects, Found] = {}
-        self._leading: list[Effects] = []
         self._search(progress)
 
     def _search(self, progress: Callable[[float], None]) -> None:
@@ -93,7 +92,6 @@ class Scan(Neighbours):
         self._add_levels(model.level_prior.median)
         self.foreseen = sight_of(model.columns, self._grams[0], model.prior)
         greedy = self._greedy(self._grams[0])
-        self._leading = [frozenset({term.variant.effect}) for term in greedy]
         better = self._begin
         if better is None:
             levels = model.levels_for(greedy, model.level_prior.median)
@@ -130,6 +128,7 @@ class Scan(Neighbours):
         self._moved_windows(max(self._fitted(), key=self._belief))
         self._loosened()
         self._sought_beside(max(self._fitted(), key=self._belief))
+        self._sought_late(max(self._fitted(), key=self._belief))
         self._settle()
         self.dispersion = self._dispersion()
         if self.dispersion > 1:
@@ -467,10 +466,7 @@ class Scan(Neighbours):
         close = [one for one in singles[_ALWAYS:] if one.log_evidence > loose]
         near = singles[:_ALWAYS] + close + [one for one in pairs if one.log_evidence > least]
         known = {one.effects for one in near}
-        # What leads at the described levels too: from a few starts and stops of a gyro that was
-        # late by 40 ms rows read early or late by chance took up all but a nat of the 9 that a fit
-        # of the delay gains.
-        stretched = [*self._leading, *self._stretched(self.found[frozenset()])]
+        stretched = self._stretched(self.found[frozenset()])
         if self.by_effect.keys() >= _CLOCKS:
             # A line of delays that crosses none amid a log has no slope there in either.
             stretched = [*stretched, _CLOCKS]
