@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -33,6 +33,7 @@ matters little. Over a shorter time where that says nothing: a small robot turns
 seconds, and of a turn by more than half a circle no step tells to which side it was."""
 _LEAST_STEPS: Final = 8
 _SHORT_M: Final = 0.01
+_SMALL: Final = 1e-9
 _SURE: Final = 2.0
 _SURELY: Final = 4.0
 """Standard deviations of what one wheel adds: what a turn leaves is not white."""
@@ -74,7 +75,24 @@ def order_of(recording: Recording, robot: Robot) -> Order:
     What is divided by a wrong factor may be as large as another source by chance, or so small that
     it has no slope.
     """
-    return max((_order(one) for one in _sources(recording, robot)), default=Order.WHOLE)
+    return agreement_of(recording, robot).order
+
+
+class Agreement(NamedTuple):
+    """How the sources of a log go together: in what order, and by how much at least the ways of
+    wheels and reference differ (the logarithm of their ratio; 0 where they may be alike)."""
+
+    order: Order
+    ways_apart: float
+
+
+def agreement_of(recording: Recording, robot: Robot) -> Agreement:
+    """Tell how the sources of a log go together; see `order_of`."""
+    pairs = _sources(recording, robot)
+    return Agreement(
+        max(map(_order, pairs), default=Order.WHOLE),
+        max((one.ways_apart for one in pairs), default=0.0),
+    )
 
 
 def _order(pair: _Pair) -> Order:
@@ -162,6 +180,16 @@ class _Pair:
         left = _power(self.effect) - slope**2 * _power(self.cause)
         sd = math.sqrt(max(left, 0.0) / (len(self.cause) - 2) / _power(self.cause))
         return at_most < _LOW or slope - _TOLD * sd > _HIGH
+
+    @property
+    def ways_apart(self) -> float:
+        """The logarithm of the ratio of two lengths, at least: 0 where they may be alike, or where
+        these are none. Noise of the effect adds to its steps and hides what goes with the cause."""
+        if not self.is_length or self.slope is None:
+            return 0.0
+        at_most = math.sqrt(float(self.effect @ self.effect) / float(self.cause @ self.cause))
+        low, high = sorted((max(self.slope, _SMALL), max(at_most, _SMALL)))
+        return max(math.log(low), -math.log(high), 0.0)
 
     @property
     def correlation(self) -> float:

@@ -32,11 +32,18 @@ class OffTheGrid(Accounts):
 
     def _add_off_the_grid(self, greedy: Sequence[Term]) -> None:
         """Give leading effects with edges a variant whose edges lie where they fit best, and a slip
-        the window that suits each wheel best beside what leads at the described levels of noise."""
+        the window that suits each wheel best beside what leads at the described levels of noise,
+        and by itself."""
         singles = [one for one in self._ranked() if len(one.effects) == 1][:_EDGED]
         nothing = self.found[frozenset()].log_evidence
         described = self._grams[0].levels
-        slips = windows_beside(self.model, greedy, self.by_effect.get(SLIP, ()), described)
+        sides = self.by_effect.get(SLIP, ())
+        slips = windows_beside(self.model, greedy, sides, described)
+        if greedy and greedy[0].variant.effect != SLIP:
+            # What leads may be what stands in for a slip: of a robot that turned on the spot a
+            # wheel spun for 2 s, faster than it ever went, and its gyro was at the end of its
+            # range.
+            slips += windows_beside(self.model, (), sides, described)
         for edged, grid_term in slips:
             self._add_at_its_edges(edged, grid_term)
         added = bool(slips)

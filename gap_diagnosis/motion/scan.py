@@ -128,6 +128,7 @@ class Scan(Neighbours):
         self._moved_windows(max(self._fitted(), key=self._belief))
         self._loosened()
         self._sought_beside(max(self._fitted(), key=self._belief))
+        self._sought_late(max(self._fitted(), key=self._belief))
         self._settle()
         self.dispersion = self._dispersion()
         if self.dispersion > 1:

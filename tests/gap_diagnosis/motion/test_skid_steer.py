@@ -19,7 +19,13 @@ from gap_diagnosis.hypothesis import NEVER
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.details import Details
 from gap_diagnosis.motion.estimate import estimate_motion
-from gap_diagnosis.motion.gross import Order, looks_gross, order_of, put_right
+from gap_diagnosis.motion.gross import (
+    Order,
+    agreement_of,
+    looks_gross,
+    order_of,
+    put_right,
+)
 from gap_diagnosis.motion.mended import in_its_own_unit
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.whitening import whiten
@@ -108,6 +114,58 @@ def test_a_gyro_in_a_wrong_unit_is_that_all_the_same() -> None:
     assert motion.is_gross
     wider = motion.fit(frozenset({"wheelbase_scale"})).log_evidence
     assert motion.fit(MISTAKE).log_evidence > wider + 3.0
+
+
+def stamped_by_chance(log: Recording, off_s: float) -> Recording:
+    """Return the log with poses that were measured so much before or after their stamps."""
+    reference = log.reference
+    assert reference is not None
+    assert reference.heading_rad is not None
+    chance = np.random.default_rng(1).standard_normal(len(reference.t_s))
+    at_s = reference.t_s - off_s * chance
+    x_m, y_m, heading_rad = (
+        np.interp(at_s, reference.t_s, one)
+        for one in (reference.x_m, reference.y_m, reference.heading_rad)
+    )
+    moved = replace(reference, x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+    return replace(log, reference=moved)
+
+
+def test_half_of_the_counts_is_no_unit_where_they_lead_half_as_far_as_the_robot_went() -> None:
+    """A robot with four wheels that turned by 0.65 of what they say, and went 0.8 as far, was one
+    whose counts were twice too many (99.9 %): its laser's stamps came late by chance, and no slope
+    told that half of them leave ways 1.6 times too short."""
+    slips = EffectSetting("radius_scale", (("scale", -0.17),))
+    skids = EffectSetting("wheelbase_scale", (("scale", 0.45),))
+    log = stamped_by_chance(
+        synthetic_recording(
+            ROBOT, WIRE, scenario("random"), (skids, slips), 1,
+            reference=ReferenceNoise(rate_hz=10.0), duration_s=60.0,
+        ),
+        0.4,
+    )  # fmt: skip
+    halved, _ = put_right(log, "setup_unit", {"signal": "ticks", "factor": 2})
+    assert order_of(log, ROBOT) is Order.FAR_APART
+    assert order_of(halved, ROBOT) is Order.WHOLE
+    assert agreement_of(halved, ROBOT).ways_apart > agreement_of(log, ROBOT).ways_apart + 0.1
+    assert block_of(log).fit(MISTAKE).log_evidence < 0
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_counts_in_a_wrong_unit_are_that_however_a_reference_trembles(factor: float) -> None:
+    healthy = synthetic_recording(
+        ROBOT, WIRE, scenario("random"), (), 1,
+        reference=ReferenceNoise(rate_hz=10.0), duration_s=60.0,
+    )  # fmt: skip
+    trembling = stamped_by_chance(healthy, 0.4)
+    log = replace(
+        trembling,
+        left_ticks=factor * trembling.left_ticks,
+        right_ticks=factor * trembling.right_ticks,
+    )
+    told = block_of(log).detail(MISTAKE).parameters
+    assert told["setup_unit.signal"].value == "ticks"
+    assert told["setup_unit.factor"].value == factor
 
 
 def factors_of(log: Recording, signal: str) -> set[float]:
