@@ -39,7 +39,9 @@ class OffTheGrid(Accounts):
         described = self._grams[0].levels
         sides = self.by_effect.get(SLIP, ())
         slips = windows_beside(self.model, greedy, sides, described)
-        if greedy and greedy[0].variant.effect != SLIP:
+        alone = self.found.get(frozenset({SLIP}))
+        leads = greedy[0].variant.effect if greedy else SLIP
+        if leads != SLIP and alone is not None and alone.log_evidence > nothing:
             # What leads may be what stands in for a slip: of a robot that turned on the spot a
             # wheel spun for 2 s, faster than it ever went, and its gyro was at the end of its
             # range.
