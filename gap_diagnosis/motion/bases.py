@@ -61,6 +61,9 @@ class Basis:
     within_per_s: list[float] = field(default_factory=list)
 
 
+_LEAST_ANGLE_RAD: Final = 0.3
+"""What is told of an angle must be seen in more than one direction: along a straight the noise of
+headings passed for what goes with them."""
 _REVERSES: Final = 0.01
 """Of the way, what goes either way where a robot reverses."""
 
@@ -83,6 +86,8 @@ def _of_the_body(motion: Motion, variable: str) -> Basis:
             "wheel_angle_left": motion.left_angle_rad,
             "wheel_angle_right": motion.right_angle_rad,
         }[variable]
+        if np.ptp(angle) < _LEAST_ANGLE_RAD:
+            return Basis([])
         return Basis(
             [
                 function(order * angle)
@@ -185,6 +190,8 @@ def _by_place(motion: Motion) -> Basis:
 def _by_heading(motion: Motion) -> Basis:
     """Return functions of the heading about the body: what is off evenly there turns with it."""
     turning = _of_the_body(motion, "heading")
+    if not turning.functions:
+        return turning
     even = Basis([np.ones(len(motion.t_s))])
     return _joined(turning, even)
 

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.explanations.standstill import dead_ticks
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.offset import turns_of
@@ -39,6 +40,8 @@ _SURELY: Final = 4.0
 """Standard deviations of what one wheel adds: what a turn leaves is not white."""
 _ALIKE: Final = 1e4
 """Condition of both wheels' ways above which neither is told by itself."""
+_SHAKES_S: Final = 3.0
+"""Over so long a gyro trembles as much."""
 _LITTLE: Final = 0.05
 """Share of noise in the wheels' turn up to which one wheel is asked for."""
 _LITTLE_OF_ONE: Final = 0.1
@@ -97,6 +100,7 @@ def agreement_of(recording: Recording, robot: Robot) -> Agreement:
 
 def _order(pair: _Pair) -> Order:
     moved, noise = _moved(pair.effect)
+    moved -= pair.trembles
     if pair.slope is None:
         return Order.NONE if moved > max(_MOVES, noise) else Order.WHOLE
     goes_to_and_fro = not pair.is_length and noise < _LOUD * _power(pair.cause)
@@ -117,6 +121,7 @@ class _Pair:
         wheels: float64[2, n], what either wheel adds to the cause, where it is the wheels' turn.
         is_turn_of_wheels: the cause is what wheels turn about the described track.
         is_length: noise makes the effect longer, never shorter.
+        trembles: how much of the sum of the effect's squares its samples' own noise makes.
     """
 
     cause: Floats
@@ -125,6 +130,7 @@ class _Pair:
     wheels: Floats | None = None
     is_turn_of_wheels: bool = False
     is_length: bool = False
+    trembles: float = 0.0
 
     @property
     def slope(self) -> float | None:
@@ -232,6 +238,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
     # A wheel that is no longer counted is off by no sign or factor.
     counted = np.diff(np.interp(t_s, motion.t_s, np.cumsum(dead_ticks(motion)))) == 0.0
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
+    trembles = _trembles(motion)
     unsure = float(motion.wheel_unsure_rad2.sum()) * (motion.radius_m / motion.wheelbase_m) ** 2
     per_rad = motion.radius_m / motion.wheelbase_m
     wheels = np.array(
@@ -241,7 +248,14 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         ]
     )
     pairs = [
-        _Pair(turn[counted], one[counted], counted.mean() * unsure, wheels[:, counted], True)
+        _Pair(
+            turn[counted],
+            one[counted],
+            counted.mean() * unsure,
+            wheels[:, counted],
+            is_turn_of_wheels=True,
+            trembles=counted.mean() * trembles,
+        )
         for one in gyro
         if np.count_nonzero(counted) >= _LEAST_STEPS
     ]
@@ -254,7 +268,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
             heading = np.diff(np.interp(t_s, reference.t_s, reference.heading_rad))[seen]
             share = np.count_nonzero(seen) / len(seen)
             pairs.append(_Pair(turn[seen], heading, share * unsure, wheels[:, seen], True))
-            pairs += [_Pair(one[seen], heading) for one in gyro]
+            pairs += [_Pair(one[seen], heading, share * trembles) for one in gyro]
         way = 0.5 * motion.radius_m * (motion.left_angle_rad + motion.right_angle_rad)
         forward = np.diff(_averaged(t_s, motion.t_s, way))
         # A reference's noise goes nowhere, but adds to every length.
@@ -266,6 +280,17 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
         if reference.heading_rad is None and counted.all():
             pairs += next(filter(None, (_bends(motion, reference, s) for s in _STEPS_S)), [])
     return [one for one in pairs if one.is_clear]
+
+
+def _trembles(motion: Motion) -> float:
+    """Return how much noise of the gyro's samples adds to the squares of its turns over all blocks:
+    on a straight that is all there is, and goes with no turn of another source. A robot that drives
+    shakes it more than one that stands."""
+    if motion.gyro_turn_rad is None:
+        return 0.0
+    steps = np.diff(motion.gyro_turn_rad)
+    parts = np.array_split(np.diff(steps, 2), max(round(len(steps) * motion.tick_s / _SHAKES_S), 1))
+    return len(steps) * float(np.mean([noise_by_bends(one) ** 2 for one in parts if len(one)]))
 
 
 def _bends(motion: Motion, reference: Reference, step_s: float) -> list[_Pair]:

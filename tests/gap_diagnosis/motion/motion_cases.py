@@ -16,6 +16,7 @@ from gap_diagnosis.motion.accounts import Found
 from gap_diagnosis.motion.blocks import course_of
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.levels import level_prior
+from gap_diagnosis.motion.missing import filled
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.nodes import Nodes, make_nodes, residuals
 from gap_diagnosis.motion.offset import coarse_delay_s
@@ -65,6 +66,49 @@ def without_noise(robot: Robot) -> Robot:
         "contact": plant.contact.model_copy(update={"noise_m_per_sqrt_m": 0.0}),
     }
     return replace(robot, plant=plant.model_copy(update=quiet))
+
+
+def coarse_table(
+    drive: str,
+    ticks_a_row: int,
+    *,
+    late_rows: int = 0,
+    of_the_moment: bool = False,
+    **effects: Mapping[str, float],
+) -> Recording:
+    """Return a drive as a table has it whose rows last some ticks, its gyro standing rows too late:
+    means since the row before, or of the row's own last tick alone."""
+    whole = synthetic_recording(
+        ROBOT,
+        WIRE,
+        scenario(drive),
+        [EffectSetting(name, tuple(values.items())) for name, values in effects.items()],
+        seed=3,
+        reference=ReferenceNoise(),
+        contact_noise_m_per_sqrt_m=3e-4,
+        duration_s=60.0,
+    )
+    rows = len(whole.t_s) // ticks_a_row
+    ticks = rows * ticks_a_row
+    assert whole.gyro_rate_rad_s is not None
+    rates = filled(whole.gyro_rate_rad_s, whole.t_s)[:ticks].reshape(rows, ticks_a_row)
+    rate = rates[:, -1] if of_the_moment else rates.mean(axis=1)
+    rate = np.concatenate([np.repeat(rate[:1], late_rows), rate[: rows - late_rows]])
+    told = ("t_s", "stamp_s", "left_ticks", "right_ticks")
+    said = {name: getattr(whole, name)[ticks_a_row - 1 : ticks : ticks_a_row] for name in told}
+    untold = (
+        "gyro_code", "temperature_k", "supply_v", "v_command_m_s", "w_command_rad_s",
+        "odometry_x_m", "odometry_y_m", "odometry_heading_rad",
+    )  # fmt: skip
+    return replace(
+        whole,
+        **said,
+        **dict.fromkeys(untold),
+        tick=np.arange(rows),
+        tick_period_s=0.01 * ticks_a_row,
+        gyro_rate_rad_s=rate,
+        frames={},
+    )
 
 
 def nodes_of(recording: Recording, robot: Robot = ROBOT) -> Nodes:

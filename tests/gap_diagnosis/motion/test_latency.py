@@ -1,11 +1,11 @@
 """A gyro stamped late in a table, whose rows have no counters to put them in place."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_cases import model_of, nodes_of
+from motion_cases import coarse_table, model_of, nodes_of
 from scipy.signal import lfilter
 
 from gap_diagnosis.explanations.reference import turn_rate_with_details
@@ -14,7 +14,6 @@ from gap_diagnosis.motion.bases import basis
 from gap_diagnosis.motion.block import MotionBlock
 from gap_diagnosis.motion.estimate import estimate_motion
 from gap_diagnosis.motion.evidence import score
-from gap_diagnosis.motion.missing import filled
 from gap_diagnosis.motion.model import MotionModel
 from gap_diagnosis.motion.offset import coarse_gyro_delay_s
 from gap_diagnosis.motion.scan import Scan
@@ -23,7 +22,6 @@ from gap_diagnosis.priors import default_prior
 from gap_diagnosis.recording import Recording, Reference
 from gap_diagnosis.synthetic import ReferenceNoise, synthetic_recording
 from hil_harness.assembly import load_wire
-from hil_harness.effects import EffectSetting
 from hil_harness.robot import load_robot
 from hil_harness.scenarios import scenario
 
@@ -62,49 +60,6 @@ def table_with_late(
             values = np.concatenate([np.repeat(values[:1], ticks), values[:-ticks]])
         said[name] = values
     return replace(whole, frames={}, **said)
-
-
-def coarse_table(
-    drive: str,
-    ticks_a_row: int,
-    *,
-    late_rows: int = 0,
-    of_the_moment: bool = False,
-    **effects: Mapping[str, float],
-) -> Recording:
-    """Return a drive as a table has it whose rows last some ticks, its gyro standing rows too late:
-    means since the row before, or of the row's own last tick alone."""
-    whole = synthetic_recording(
-        load_robot(),
-        load_wire(),
-        scenario(drive),
-        [EffectSetting(name, tuple(values.items())) for name, values in effects.items()],
-        seed=3,
-        reference=ReferenceNoise(),
-        contact_noise_m_per_sqrt_m=3e-4,
-        duration_s=60.0,
-    )
-    rows = len(whole.t_s) // ticks_a_row
-    ticks = rows * ticks_a_row
-    assert whole.gyro_rate_rad_s is not None
-    rates = filled(whole.gyro_rate_rad_s, whole.t_s)[:ticks].reshape(rows, ticks_a_row)
-    rate = rates[:, -1] if of_the_moment else rates.mean(axis=1)
-    rate = np.concatenate([np.repeat(rate[:1], late_rows), rate[: rows - late_rows]])
-    told = ("t_s", "stamp_s", "left_ticks", "right_ticks")
-    said = {name: getattr(whole, name)[ticks_a_row - 1 : ticks : ticks_a_row] for name in told}
-    untold = (
-        "gyro_code", "temperature_k", "supply_v", "v_command_m_s", "w_command_rad_s",
-        "odometry_x_m", "odometry_y_m", "odometry_heading_rad",
-    )  # fmt: skip
-    return replace(
-        whole,
-        **said,
-        **dict.fromkeys(untold),
-        tick=np.arange(rows),
-        tick_period_s=0.01 * ticks_a_row,
-        gyro_rate_rad_s=rate,
-        frames={},
-    )
 
 
 def test_a_slow_turn_that_changes_sides_has_no_details_of_a_straight_between() -> None:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motion_cases import EXACT, ROBOT, WIRE, moved_only
+from motion_cases import EXACT, ROBOT, WIRE, coarse_table, moved_only
 
 from gap_diagnosis.analysis import analyse
 from gap_diagnosis.bus import bus_block
@@ -226,6 +226,16 @@ def test_a_healthy_log_is_in_order_however_its_reference_trembles(
     noise = ReferenceNoise(position_m=noise_m, heading_rad=min(noise_m, 0.02))
     log = synthetic_recording(ROBOT, WIRE, scenario(name), (), 2, reference=noise)
     assert order_of(log, ROBOT) is Order.WHOLE
+
+
+def test_a_gyro_that_trembles_on_a_straight_is_in_no_other_unit() -> None:
+    """Its noise was all it said, of which no heading knew: it was in degrees (setup_unit, 0.98)."""
+    straight = coarse_table("stop_and_go", 10, of_the_moment=True)
+    assert order_of(straight, ROBOT) is Order.WHOLE
+    in_degrees = coarse_table("random", 10, of_the_moment=True)
+    assert in_degrees.gyro_rate_rad_s is not None
+    in_degrees = replace(in_degrees, gyro_rate_rad_s=np.degrees(in_degrees.gyro_rate_rad_s))
+    assert order_of(in_degrees, ROBOT) is Order.NONE
 
 
 def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:

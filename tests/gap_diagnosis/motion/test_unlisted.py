@@ -347,6 +347,14 @@ def test_a_robot_that_only_trembles_backwards_at_rest_has_no_direction_to_go_wit
     assert len(basis(to_and_fro, "wheel", "direction").functions) == 1
 
 
+def test_a_robot_that_only_drives_straight_has_no_heading_to_go_with() -> None:
+    """The noise of its headings, 2 mrad, was an unlisted cause in the reference (0.96)."""
+    log = synthetic_recording(
+        ROBOT, WIRE, scenario("stop_and_go"), (), 3, reference=ReferenceNoise(), duration_s=30.0
+    )
+    assert basis(nodes_of(log).motion, "reference", "heading").functions == []
+
+
 def test_a_wheel_that_loses_counts_on_a_straight_turns_no_robot() -> None:
     """One count in ten: wheels say 0.13 rad/s on the sides of a square, and the gyro says nothing.
     Taken for a turn, a function of speed took it away with its noise."""
