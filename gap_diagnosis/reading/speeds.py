@@ -42,6 +42,8 @@ _CLOSE_S: Final = 0.03
 """Of a wheel's speeds: closer to one another they bend by little."""
 _WHOLE: Final = 0.02
 _NEARLY_ALL: Final = 0.98
+_SEVERAL: Final = (2, 3, 5, 7)
+"""Counts that come in so many at a time, always, are of a part of a row."""
 _LEAST_WHOLE: Final = 50
 """Of so many steps hardly any would be as near to whole ticks by chance: one in 25 is."""
 _ROUNDED: Final = 0.2
@@ -121,9 +123,10 @@ def _counts(ticks_per_s: Floats, apart_s: Floats) -> Floats | None:
     """
     usual_s = float(np.median(apart_s[1:]))
     for steps in (ticks_per_s * np.where(apart_s > 0.0, apart_s, usual_s), ticks_per_s * usual_s):
-        if _are_whole(steps) or _are_rounded(steps):
+        if (_are_whole(steps) or _are_rounded(steps)) and _are_single(steps):
             return np.asarray(np.cumsum(np.round(steps)))
-        if _are_whole(2.0 * steps) and _are_whole(steps[[0, -1]], least=0):
+        across_two = _are_whole(2.0 * steps) and _are_whole(steps[[0, -1]], least=0)
+        if across_two and _are_single(2.0 * steps):
             counts = np.zeros(len(steps))
             counts[1] = np.round(steps[0])
             across = np.round(2.0 * steps[1:-1])
@@ -139,6 +142,13 @@ def _are_whole(steps: Floats, least: int = _LEAST_WHOLE) -> bool:
     moved = steps[np.abs(steps) > 0.5]
     off = np.abs(moved - np.round(moved))
     return len(moved) >= least and bool(np.mean(off < _WHOLE) >= _NEARLY_ALL if len(off) else True)
+
+
+def _are_single(steps: Floats) -> bool:
+    """Tell whether whole steps differ by single counts: what comes in twos, threes or fives was
+    counted over a shorter time than a row, and says nothing of the rest of it."""
+    moved = np.round(steps[np.abs(steps) > 0.5])
+    return all(np.mean(moved % several == 0) < _NEARLY_ALL for several in _SEVERAL)
 
 
 def _are_rounded(steps: Floats) -> bool:
