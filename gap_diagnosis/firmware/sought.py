@@ -101,7 +101,10 @@ class Sought:
         for value in values:
             if self._is_equal(value):
                 low, high = cell_about(value, self._is_equal, parameter.low, parameter.high)
-                return [parameter.at(0.5 * (low + high), 0.5 * (high - low))]
+                middle = 0.5 * (low + high)
+                # Where two roundings meet, what gives the record's bits may be no one interval.
+                sure = middle if self._is_equal(middle) else value
+                return [parameter.at(sure, 0.5 * (high - low))]
         return []
 
     def _cells(self, value: float) -> Iterator[float]:
