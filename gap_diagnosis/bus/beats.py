@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.stats import binom
 
 from gap_diagnosis.reading.ticks import unwrap_ticks
 
@@ -25,6 +26,9 @@ _ON_BEAT: Final = 0.25
 """Of a cycle: who is no farther from its beat than this is nearer to it than to any other,"""
 _NEARLY_ALL: Final = 0.99
 """and so are all frames of a message that keeps its beat, but for some that were held up."""
+_SOON: Final = 2.0 / 3.0
+"""Of the mean from one long interval to the next: a schedule has none sooner, and chance half."""
+_BY_CHANCE: Final = 0.01
 _OTHER_CYCLE: Final = 0.1
 """A description that is farther off than this is another message's."""
 
@@ -36,7 +40,7 @@ class Beats:
     Attributes:
         tick: int64[f], in cycles since its first frame.
         cycle_s: from one to the next, on the log's clock.
-        is_kept: no stamp leaves open which of them it is of.
+        is_kept: no stamp leaves open which of them it is of, and each of them was due.
     """
 
     tick: Ints
@@ -69,4 +73,22 @@ def beats_of(stamp_s: Floats, doubled: Bools, cycle_s: float) -> Beats | None:
     late_s = stamps - rate_s * in_order.tick
     away_s = np.abs(late_s - median_filter(late_s, _NEIGHBOURS, mode="nearest"))
     is_kept = float(np.quantile(away_s, _NEARLY_ALL)) < _ON_BEAT * rate_s
-    return Beats(tick, rate_s, is_kept)
+    return Beats(tick, rate_s, is_kept and not _skips_evenly(in_order.tick))
+
+
+def _skips_evenly(tick: Ints) -> bool:
+    """Tell whether cycles are missing more evenly than chance leaves them out, int64[f] in order.
+
+    Then they were never due: of what is sent every 12 ms by a sender that looks every 10 ms, or in
+    stamps of 10 ms, every sixth cycle is missing, and of what comes in bursts all between these.
+    """
+    steps = np.diff(tick)
+    steps = steps[steps > 0]
+    apart = np.diff(np.flatnonzero(steps > 1))
+    if not len(apart):
+        return False
+    mean = float(np.mean(apart))
+    soon = int(_SOON * mean)
+    by_chance = 1.0 - (1.0 - 1.0 / mean) ** soon
+    fewest = binom.cdf(np.count_nonzero(apart <= soon), len(apart), by_chance)
+    return bool(fewest < _BY_CHANCE)

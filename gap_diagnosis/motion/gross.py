@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.stats import chi2
 
 from gap_diagnosis.bends import noise_by_bends
 from gap_diagnosis.explanations.standstill import dead_ticks
@@ -40,6 +41,8 @@ _SURELY: Final = 4.0
 """Standard deviations of what one wheel adds: what a turn leaves is not white."""
 _ALIKE: Final = 1e4
 """Condition of both wheels' ways above which neither is told by itself."""
+_BY_NOISE: Final = 0.999
+"""In so many logs noise adds up to no more than is taken off for it."""
 _SHAKES_S: Final = 3.0
 """Over so long a gyro trembles as much."""
 _LITTLE: Final = 0.05
@@ -100,7 +103,8 @@ def agreement_of(recording: Recording, robot: Robot) -> Agreement:
 
 def _order(pair: _Pair) -> Order:
     moved, noise = _moved(pair.effect)
-    moved -= pair.trembles
+    # So many squares of noise scatter about their sum.
+    moved -= pair.trembles * float(chi2.ppf(_BY_NOISE, len(pair.effect))) / len(pair.effect)
     if pair.slope is None:
         return Order.NONE if moved > max(_MOVES, noise) else Order.WHOLE
     goes_to_and_fro = not pair.is_length and noise < _LOUD * _power(pair.cause)

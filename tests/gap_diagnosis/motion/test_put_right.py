@@ -238,6 +238,17 @@ def test_a_gyro_that_trembles_on_a_straight_is_in_no_other_unit() -> None:
     assert order_of(in_degrees, ROBOT) is Order.NONE
 
 
+def test_a_loud_gyro_on_a_straight_is_in_no_other_unit_by_chance() -> None:
+    """Noise of 0.1 rad/s added up to more than its mean in 5 of 30 drives: none was in order."""
+    straight = coarse_table("stop_and_go", 10, of_the_moment=True)
+    rate_rad_s = straight.gyro_rate_rad_s
+    assert rate_rad_s is not None
+    for seed in range(30):
+        noise = np.random.default_rng(seed).normal(0, 0.1, len(rate_rad_s))
+        loud = replace(straight, gyro_rate_rad_s=rate_rad_s + noise)
+        assert order_of(loud, ROBOT) is Order.WHOLE, seed
+
+
 def test_a_unit_is_told_of_a_straight_though_its_headings_tremble() -> None:
     noise = ReferenceNoise(heading_rad=0.02)
     log = synthetic_recording(
