@@ -23,14 +23,14 @@ Bools = NDArray[np.bool_]
 _NEIGHBOURS: Final = 33
 """Frames over which a beat may wander off, as of two clocks and of a sender that was restarted."""
 _ON_BEAT: Final = 0.25
-"""Of a cycle: who is no farther from its beat than this is nearer to it than to any other,"""
+"""Of a cycle: a frame that is no farther from its beat than this is surely of that beat."""
 _NEARLY_ALL: Final = 0.99
-"""and so are all frames of a message that keeps its beat, but for some that were held up."""
+"""Of the frames of a message that keeps its beat, so many are on it: some were held up."""
 _SOON: Final = 2.0 / 3.0
 """Of the mean from one long interval to the next: a schedule has none sooner, and chance half."""
 _BY_CHANCE: Final = 0.01
 _OTHER_CYCLE: Final = 0.1
-"""A description that is farther off than this is another message's."""
+"""A cycle that is said and farther off than this from the usual interval is not believed."""
 
 
 @dataclass(frozen=True)

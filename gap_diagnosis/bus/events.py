@@ -202,9 +202,9 @@ def classify(
         beats = beats_of(frames.t_s, doubled, frames.cycle_s)
         if beats is None:
             return None
+        tick, period, cycle = beats.tick, beats.cycle_s, 1
         # A command may be sent when there is something to say.
-        tick, period, tells_losses = beats.tick, beats.cycle_s, beats.is_kept and is_sensor
-        cycle = 1
+        tells_losses = beats.is_kept and is_sensor
     highest = np.maximum.accumulate(np.concatenate(([tick[0]], tick[:-1])))
     swapped = (tick < highest) & ~doubled
     late = np.full(len(tick), np.nan)

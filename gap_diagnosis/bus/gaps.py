@@ -23,21 +23,21 @@ def silent_windows(messages: Sequence[Message]) -> list[tuple[float, float]]:
     Between the last frame before and the first one after, the longest windows first.
     """
     sensors = [one for one in messages if one.is_sensor]
-    counted = [one for one in sensors if one.tells_losses]
-    if not counted:
+    telling = [one for one in sensors if one.tells_losses]
+    if not telling:
         return []
     stamps = np.sort(np.concatenate([one.t_s for one in sensors]))
     gaps = np.diff(stamps)
-    shortest = min(one.cycle_s for one in counted)
+    shortest = min(one.cycle_s for one in telling)
     least = max(_LEAST_S, _LEAST_CYCLES * shortest)
     found = []
     for place in np.argsort(-gaps)[:_MOST_WINDOWS]:
         if gaps[place] < least:
             break
         start, stop = float(stamps[place]), float(stamps[place + 1])
-        speaks = [one for one in counted if one.cycle_s < gaps[place] / 2]
+        speaks = [one for one in telling if one.cycle_s < gaps[place] / 2]
         silent = [one for one in speaks if _lost_within(one, start, stop) > 0]
-        if len(silent) == len(speaks) and len(silent) >= min(_BUSY_MESSAGES, len(counted)):
+        if len(silent) == len(speaks) and len(silent) >= min(_BUSY_MESSAGES, len(telling)):
             found.append((start, stop))
     return found
 

@@ -149,7 +149,8 @@ def turn_rate_with_details(motion: Motion) -> Floats:
     per_count = np.sqrt(2.0) * motion.radius_m / motion.wheelbase_m * motion.rounding_rad
     noise = counting_slope(width_s / step_s) * (per_count / step_s) ** 2
     noise += averaged(motion.told_rad2_per_s, width_s)
-    return np.asarray(smooth + with_details(even, width_s / step_s, noise, step_s) - even)
+    details = with_details(even, width_s / step_s, noise, step_s) - even
+    return np.asarray(smooth + details)
 
 
 def _smoothed_by_s(motion: Motion) -> float:

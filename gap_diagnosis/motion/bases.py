@@ -62,8 +62,8 @@ class Basis:
 
 
 _LEAST_ANGLE_RAD: Final = 0.3
-"""What is told of an angle must be seen in more than one direction: along a straight the noise of
-headings passed for what goes with them."""
+"""What goes with an angle is told where that changes by more than its noise, which on a straight is
+all that a heading does."""
 _REVERSES: Final = 0.01
 """Of the way, what goes either way where a robot reverses."""
 

@@ -242,7 +242,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
     # A wheel that is no longer counted is off by no sign or factor.
     counted = np.diff(np.interp(t_s, motion.t_s, np.cumsum(dead_ticks(motion)))) == 0.0
     turn, *gyro = (np.diff(np.interp(t_s, motion.t_s, one)) for one in turns_of(motion))
-    trembles = _trembles(motion)
+    trembles = _noise_of_turns(motion)
     unsure = float(motion.wheel_unsure_rad2.sum()) * (motion.radius_m / motion.wheelbase_m) ** 2
     per_rad = motion.radius_m / motion.wheelbase_m
     wheels = np.array(
@@ -286,7 +286,7 @@ def _sources(recording: Recording, robot: Robot) -> list[_Pair]:
     return [one for one in pairs if one.is_clear]
 
 
-def _trembles(motion: Motion) -> float:
+def _noise_of_turns(motion: Motion) -> float:
     """Return how much noise of the gyro's samples adds to the squares of its turns over all blocks:
     on a straight that is all there is, and goes with no turn of another source. A robot that drives
     shakes it more than one that stands."""

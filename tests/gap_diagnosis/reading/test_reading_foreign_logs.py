@@ -156,6 +156,17 @@ def test_frames_without_counters_are_placed_by_their_stamps(tmp_path: Path) -> N
     assert found.gyro_code is None
 
 
+@pytest.mark.parametrize("cycle_ms", [15, 25])
+def test_a_message_that_is_due_between_two_stamps_is_read(cycle_ms: int, tmp_path: Path) -> None:
+    """Stamped by a clock of 10 ms it comes every 10 or 20 (refused: of a DBC that says no cycle, as
+    one that says another)."""
+    stamps_s = np.ceil(np.arange(800) * cycle_ms / 10) / 100
+    lines = [(1 + at, wheels(40 * k, 30 * k)) for k, at in enumerate(stamps_s.tolist())]
+    found = read(tmp_path, COUNTS, None, lines)
+    assert found.tick_period_s == pytest.approx(cycle_ms / 1000, rel=1e-3)
+    assert np.array_equal(found.left_ticks, 40.0 * np.arange(800))
+
+
 def test_wheel_speeds_of_a_log_add_up(tmp_path: Path) -> None:
     seconds = np.arange(0, 8, 0.02)
     speed = 0.4 * np.sin(seconds)
