@@ -16,9 +16,10 @@ from can_bus import SENSORS
 from gap_diagnosis.bus import prior
 from gap_diagnosis.bus.counting import Rate, loss_of, rate_of
 from gap_diagnosis.bus.crowds import happened
-from gap_diagnosis.bus.events import SURE_LENGTH, Message, Staleness, as_sent, classify, staleness
+from gap_diagnosis.bus.events import Message, as_sent, classify
 from gap_diagnosis.bus.gaps import silent_windows
 from gap_diagnosis.bus.polls import polling
+from gap_diagnosis.bus.stale import SURE_LENGTH, Staleness, staleness
 from gap_diagnosis.bus.stamps import Choice, jitter, latencies, later_together, skew
 from gap_diagnosis.hypothesis import Estimate, Fit, generator_of
 from gap_diagnosis.motion.counters import unwrapped

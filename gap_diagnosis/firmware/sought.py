@@ -102,7 +102,7 @@ class Sought:
             if self._is_equal(value):
                 low, high = cell_about(value, self._is_equal, parameter.low, parameter.high)
                 middle = 0.5 * (low + high)
-                # Where two roundings meet, what gives the record's bits may be no one interval.
+                # Between values that give the record's bits lie some that do not.
                 sure = middle if self._is_equal(middle) else value
                 return [parameter.at(sure, 0.5 * (high - low))]
         return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,16 @@ WIRE = load_wire()
 _PRIOR = level_prior(ROBOT)
 LEVELS = np.where(np.array(NAMES) == "slip_wander", _PRIOR.low, _PRIOR.median)
 """The usual noise of wheels that do not slip: none here does."""
+UNTOLD: Mapping[str, Any] = {
+    **dict.fromkeys(
+        (
+            "temperature_k", "supply_v", "v_command_m_s", "w_command_rad_s",
+            "odometry_x_m", "odometry_y_m", "odometry_heading_rad",
+        )
+    ),
+    "frames": {},
+}  # fmt: skip
+"""What a table of counts and a gyro does not hold."""
 EXACT = ReferenceNoise(0.0, 0.0, 0.0, 0.0)
 SLIP_AND_BASE = (
     EffectSetting("lateral_slip", (("compliance", 0.02),)),
@@ -96,18 +106,14 @@ def coarse_table(
     rate = np.concatenate([np.repeat(rate[:1], late_rows), rate[: rows - late_rows]])
     told = ("t_s", "stamp_s", "left_ticks", "right_ticks")
     said = {name: getattr(whole, name)[ticks_a_row - 1 : ticks : ticks_a_row] for name in told}
-    untold = (
-        "gyro_code", "temperature_k", "supply_v", "v_command_m_s", "w_command_rad_s",
-        "odometry_x_m", "odometry_y_m", "odometry_heading_rad",
-    )  # fmt: skip
     return replace(
         whole,
         **said,
-        **dict.fromkeys(untold),
+        **UNTOLD,
+        gyro_code=None,
         tick=np.arange(rows),
         tick_period_s=0.01 * ticks_a_row,
         gyro_rate_rad_s=rate,
-        frames={},
     )
 
 

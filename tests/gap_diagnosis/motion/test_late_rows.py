@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from full_size import at_full_size
-from motion_cases import ROBOT, WIRE
+from motion_cases import ROBOT, UNTOLD, WIRE
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -79,14 +79,7 @@ def table(late: Late, seed: int, *effects: EffectSetting) -> Recording:
         right_ticks=right,
         gyro_code=means[0],
         gyro_rate_rad_s=means[1],
-        temperature_k=None,
-        supply_v=None,
-        v_command_m_s=None,
-        w_command_rad_s=None,
-        odometry_x_m=None,
-        odometry_y_m=None,
-        odometry_heading_rad=None,
-        frames={},
+        **UNTOLD,
         clock_skew=math.nan,
         clock_skew_sd=math.nan,
         stamped_by_host=True,
@@ -165,14 +158,7 @@ def on_the_spot(late_rows: int, seed: int) -> Recording:
         right_ticks=log.right_ticks[row],
         gyro_code=log.gyro_code[gyro],
         gyro_rate_rad_s=0.992 * log.gyro_rate_rad_s[gyro] + 7e-4,
-        temperature_k=None,
-        supply_v=None,
-        v_command_m_s=None,
-        w_command_rad_s=None,
-        odometry_x_m=None,
-        odometry_y_m=None,
-        odometry_heading_rad=None,
-        frames={},
+        **UNTOLD,
         clock_skew=math.nan,
         clock_skew_sd=math.nan,
         stamped_by_host=True,
